@@ -36,7 +36,7 @@ from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
 from nontwist.recordings.headers import rate_unit
 from nontwist.recordings.headers import sensors as three_axes
-from nontwist.recordings.rates import cleaned
+from nontwist.recordings.rates import Rates
 from nontwist.recordings.spellings import ACCELEROMETER, GYROSCOPE
 from refusals import refused
 
@@ -282,7 +282,7 @@ def test_attitudes_stay_with_their_rows():
     t, rates, number = np.arange(60) / 10, np.ones((60, 3)), np.arange(60.0)
     rates[[7, 11]] = np.nan
     order = np.random.default_rng(0).permutation(60)
-    found = cleaned(t[order], rates[order], None, "", (), number[order], np.tile(number[order, None], 4))
+    found = Rates(t[order], rates[order], "", (), None, number[order], np.tile(number[order, None], 4)).cleaned()
     assert np.array_equal(found.quaternions[:, 0], found.speed)
     assert np.array_equal(found.speed, np.delete(number, [7, 11]))
 

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
 from ..recordings.motions import lines_of, measured_quaternions, raw_motion
-from ..recordings.rates import Rates, cleaned, read_rates
+from ..recordings.rates import Rates, read_rates
 from ..recordings.reading import read_motion
 from ..recordings.table import Lines
 from .orienting import continuous, derived_rates
@@ -89,7 +89,7 @@ def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...],
     """Return attitudes alone, with the angular velocities that follow from them."""
     if time is None:
         raise InputError("no-time", name)
-    found = cleaned(time, quaternions, None, name, notes, lines=lines)
+    found = Rates(time, quaternions, name, notes).cleaned(lines)
     turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
     rates = derived_rates(found.time, turned)
     return replace(found, rates=rates, quaternions=turned, has_gyroscope=False)
@@ -118,9 +118,8 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
                 f"{', '.join(map(str, one))}"
             )
         time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
-        return cleaned(
-            as_floats(time, "time"), as_floats(rates, known[0]), None, name, (f"rates: {known[0]}",), None, quaternions
-        )
+        time, rates = as_floats(time, "time"), as_floats(rates, known[0])
+        return Rates(time, rates, name, (f"rates: {known[0]}",), quaternions=quaternions).cleaned()
     if isinstance(one, tuple) and len(one) in (2, 3):
         time = as_floats(one[0], "times")
         if time.ndim != 1:
@@ -135,7 +134,7 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
             raise ValueError(
                 f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got {speeds.shape}"
             )
-        return cleaned(time, rates, None, name, ("rates: as given",), speeds, quaternions)
+        return Rates(time, rates, name, ("rates: as given",), None, speeds, quaternions).cleaned()
     raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
 
 

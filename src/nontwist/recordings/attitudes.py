@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations, product
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from . import headers, spellings
-from .checks import Evidence, Reading, both_directions, evidence_of, settled, time_unit
+from .checks import GYROSCOPE, OTHER, Evidence, Reading, evidence_of, settled, time_unit
 from .formats.content import Content
 from .headers import Found, plain
 from .options import ReadOptions
@@ -22,7 +23,7 @@ from .rows import of_one_sensor, own_rows
 from .table import Lines, Table, listed
 from .times import Clock, clock, ignored
 
-SAME = 1e-2  # elements of matrices that differ by less are those of the quaternions beside them
+SAME = 1e-2  # rad by which a matrix may differ from a quaternion beside it
 MARKERS = 3  # that determine an attitude
 IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
@@ -40,76 +41,73 @@ class Recorded:
 def of_table(table: Table, how: ReadOptions, notes: tuple[str, ...] = ()) -> Recorded:
     """Return the motion that a table holds."""
     table, how, of_sensor = of_one_sensor(table, how)
-    taken, how = _chosen(table, how)
+    sizes = (3,) if how.euler or how.rotation_vector else (4, 9)
+    taken, how = named_columns(table, how, sizes, "3 columns of angles, 4 of a quaternion or 9 of a matrix")
     found = None if how.euler or how.rotation_vector else _one(table, taken, how, notes)
     names = found.headers if found is not None else taken or _three(table, how)
     table, of_rows = own_rows(table, names)
     beside = _beside(table, found, how)
     time = clock(table, how)
-    other = headers.orientations(beside.headers) if found is None else []
-    form = next((beside.vectors(one.headers) for one in other if one.kind == "quaternion" and one.ordered), None)
-    given = evidence_of(beside, time.time, form)
+    forms = [one.headers for one in headers.orientations(beside.headers) if one.kind == "quaternion" and one.ordered]
+    form = beside.vectors(forms[0]) if forms and found is None else None
+    given = evidence_of(beside, len(table), time.time, form)
     if found is not None:
         how.require_without("angle_unit", "no angles are read")
         readings = _components(table, found, how)
     else:
         how.require_without("scalar_first", "three angles are read")
         readings = _angles(table, names, how, taken is not None, given)
-    return _settled(readings, given, how, time, (*notes, *of_sensor, *of_rows), table.lines)
+    return _recorded(readings, given, how, time, (*notes, *of_sensor, *of_rows), table.lines)
 
 
 def of_bodies(content: Content, how: ReadOptions) -> Recorded:
     """Return the attitudes of one body, by its name in any case where there are several."""
-    names = [*content.bodies, *content.loose]
-    for name in ("euler", "rotation_vector", "angle_unit"):
-        if getattr(how, name):
-            raise InputError("attitudes", name=Option(name), names=listed(names))
-    wanted = [one for one in names if how.body in (None, one)]
-    wanted = wanted or [one for one in names if plain(one) == plain(str(how.body))]
+    arrays, notes = {**content.bodies, **content.loose}, content.notes
+    for option in ("euler", "rotation_vector", "angle_unit"):
+        if getattr(how, option):
+            raise InputError("attitudes", name=Option(option), names=listed(arrays))
+    wanted = [one for one in arrays if how.body in (None, one)]
+    wanted = wanted or [one for one in arrays if plain(one) == plain(str(how.body))]
     if len(wanted) != 1:
-        raise InputError("several-bodies" if wanted else "no-body", body=how.body, names=listed(wanted or names))
-    (name,), notes, values = wanted, content.notes, content.bodies.get(wanted[0])
-    if values is None:
-        readings = _scalar_readings(content.loose[name].__getitem__, how, f"of the array {name!r}")
+        raise InputError("several-bodies" if wanted else "no-body", body=how.body, names=listed(wanted or arrays))
+    name, values = wanted[0], arrays[wanted[0]]
+    if name not in content.bodies:
+        readings = _quaternions(values, how, f"of the array {name!r}")
     else:
         how.require_without("scalar_first", "the format states where the scalar is")
         own = f"orientation: {'quaternion' if values.shape[-1] == 4 else 'matrix'} of {name!r}"
         told = next((note for note in notes if note.startswith("orientation: ")), own)
         notes = tuple(note for note in notes if note != told)
         readings = [Reading(told, values.__getitem__, True)]
-    notes += (f"body: {name}",) if len(names) > 1 else ()
-    count = len(content.bodies.get(name, content.loose.get(name, ())))
+    notes += (f"body: {name}",) if len(arrays) > 1 else ()
     if content.time is None or (how.rate is not None and not content.sampled):
         notes += () if content.time is None else (ignored("that of the format", content.time),)
-        rows = content.table if len(content.table) else Table({"": np.zeros(count)})
-        time = clock(rows, how)
+        time = clock(content.table if len(content.table) else Table({"": np.zeros(len(values))}), how)
     else:
         how.require_without("time_unit", "the format defines its times")
         unit = "s" if content.start is None else "s since 1970"
         time = Clock(content.time, content.start, (f"time: as the format defines, {unit}",))
-    if time.time is not None and len(time.time) != count:
-        raise InputError("time-length", times=len(time.time), count=count)
-    given = evidence_of(content.table, time.time, None, content.spins.get(name))
-    return _settled(readings, given, how, time, notes, content.table.lines if content.lines is None else content.lines)
+    if time.time is not None and len(time.time) != len(values):
+        raise InputError("time-length", times=len(time.time), count=len(values))
+    given = evidence_of(content.table, len(values), time.time, None, content.spins.get(name))
+    return _recorded(readings, given, how, time, notes, content.table.lines if content.lines is None else content.lines)
 
 
-def _settled(
+def _recorded(
     readings: list[Reading], given: Evidence, how: ReadOptions, time: Clock, notes: tuple[str, ...], lines: Lines | None
 ) -> Recorded:
     """Return the attitudes by the reading that is meant, without rows that are none."""
-    count = len(readings[0].make(slice(None)))
-    chosen, checked = settled(both_directions(readings, how.inverse), given, count)
+    readings = [one.turned(inverse, how.inverse) for inverse in (False, True) for one in readings]
+    chosen, checked = settled(readings, given)
+    if chosen is None and (what := readings[0].words.partition("scalar first, ")[2]):
+        who = f"the {what} do" if what.startswith("columns") else f"{what.removeprefix('of ')} does"
+        raise InputError("scalar-unknown", who=who)
     if chosen is None:
-        what = readings[0].words.partition("scalar first, ")[2]
-        if what:
-            who = f"the {what} do" if what.startswith("columns") else f"{what.removeprefix('of ')} does"
-            raise InputError("scalar-unknown", who=who)
-        names = [one.words.removeprefix("orientation: ") for one in readings if one.allowed]
-        raise InputError("several-readings", readings="; ".join(names[:4]))
+        raise InputError("several-readings", readings="; ".join([str(one) for one in readings if one.allowed][:4]))
     if chosen.unlike and not checked:
         warnings.warn(InputWarning("unlike-headers", words=chosen.words), stacklevel=2)
-    values, told = rotations(chosen.make(slice(None)), lines, how.normalize)
-    factor, by_gyroscope = time_unit(chosen, given, count, time.has_unit)
+    values, told = rotations(chosen.values(), lines, how.normalize)
+    factor, by_gyroscope = time_unit(chosen, given, time.has_unit)
     if factor != 1.0 and time.time is not None:
         time = replace(time, time=time.time * factor)
     if chosen.inverse:
@@ -117,18 +115,17 @@ def _settled(
     return Recorded(values, time, (chosen.words, *notes, *time.notes, *by_gyroscope, *told, *checked), lines)
 
 
-def _chosen(table: Table, how: ReadOptions) -> tuple[tuple[str, ...] | None, ReadOptions]:
-    """Return the columns that the caller names, and the options with that of the time."""
+def named_columns(
+    table: Table, how: ReadOptions, sizes: Sequence[int], words: str
+) -> tuple[tuple[str, ...] | None, ReadOptions]:
+    """Return the columns that the caller names, and the options with that of the time, which may be before them."""
     if how.columns is None:
         return None, how
     names = tuple(how.columns)
     table.require(*names)
-    sizes = (3,) if how.euler is not None or how.rotation_vector else (4, 9)
     size = next((n for n in sizes if len(names) in (n, n + 1)), None)
-    if size is None and len(names) == 3:
-        raise InputError("three-columns")
     if size is None:
-        raise InputError("columns", sizes="3 columns of angles, 4 of a quaternion or 9 of a matrix", count=len(names))
+        raise InputError("three-columns" if len(names) == 3 else "columns", sizes=words, count=len(names))
     time = names[0] if len(names) > size else how.time_column
     return names[len(names) - size :], replace(how, time_column=time)
 
@@ -147,52 +144,40 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: t
         if not found:
             raise InputError("no-body" if there else "no-bodies", body=how.body, names=listed(there))
     if len(found) > 1:
-        found = [one for one in found if _are_rotations(table, one)] or found
-    if len(found) > 1 and (both := _same_attitude(table, found)) is not None:
-        return both
+        attitudes = [(one, _attitudes(table, one)) for one in found]
+        good = [(one, quat) for one, quat in attitudes if quat is not None]
+        found = [one for one, _ in good] or found
+        kinds = {one.kind: one for one in found}
+        if len(good) == len(kinds) == 2 and kinds["quaternion"].ordered:
+            alike = abs((good[0][1] * good[1][1]).sum(axis=1))
+            found = [kinds["quaternion"]] if np.nanmin(alike, initial=1) > np.cos(SAME / 2) else found
     if len(found) > 1:
         bodies = [one.body for one in found]
         code = "bodies-in-columns" if all(bodies) and len(set(bodies)) > 1 else "several-orientations"
         raise InputError(code, sets="; ".join(", ".join(one.headers) for one in found), bodies=listed(bodies))
-    if not found and (three := headers.angles(table.headers, "xyz")) is None:
-        raise _nothing_found(table, notes)
-    if not found and not headers.sensors(table.headers, spellings.GYROSCOPE):
-        raise InputError("angles", three=", ".join(three or ()))
-    return found[0] if found else None
-
-
-def _nothing_found(table: Table, notes: tuple[str, ...]) -> InputError:
-    """Return the error on a table without an orientation."""
+    if found:
+        return found[0]
+    rates = [", ".join(three) for _, three in headers.sensors(table.headers, spellings.GYROSCOPE)]
+    if (three := headers.angles(table.headers, "xyz")) is not None:
+        if not rates:
+            raise InputError("angles", three=", ".join(three))
+        return None
     if (lacking := headers.lacks(table.headers)) is not None:
-        return InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
-    rates, marked = headers.sensors(table.headers, spellings.GYROSCOPE), headers.markers(table.headers)
-    if len(marked) >= MARKERS and not rates:
-        return InputError("markers", markers=listed(marked))
-    gyroscope = ", ".join(rates[0][1]) if rates else ""
+        raise InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
+    if len(marked := headers.markers(table.headers)) >= MARKERS and not rates:
+        raise InputError("markers", markers=listed(marked))
     names = "; ".join([listed(table.headers), *(note for note in notes if note.startswith("not read"))])
-    return InputError("gyroscope-alone" if rates else "no-orientation", names=names, gyroscope=gyroscope)
+    raise InputError("gyroscope-alone" if rates else "no-orientation", names=names, gyroscope="".join(rates[:1]))
 
 
-def _are_rotations(table: Table, found: Found) -> bool:
+def _attitudes(table: Table, found: Found) -> Array | None:
+    """Return what columns hold as quaternions, nan in rows that are missing; None where they are no rotations."""
     try:
         values = table.vectors(found.headers)
-        rotations(values.reshape(-1, 3, 3) if found.kind == "matrix" else values, None, True)
+        values, _ = rotations(values.reshape(-1, 3, 3) if found.kind == "matrix" else values, None, True)
     except ValueError:
-        return False
-    return True
-
-
-def _same_attitude(table: Table, found: Sequence[Found]) -> Found | None:
-    """Return the quaternion of two sets of columns, a quaternion and a matrix, that hold the same attitudes."""
-    kinds = {one.kind: one for one in found}
-    if len(found) != 2 or len(kinds) != 2 or not kinds["quaternion"].ordered:
         return None
-    from scipy.spatial.transform import Rotation
-
-    quat, flat = (table.vectors(kinds[kind].headers) for kind in ("quaternion", "matrix"))
-    good = np.isfinite(quat).all(axis=1) & np.isfinite(flat).all(axis=1) & quat.any(axis=1)
-    matrices = Rotation.from_quat(quat[good]).as_matrix().reshape(-1, 9)
-    return kinds["quaternion"] if good.any() and abs(matrices - flat[good]).max() < SAME else None
+    return Reading("", values.__getitem__).quaternions(slice(None))
 
 
 def _beside(table: Table, found: Found | None, how: ReadOptions) -> Table:
@@ -215,32 +200,32 @@ def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
         return [Reading(words, values.reshape(-1, 3, 3).__getitem__, True)]
     in_file = tuple(h for h in table.headers if h in found.headers)
     order = found.headers if how.columns or not found.ordered else in_file
-    places = [found.headers.index(name) for name in order]
-    readings = _scalar_readings(lambda rows: values[rows][:, places], how, f"columns {', '.join(order)}")
+    readings = _quaternions(table.vectors(order), how, f"columns {', '.join(order)}")
     names = (*order[1:], order[0]), order
-    labels = next((one.headers for one in headers.orientations(order) if one.ordered), None)
-    if how.scalar_first is not None and labels is not None:
-        readings = [replace(one, unlike=own != labels) for one, own in zip(readings, names, strict=True)]
-    if not found.ordered or how.scalar_first is not None:
+    if how.scalar_first is not None:
+        labels = next((one.headers for one in headers.orientations(order) if one.ordered), None)
+        return [replace(one, unlike=labels not in (None, own)) for one, own in zip(readings, names, strict=True)]
+    if not found.ordered:
         return readings
     words = f"orientation: quaternion {', '.join((found.headers[3], *found.headers[:3]))}"
     unlike = [replace(one, stated=False) for one, own in zip(readings, names, strict=True) if own != found.headers]
     return [Reading(words, values.__getitem__, True), *unlike]
 
 
-def _scalar_readings(values: Callable[[Any], Array], how: ReadOptions, what: str) -> list[Reading]:
+def _quaternions(values: Array, how: ReadOptions, what: str) -> list[Reading]:
     """Return quaternions with the scalar first and last, one of which the caller or the first row states."""
-    first, why, readings = how.scalar_first, "as given", []
-    for row in values(slice(1)) if first is None else ():
-        for is_first, k in ((True, 0), (False, 3)):
-            if np.delete(abs(row), k).max() < IDENTITY and abs(row[k]) > 0.99:
-                first, why = is_first, f"the first row is ({', '.join(f'{x:g}' for x in row)})"
+    first, why = how.scalar_first, "as given"
+    for row in values[:1] if first is None else ():
+        k = int(np.argmax(abs(row)))
+        if k in (0, 3) and abs(row[k]) > 0.99 and np.delete(abs(row), k).max() < IDENTITY:
+            first, why = k == 0, f"the first row is ({', '.join(f'{x:g}' for x in row)})"
+    readings = []
     for is_first in (True, False):
-        is_stated = first is not None and is_first == first
-        told = f" ({why})" if is_stated else ""
-        words = f"orientation: quaternion, scalar {'first' if is_first else 'last'}{told}, {what}"
-        make = (lambda rows: np.roll(values(rows), -1, axis=1)) if is_first else values
-        readings.append(Reading(words, make, is_stated, how.scalar_first in (None, is_first)))
+        is_stated = first == is_first
+        told = f"{'first' if is_first else 'last'}{f' ({why})' if is_stated else ''}"
+        make = np.roll(values, -1, axis=1).__getitem__ if is_first else values.__getitem__
+        is_allowed = how.scalar_first in (None, is_first)
+        readings.append(Reading(f"orientation: quaternion, scalar {told}, {what}", make, is_stated, is_allowed))
     return readings
 
 
@@ -248,10 +233,11 @@ def _three(table: Table, how: ReadOptions) -> tuple[str, ...]:
     """Return the columns of angles or a rotation vector by their headers."""
     own = [h for h in table.headers if how.body is None or plain(h).startswith(plain(how.body))]
     letters = how.euler or "xyz"
-    three = headers.angles(own, letters) if len(set(letters)) == 3 else None
-    three = headers.rotation_vector(own) if how.rotation_vector else three
+    if how.rotation_vector:
+        what, three = "the rotation vector", headers.rotation_vector(own)
+    else:
+        what, three = f"the angles {letters}", headers.angles(own, letters) if len(set(letters)) == 3 else None
     if three is None:
-        what = "the rotation vector" if how.rotation_vector else f"the angles {letters}"
         raise InputError("which-angles", what=what, names=listed(table.headers))
     return three
 
@@ -261,48 +247,37 @@ def _angles(table: Table, three: tuple[str, ...], how: ReadOptions, is_named: bo
     stated, names = headers.angle_unit(three), ", ".join(three)
     if stated is not None and how.angle_unit not in (None, stated):
         raise InputError("angle-unit-stated", three=names, stated=stated, unit=how.angle_unit)
+    is_decided, is_form = GYROSCOPE in given.beside or OTHER in given.beside, bool(how.euler or how.rotation_vector)
     unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
-    is_decided = given.gyroscope is not None or given.other is not None
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
-    units = ("rad", "deg") if is_decided or unit is None else (unit,)
-    told = how.angle_unit or (None if how.euler or how.rotation_vector else stated)
-    free = [one for one in units if told in (None, one)]
+    told = how.angle_unit or (None if is_form else stated)
+    forms = [(how.euler, three)] if is_form else []
+    if is_decided and not how.rotation_vector:
+        axes = dict(zip("XYZ", headers.angles(three, "xyz") or three, strict=True))
+        for letters in dict.fromkeys([how.euler or "XYZ", *map("".join, permutations("XYZ"))]):
+            by_name = tuple(axes[letter] for letter in letters.upper())
+            orders = permutations(three) if how.euler in (None, letters) else ()
+            forms += [(letters, order) for order in (by_name, *orders)]
     readings = []
-    if how.euler or how.rotation_vector:
-        readings = [_angle_reading(table, how.euler, three, one, one == unit, one in free) for one in units]
-    if not is_decided or how.rotation_vector:
-        return readings
-    axes = dict(zip("XYZ", headers.angles(three, "xyz") or three, strict=True))
-    for letters in dict.fromkeys([how.euler or "XYZ", *map("".join, permutations("XYZ"))]):
-        by_name = tuple(axes[letter] for letter in letters.upper())
-        orders = sorted(permutations(three), key=lambda one, first=by_name: one != first)  # type: ignore[misc]
-        is_free = how.euler in (None, letters) and not (is_named and how.euler)
-        for order, one in product(orders if how.euler in (None, letters) else orders[:1], units):
-            if not (how.euler == letters and order == three):
-                readings.append(_angle_reading(table, letters, order, one, False, is_free and one in free))
+    for (letters, order), one in product(dict.fromkeys(forms), ("rad", "deg") if is_decided else (unit,)):
+        is_stated = is_form and (letters, order) == (how.euler, three)
+        is_free = is_stated or (how.euler in (None, letters) and not (is_named and how.euler))
+        about = "moving axes (intrinsic)" if (letters or "").isupper() else "fixed axes (extrinsic)"
+        words = f"Euler angles {letters} about {about}" if letters else "rotation vector"
+        words = f"orientation: {words}, {one}: {', '.join(order)}"
+        make = partial(_of_angles, table.vectors(order), letters, one == "deg")
+        readings.append(Reading(words, make, is_stated and one == unit, is_free and told in (None, one)))
     return readings
 
 
-def _angle_reading(
-    table: Table, letters: str | None, names: tuple[str, ...], unit: str, is_stated: bool, is_allowed: bool
-) -> Reading:
-    """Return three columns read as Euler angles, or as a rotation vector where there are no letters of axes."""
+def _of_angles(columns: Array, letters: str | None, in_degrees: bool, rows: Any) -> Array:
+    """Return quaternions of Euler angles, or of rotation vectors where there are no letters of axes."""
     from scipy.spatial.transform import Rotation
 
-    columns, in_degrees = table.vectors(names), unit == "deg"
-
-    def make(rows: Any) -> Array:
-        part = columns[rows]
-        is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
-        finite = np.isfinite(part).all(axis=1) & ~is_sentinel
-        values = np.full((len(part), 4), np.nan)
-        if finite.any() and letters:
-            values[finite] = Rotation.from_euler(letters, part[finite], degrees=in_degrees).as_quat()
-        elif finite.any():
-            values[finite] = Rotation.from_rotvec(part[finite], degrees=in_degrees).as_quat()
-        return values
-
-    about = "moving axes (intrinsic)" if (letters or "").isupper() else "fixed axes (extrinsic)"
-    words = f"Euler angles {letters} about {about}" if letters else "rotation vector"
-    return Reading(f"orientation: {words}, {unit}: {', '.join(names)}", make, is_stated, is_allowed)
+    part = columns[rows]
+    is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
+    finite, values = np.isfinite(part).all(axis=1) & ~is_sentinel, np.full((len(part), 4), np.nan)
+    rotation = partial(Rotation.from_euler, letters) if letters else Rotation.from_rotvec
+    values[finite] = rotation(part[finite], degrees=in_degrees).as_quat()
+    return values

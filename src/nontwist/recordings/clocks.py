@@ -30,9 +30,9 @@ unrelated motion a correlation of 0.8 is found by chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,6 @@ VAGUE = 30e-6  # a drift that is more uncertain is refused: clocks of quartz dif
 TRIED, MOST_TRIED = 0.1, 32  # s by which drifts that are tried differ over the recording; how many to each side
 STEADY = 1e-9  # of the largest speed: changes below it are round-off
 MOST = 2_000_000  # points of the grid
-ALONE: Literal["lm"] = "lm"  # Levenberg and Marquardt's method by MINPACK, without BLAS, whose threads compete
 
 
 @dataclass(frozen=True)
@@ -80,14 +79,12 @@ class ClockFit:
 
     def words(self) -> str:
         """Say what was found."""
-        shift, drift = f"{self.shift + 0.0:+.5f}", ""
+        shift, drift = f"{self.shift + 0.0:+.5f}".rstrip("0").rstrip("."), ""
         if self.unsure is not None:
-            most = f"{_rounded(1e6 * self.unsure, 1):g}"
-            drift = f" at its first sample, drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"
-        return (
-            f"clock of relative_to: shifted by {shift.rstrip('0').rstrip('.')} s{drift} (correlation of the angular "
-            f"speeds{self.within} {self.correlation:.3f})"
-        )
+            ppm, most = float(f"{1e6 * self.drift:.3g}"), float(f"{1e6 * self.unsure:.1g}")
+            drift = f" at its first sample, drift {ppm:+g} ± {most:g} ppm"
+        told = f"correlation of the angular speeds{self.within} {self.correlation:.3f}"
+        return f"clock of relative_to: shifted by {shift} s{drift} ({told})"
 
 
 def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, shake: Array | None = None) -> ClockFit:
@@ -100,9 +97,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     InputError
         The clock is not decided: speeds do not match, several shifts match, the drift is uncertain, samples are few.
     """
-    from scipy.optimize import least_squares
-
-    many = t.size if shake is None else int(within(t, shake).sum())
+    many = int(within(t, shake).sum())
     if min(many, s.size) < SHORTEST:
         code = "few-to-align" if shake is None else "few-shaken"
         raise InputError(code, least=SHORTEST, count=many, other=s.size, first=t[0], last=t[-1])
@@ -110,13 +105,12 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
-    shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else within(grid_a, shake)
+    shaken = within(grid_a, shake)
     if shaken.sum() < min(SHORTEST, many):
-        lengths = {"length": t[-1] - t[0], "other": s[-1] - s[0]}
-        raise InputError("long-recordings", step=step, count=shaken.sum(), **lengths)
+        raise InputError("long-recordings", step=step, count=shaken.sum(), length=t[-1] - t[0], other=s[-1] - s[0])
     if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise InputError("steady-speeds")
-    lag, rival = _whole(fa, fb, step, shaken)
+    lag, _, rival = _search(fa, fb, shaken)
     shift, span = float(t[0] - s[0] - lag * step), float(max(s[-1] - s[0], step))
 
     def clock(x: Array) -> tuple[float, float]:
@@ -130,25 +124,21 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
         return _reduced(f, inside) - _reduced(np.interp(there, *other), inside)
 
     unsure = None
-    if not drift:
-        x = least_squares(unlike, np.zeros(1), method=ALONE, args=(fa, vb)).x
-    else:
-        smooth_a, smooth_b = _smoothed(fa, step), _smoothed(fb, step)
-        start = _scanned(smooth_a, smooth_b, step, lag, shaken)
-        x, deviation = _refined(
-            lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken],
-            start,
-            max(REACH / step, 1.0),
-            2 * DRIFT * span / step,
-        )
+    if drift:
+        smooth_a, smooth_b, thin = _smoothed(fa, step), _smoothed(fb, step), max(int(SMOOTH / 2 / step), 1)
+        count = min(int(np.ceil(DRIFT * fb.size * step / TRIED)), MOST_TRIED)
+        found, slope, _ = _search(smooth_a, smooth_b, shaken, np.linspace(-DRIFT, DRIFT, 2 * count + 1), thin)
+        start, reach, most = np.array([lag - found, slope * (fb.size - 1)]), REACH / step, 2 * DRIFT * span / step
+        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken], start, max(reach, 1.0), most)
         unsure = float(2 * deviation * step / span)
-        _, rival = _whole(fa, _stretched(fb, clock(x)[1]), step, shaken)
-    correlation = 1 - sum_of_squares(unlike(x, fa, vb)) / 2
-    least = CLOSE if shake is None else SURE
+        _, _, rival = _search(fa, fb, shaken, [clock(x)[1]])
+    else:
+        x = _fitted(unlike, np.zeros(1), args=(fa, vb))
+    correlation, least = 1 - sum_of_squares(unlike(x, fa, vb)) / 2, CLOSE if shake is None else SURE
     if not correlation >= least:
         raise InputError("unlike-speeds", correlation=correlation, least=least)
     if rival is not None:
-        raise InputError("several-shifts", apart=rival[0], other=rival[1], best=rival[2])
+        raise InputError("several-shifts", apart=rival[0] * step, other=rival[1], best=rival[2])
     if unsure is not None and not (unsure <= VAGUE and unsure * min(t[-1] - t[0], span) <= step):
         raise InputError("uncertain-drift", ppm=1e6 * unsure)
     return ClockFit(float(s[0]), *clock(x), unsure, correlation, while_shaken(shake))
@@ -159,26 +149,27 @@ def while_shaken(shake: Array | None) -> str:
     return "" if shake is None else f" from {' and '.join(f'{first:.12g} to {last:.12g} s' for first, last in shake)}:"
 
 
-def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array | None = None) -> float:
-    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, and within `shake`.
-
-    It is 0 where one of them does not change.
-    """
+def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known; 0 where one is steady."""
     time, speed = _speed(a, t)
     inside = (time >= s[0]) & (time <= s[-1])
-    if shake is not None:
-        inside &= within(time, shake)
     return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
 
 
-def within(time: Array, shake: Array) -> NDArray[np.bool_]:
-    """Whether times are in one of these intervals, (k, 2)."""
-    return np.asarray(((time[:, None] >= shake[:, 0]) & (time[:, None] <= shake[:, 1])).any(axis=1))
+def within(time: Array, shake: Array | None) -> NDArray[np.bool_]:
+    """Whether times are in one of these intervals, (k, 2), or there are none."""
+    first, last = [-np.inf, np.inf] if shake is None else shake.T
+    return np.asarray(((time[:, None] >= first) & (time[:, None] <= last)).any(axis=1))
+
+
+def turns(rotation: Rotation) -> Array:
+    """Return the angles between neighbouring attitudes, rad."""
+    return np.asarray((rotation[:-1].inv() * rotation[1:]).magnitude())
 
 
 def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:
     """Return the midpoints of the intervals and the angular speeds, rad/s."""
-    return (time[1:] + time[:-1]) / 2, (rotation[:-1].inv() * rotation[1:]).magnitude() / np.diff(time)
+    return (time[1:] + time[:-1]) / 2, turns(rotation) / np.diff(time)
 
 
 def _reduced(f: Array, inside: Any) -> Array:
@@ -188,13 +179,14 @@ def _reduced(f: Array, inside: Any) -> Array:
     return np.asarray(g / norm if norm > 0 else g)
 
 
-def _correlation(a: Array, b: Array, shaken: NDArray[np.bool_], least: int) -> tuple[Array, Array, Array]:
-    """Return lags (b[i + lag] beside a[i]), the normalized cross-correlation, and of how many points it is.
+def _scores(a: Array, b: Array, shaken: NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
+    """Return lags (b[i + lag] beside a[i]), how significant each correlation is, the correlation, of how many points.
 
-    It is that of the points of a that are `shaken`, where they overlap with b by `least` points.
+    It is that of the points of a that are `shaken`, where enough of them overlap with b.
     """
     from scipy.signal import correlate, correlation_lags
 
+    least = max(int(OVERLAP * min(shaken.sum(), b.size)), 10)
     a, b = np.where(shaken, a - a[shaken].mean(), 0.0), b - b.mean()
     one, other = shaken.astype(np.float64), np.ones(b.size)
 
@@ -207,30 +199,34 @@ def _correlation(a: Array, b: Array, shaken: NDArray[np.bool_], least: int) -> t
     below = np.maximum(sums(a * a, other) - of_a**2 / n, 0) * np.maximum(sums(one, b * b) - of_b**2 / n, 0)
     scale = 1e-9 * sum_of_squares(a) * sum_of_squares(b)
     found = np.where((n >= least) & (below > scale), above / np.sqrt(np.maximum(below, scale + 1e-300)), -1.0)
-    return correlation_lags(b.size, a.size), found, n
+    return correlation_lags(b.size, a.size), np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(n), found, n
 
 
-def _scores(a: Array, b: Array, shaken: NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
-    """Return lags, correlations, how many points overlap, and how significant each correlation is."""
-    lags, found, n = _correlation(a, b, shaken, max(int(OVERLAP * min(shaken.sum(), b.size)), 10))
-    return lags, found, n, np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(n)
+def _search(
+    a: Array, b: Array, shaken: NDArray[np.bool_], slopes: Iterable[float] = (0.0,), thin: int = 1
+) -> tuple[int, float, tuple[float, float, float] | None]:
+    """Return lag and slope at which a is found in b most clearly, where b lasts longer by one of these slopes.
 
-
-def _whole(a: Array, b: Array, step: float, shaken: NDArray[np.bool_]) -> tuple[int, tuple[float, float, float] | None]:
-    """Return the lag at which a is found in b, and how far away another fits nearly as well, with both correlations."""
-    lags, found, beside, score = _scores(a, b, shaken)
-    best = int(np.argmax(score))
-    left = right = best
+    And how many points away another lag fits nearly as well, with the correlations of both; every `thin`-th point
+    counts.
+    """
+    best: tuple[Any, ...] = ()
+    for slope in slopes:
+        points = np.arange(0, (1 + slope) * b.size, thin) / (1 + slope)
+        scores = _scores(a[::thin], np.interp(points, np.arange(b.size), b), shaken[::thin])
+        if not best or scores[1].max() > best[1].max():
+            best = (*scores, slope)
+    lags, score, found, n, slope = best
+    k = left = right = int(np.argmax(score))
     while left > 0 and score[left - 1] < score[left]:
         left -= 1
     while right < score.size - 1 and score[right + 1] < score[right]:
         right += 1
-    rivals = np.where(beside >= beside[best] / 2, found, -1.0)
+    rivals = np.where(n >= n[k] / 2, found, -1.0)
     rivals[left : right + 1] = -1.0
-    k = int(np.argmax(rivals))
-    if found[k] < found[best] - RIVAL:
-        return int(lags[best]), None
-    return int(lags[best]), (float((lags[best] - lags[k]) * step), float(found[k]), float(found[best]))
+    j = int(np.argmax(rivals))
+    rival = None if found[j] < found[k] - RIVAL else (float(lags[k] - lags[j]), float(found[j]), float(found[k]))
+    return thin * int(lags[k]), slope, rival
 
 
 def _smoothed(f: Array, step: float) -> Array:
@@ -242,22 +238,11 @@ def _smoothed(f: Array, step: float) -> Array:
     return np.convolve(np.pad(f, half - 1, mode="edge"), window / window.sum(), mode="valid")
 
 
-def _stretched(b: Array, slope: float, thin: int = 1) -> Array:
-    """Return every so many-th point of a signal that lasts longer by this part."""
-    return np.asarray(np.interp(np.arange(0, (1 + slope) * b.size, thin) / (1 + slope), np.arange(b.size), b))
+def _fitted(unlike: Callable[..., Array], start: Array, slopes: Any = "2-point", args: tuple[Any, ...] = ()) -> Array:
+    """Return the least squares by Levenberg and Marquardt's method of MINPACK, without BLAS, whose threads compete."""
+    from scipy.optimize import least_squares
 
-
-def _scanned(a: Array, b: Array, step: float, lag: int, shaken: NDArray[np.bool_]) -> Array:
-    """Return shift, besides that of `lag`, and drift, both in steps, at which a is found in b most clearly."""
-    thin = max(int(SMOOTH / 2 / step), 1)
-    count = min(int(np.ceil(DRIFT * b.size * step / TRIED)), MOST_TRIED)
-    best, found = -np.inf, np.zeros(2)
-    for slope in np.linspace(-DRIFT, DRIFT, 2 * count + 1):
-        lags, _, _, score = _scores(a[::thin], _stretched(b, slope, thin), shaken[::thin])
-        k = int(np.argmax(score))
-        if score[k] > best:
-            best, found = float(score[k]), np.array([lag - thin * lags[k], slope * (b.size - 1)])
-    return found
+    return np.asarray(least_squares(unlike, start, slopes, method="lm", args=args).x)
 
 
 def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most: float) -> tuple[Array, float]:
@@ -266,7 +251,6 @@ def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most:
     It is the start, and the deviation infinite, where they are not least unlike at one place within `reach`, or where
     that number exceeds `most`.
     """
-    from scipy.optimize import least_squares
 
     def slopes(x: Array) -> Array:
         """Return derivatives, over two samples: within one the interpolated signals have corners."""
@@ -275,17 +259,12 @@ def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most:
     def cost(x: Array) -> float:
         return sum_of_squares(unlike(x)) / 2
 
-    x = least_squares(unlike, start, slopes, method=ALONE).x
+    x = _fitted(unlike, start, slopes)
     steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
     bent = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
     if abs(x[1]) > most or not np.linalg.eigvalsh(bent)[0] > 0:
         return start, float("inf")
     moves = np.einsum("ij,j", slopes(x), np.linalg.inv(bent / (2 * reach) ** 2)[1]) * unlike(x)
-    known = np.flatnonzero(moves)
-    moves = moves[known[0] : known[-1] + 1] if known.size else moves
-    by_parts = [[part.sum() for part in np.array_split(moves, parts)] for parts in PARTS]
+    counted = np.trim_zeros(moves)
+    by_parts = [[part.sum() for part in np.array_split(counted, parts)] for parts in PARTS]
     return x, max(float(np.linalg.norm(sums)) for sums in by_parts)
-
-
-def _rounded(x: float, digits: int) -> float:
-    return float(f"{x:.{digits}g}")

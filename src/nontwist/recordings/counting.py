@@ -24,6 +24,16 @@ _new: Any = tuple.__new__  # of a named tuple, in two thirds of the time
 _FOUND_AT = 40  # bytes of a quaternion and a time before what is found
 
 
+def as_direction(axis: ArrayLike | str, axis_frame: str) -> tuple[Array, float]:
+    """Return an axis as a unit vector, and the sign of a twist about it: -1 where it is fixed in space."""
+    n = as_axis(axis, "axis")
+    if not n.any():
+        raise ValueError("axis is zero: it must be a direction")
+    if not among(axis_frame, ("body", "space")):
+        raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
+    return n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
+
+
 class TwistCount(NamedTuple):
     """The twist so far and its estimated error: floats of one stream, arrays of several.
 
@@ -95,16 +105,11 @@ class TwistCounter:
         axis_frame: Literal["body", "space"] = "body",
         scalar_first: bool | None = None,
     ) -> None:
-        n = as_axis(axis, "axis")
-        if not n.any():
-            raise ValueError("axis is zero: it must be a direction")
+        n, self._sign = as_direction(axis, axis_frame)
         if not among(order, (2, 4)):
             raise ValueError(f"order must be 2 or 4, got {shown(order)}")
-        if not among(axis_frame, ("body", "space")):
-            raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
         ReadOptions(scalar_first=scalar_first)
-        self._order, self._sign, self._scalar_first = int(order), 1.0 if axis_frame == "body" else -1.0, scalar_first
-        self._triad = triad_about(n / np.linalg.norm(n))
+        self._order, self._scalar_first, self._triad = int(order), scalar_first, triad_about(n)
         self.reset()
 
     def reset(self) -> None:
@@ -197,22 +202,16 @@ class TwistCounter:
             raise ValueError(f"rotation must have a sample for each of the streams {self._shape}, got {shape}")
         if self._shape is not None and (time is not None) != self._has_times:
             raise ValueError("time must be given at every update or at none")
-        if time is None:
-            moments = np.array([float(self._updates)])
-        else:
-            moments = as_array(time, "time", (...,), np.inf)
-            if moments.shape not in ((), shape):
-                raise ValueError(f"time must be a number or have the shape {shape}, got {moments.shape}")
+        moments = as_array(self._updates if time is None else time, "time", (...,), np.inf)
+        if moments.shape not in ((), shape):
+            raise ValueError(f"time must be a number or have the shape {shape}, got {moments.shape}")
         if self._shape is None:
             self._lay_out(int(np.prod(shape)))
         self._given[...] = q.reshape(-1, 4)
         self._time[...] = moments.ravel()
         wrong, k = self._count()
         if wrong:
-            error = self._error(wrong, k, shape)
-            if self._shape is None:
-                self.reset()
-            raise error
+            raise self._error(wrong, k, f"[{', '.join(map(str, np.unravel_index(k, shape)))}]" if shape else "")
         self._shape, self._has_times = shape, time is not None
         self._updates += 1
         return TwistCount(self.twist, self.error_estimate)
@@ -229,18 +228,14 @@ class TwistCounter:
         q[missing] = np.nan
         return q
 
-    def _error(self, wrong: int, k: int, shape: tuple[int, ...] = ()) -> ValueError:
-        place = f"[{', '.join(str(int(i)) for i in np.unravel_index(k, shape))}]" if shape else ""
+    def _error(self, wrong: int, k: int, place: str = "") -> ValueError:
         if wrong == 1:
-            length = float(np.linalg.norm(self._given[k]))
-            return ValueError(f"quaternion{place} must have the length 1, it has {length:.6g}")
-        return ValueError(
-            f"time{place} must increase, got {self._time[k if len(self._time) > 1 else 0]:g}, which is not later"
-        )
+            return ValueError(f"quaternion{place} must have the length 1, it has {np.linalg.norm(self._given[k]):.6g}")
+        return ValueError(f"time{place} must increase, got {self._time[k]:g}, which is not later")
 
     def _column(self, k: int) -> Any:
-        found = self._found[:, k]
-        return float(found[0]) if self._shape == () else found.reshape(self._shape or (0,)).copy()
+        found = np.empty(0) if self._shape is None else self._found[:, k].reshape(self._shape)
+        return float(found) if self._shape == () else found.copy()
 
     @property
     def twist(self) -> float | Array:

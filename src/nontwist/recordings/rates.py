@@ -16,7 +16,8 @@ from ..geometry.values import counted, shown
 from ..io.results import open_run
 from ..units import RATE, known
 from . import spellings
-from .formats import Content
+from .attitudes import named_columns
+from .checks import sensor, stated_rate
 from .headers import plain, rate_unit, sensors
 from .options import ReadOptions
 from .reading import read_content
@@ -31,7 +32,7 @@ FEWEST = 12  # samples
 
 @dataclass(frozen=True)
 class Rates:
-    """Angular velocities as recorded, bad rows left out: times, s, rates, (n, 3), rad/s, acceleration as in the file.
+    """Angular velocities as recorded: times, s, rates, (n, 3), rad/s, acceleration as in the file.
 
     `speed` is that of a rotor, (n,), rad/s, where a column of it is named; `quaternions`, (n, 4), are attitudes
     recorded beside, nan where there is none, or alone, and then `has_gyroscope` is False and rates follow from them.
@@ -40,14 +41,36 @@ class Rates:
 
     time: Array
     rates: Array
-    acceleration: Array | None
     name: str
-    left_out: int
     notes: tuple[str, ...]
-    warnings: tuple[InputWarning, ...]
+    acceleration: Array | None = None
     speed: Array | None = None
     quaternions: Array | None = None
+    left_out: int = 0
+    warnings: tuple[InputWarning, ...] = ()
     has_gyroscope: bool = True
+
+    def cleaned(self, lines: Lines | None = None) -> Rates:
+        """Return rates in the order of time without rows that are no numbers; an InputError where too few are left.
+
+        `lines` are those of the rows in their file, by which messages name them.
+        """
+        count, said = len(self.time), list[InputWarning]()
+        if self.quaternions is not None and len(self.quaternions) != count:
+            raise InputError("lengths", attitudes=len(self.quaternions), rates=count)
+        bad = ~(np.isfinite(self.time) & np.isfinite(self.rates).all(axis=1))
+        if bad.any():
+            first = place(int(bad.argmax()), lines)
+            said.append(InputWarning("missing-rates", rows=counted(int(bad.sum()), "row"), place=first))
+        kept = ordered(self.time, np.flatnonzero(~bad), said, lines)
+        if len(kept) < FEWEST:
+            raise InputError("too-few-samples", what="a fit", why="", left=len(kept), count=count, least=FEWEST)
+        said += gaps(self.time[kept], kept, lines)
+        if (fastest := float(abs(self.rates[kept]).max())) > FASTEST:
+            said.append(InputWarning("fast", fastest=fastest))
+        a, spin, quat = (one if one is None else one[kept] for one in (self.acceleration, self.speed, self.quaternions))
+        t, W, left_out = self.time[kept], self.rates[kept], count - len(kept)
+        return Rates(t, W, self.name, self.notes, a, spin, quat, left_out, tuple(said))
 
 
 def read_rates(
@@ -81,33 +104,14 @@ def read_rates(
             raise InputError("no-speed", speed=speed)
         run = open_run(source)
         W = run["material_angular_velocity"].values
-        return cleaned(run["time"].values, W, None, name, ("rates: a run",), None, quaternions)
+        return Rates(run["time"].values, W, name, ("rates: a run",), quaternions=quaternions).cleaned()
     content = read_content(source, how)
     how = replace(how, columns=how.columns or (content.table.headers if content.headless else None))
-    return _of_content(content, how, unit, name, speed, speed_unit, quaternions)
-
-
-def _of_content(
-    content: Content,
-    how: ReadOptions,
-    unit: str | None,
-    name: str,
-    speed: str | None,
-    speed_unit: str | None,
-    quaternions: Array | None,
-) -> Rates:
-    """Return the angular velocity that the columns of a file hold."""
     if not content.table.columns:
         raise InputError("no-columns")
     table, how, told = (content.table, how, ()) if quaternions is not None else of_one_sensor(content.table, how)
-    if how.columns is not None:
-        if len(how.columns) not in (3, 4):
-            raise InputError("columns", sizes="3 columns of the angular velocity", count=len(how.columns))
-        table.require(*how.columns)
-        three = tuple(how.columns[-3:])
-        how = replace(how, time_column=how.columns[0] if len(how.columns) == 4 else how.time_column)
-    else:
-        three = _one(table, how.body)
+    three, how = named_columns(table, how, (3,), "3 columns of the angular velocity")
+    three = three or _one(table, how.body)
     if quaternions is None:
         table, more = own_rows(table, three)
         told += more
@@ -129,77 +133,29 @@ def _of_content(
             raise InputError(code, column=speed, unit=speed_unit, units="|".join(RATE))
         spun = table.numbers(speed) * RATE[stated]
         notes += (f"speed of the rotor: {speed}, {stated}",)
-    pulls = sensors(table.headers, spellings.ACCELEROMETER)
-    acceleration = None
-    if pulls:
-        try:
-            acceleration = table.vectors(pulls[0][1])
-        except ValueError:
-            acceleration = None
-    return cleaned(time.time, values * RATE[symbol], acceleration, name, notes, spun, quaternions, table.lines)
-
-
-def cleaned(
-    time: Array,
-    rates: Array,
-    acceleration: Array | None,
-    name: str,
-    notes: tuple[str, ...],
-    speed: Array | None = None,
-    quaternions: Array | None = None,
-    lines: Lines | None = None,
-) -> Rates:
-    """Return rates in the order of time without rows that are no numbers; an InputError where too few are left.
-
-    `lines` are those of the rows in their file, by which messages name them.
-    """
-    if quaternions is not None and len(quaternions) != len(time):
-        raise InputError("lengths", attitudes=len(quaternions), rates=len(time))
-    rows, said = np.arange(len(time)), list[InputWarning]()
-    bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
-    if bad.any():
-        fields = {"rows": counted(int(bad.sum()), "row"), "place": place(rows[bad][0], lines)}
-        said.append(InputWarning("missing-rates", **fields))
-    kept = ordered(time, rows[~bad], said, lines)
-    if len(kept) < FEWEST:
-        raise InputError("too-few-samples", what="a fit", why="", left=len(kept), count=len(time), least=FEWEST)
-    t, W = time[kept], rates[kept]
-    said += gaps(t, kept, lines)
-    fastest = float(abs(W).max())
-    if fastest > FASTEST:
-        said.append(InputWarning("fast", fastest=fastest))
-    a = None if acceleration is None or len(acceleration) != len(time) else acceleration[kept]
-    spun = None if speed is None else speed[kept]
-    turned = None if quaternions is None else quaternions[kept]
-    return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said), spun, turned)
+    acceleration, _ = sensor(table, spellings.ACCELEROMETER)
+    return Rates(time.time, values * RATE[symbol], name, notes, acceleration, spun, quaternions).cleaned(table.lines)
 
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:
-    found = sensors(table.headers, spellings.GYROSCOPE)
-    if body is not None:
-        found = [one for one in found if one[0] == plain(body)]
-    if len(found) == 1:
-        return found[0][1]
-    if not found:
-        raise InputError("no-gyroscope", names=listed(table.headers))
-    raise InputError("several-gyroscopes", sets="; ".join(", ".join(one[1]) for one in found))
+    there = sensors(table.headers, spellings.GYROSCOPE)
+    found = [three for before, three in there if body is None or before == plain(body)]
+    if len(found) != 1:
+        sets = "; ".join(map(", ".join, found))
+        raise InputError("several-gyroscopes" if found else "no-gyroscope", names=listed(table.headers), sets=sets)
+    return found[0]
 
 
-def _unit(three: Sequence[str], unit: str | None, values: Any, above: str) -> str:
+def _unit(three: Sequence[str], unit: str | None, values: Array, above: str) -> str:
     """Return the unit, as told or as all headers state it."""
-    units = {rate_unit(one) for one in three}
-    stated = units.pop() if len(units) == 1 else None
-    names = ", ".join(three)
-    if unit is not None:
-        given = known(unit, RATE)
-        if given is None:
-            raise InputError("unit", unit=unit, units=", ".join(RATE))
-        if stated not in (None, given):
-            raise InputError("unit-stated", names=names, stated=stated, unit=unit)
-        return given
-    if stated is None:
-        finite = abs(values[np.isfinite(values)])
-        largest = float(finite.max()) if finite.size else 0.0
+    stated, names = stated_rate(three), ", ".join(three)
+    found = stated if unit is None else known(unit, RATE)
+    if unit is not None and found is None:
+        raise InputError("unit", unit=unit, units=", ".join(RATE))
+    if stated not in (None, found):
+        raise InputError("unit-stated", names=names, stated=stated, unit=unit)
+    if found is None:
+        largest = abs(values).max(where=np.isfinite(values), initial=0.0)
         hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
         raise InputError("no-unit", names=names, hint=hint + above)
-    return stated
+    return found

@@ -25,20 +25,18 @@ The pose is where both turn least, within one second, or where the caller says. 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, Option
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.values import counted, number_text
-from .clocks import ClockFit, fitted_clock, speed_correlation, while_shaken, within
+from .clocks import fitted_clock, speed_correlation, turns, within
 from .samples import GAP, Motion, Samples, samples
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
@@ -48,52 +46,43 @@ CLOCKS = ("shared", "shift", "drift")
 
 
 def relative_motion(
-    motion: Motion,
-    beside: Motion | None,
-    *,
-    clocks: Literal["shared", "shift", "drift"] | None,
-    shake: Array | None,
-    align: Literal["static"] | None,
-    static: tuple[float, float] | None,
-    order: int,
+    motion: Motion, beside: Motion | None, clocks: str | None, shake: Array | None, align: bool, static: Any, order: int
 ) -> Samples:
     """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted.
 
-    `shake`, (k, 2), are times of `motion` at which both moved as one.
+    `shake`, (k, 2), are times of `motion` at which both moved as one, `static`, (2,), of a pose by which to `align`.
     """
-    if static is not None and align is None:
+    if static is not None and not align:
         raise InputError("static-alone")
     if beside is None and (shake is not None or clocks in ("shift", "drift")):
-        name = "shake" if shake is not None else "clocks"
-        raise InputError("one-sensor", name=Option(name))
+        raise InputError("one-sensor", name=Option("clocks" if shake is None else "shake"))
     if shake is not None and clocks == "shared":
         raise InputError("shake-of-one-clock")
-    if beside is None:
-        found, other = samples(motion)
-    elif clocks in (None, "shared") and shake is None and _same_rows(motion, beside):
-        found, other = samples(motion, replace(beside, time=motion.time))
+    clocks = "shift" if clocks is None and shake is not None else clocks
+    if beside is not None and (clocks in ("shift", "drift") or not _same_rows(motion, beside)):
+        bodies = _resampled(motion, beside, clocks, shake, order)
     else:
-        found, other = _resampled(
-            motion, beside, "shift" if clocks is None and shake is not None else clocks, shake, order
-        )
-    if align == "static":
-        found, other = _segments(found, other, static)
-    return found if other is None else replace(found, quaternion=(other.rotation.inv() * found.rotation).as_quat())
+        beside = None if beside is None else replace(beside, time=motion.time)
+        bodies = [one for one in samples(motion, beside) if one is not None]
+    if align:
+        bodies = _segments(bodies, static)
+    found, *others = bodies
+    return replace(found, quaternion=(others[0].rotation.inv() * found.rotation).as_quat()) if others else found
 
 
 def _same_rows(motion: Motion, beside: Motion) -> bool:
     """Whether rows of both are of the same times, or no more than one has any; an InputError where counts differ."""
-    if motion.time is None or beside.time is None:
-        if len(beside.values) != len(motion.values):
-            raise InputError("sample-counts", other=len(beside.values), count=len(motion.values))
-        return True
-    return np.array_equal(beside.time, motion.time, True) and beside.start == motion.start
+    if motion.time is not None and beside.time is not None:
+        return np.array_equal(beside.time, motion.time, True) and beside.start == motion.start
+    if len(beside.values) != len(motion.values):
+        raise InputError("sample-counts", other=len(beside.values), count=len(motion.values))
+    return True
 
 
-def _resampled(
-    motion: Motion, beside: Motion, clocks: str | None, shake: Array | None, order: int
-) -> tuple[Samples, Samples]:
+def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array | None, order: int) -> list[Samples]:
     """Return both at the times of the first."""
+    from scipy.spatial.transform import RotationSpline, Slerp
+
     if motion.time is None or beside.time is None:
         raise InputError("no-times")
     a, _ = samples(motion)
@@ -103,51 +92,43 @@ def _resampled(
         raise error.about("relative_to") from error
     assert a.time is not None
     assert b.time is not None
-    notes = [*a.notes, *(note.about("relative_to") for note in b.notes)]
+    t, notes = a.time, [*a.notes, *(note.about("relative_to") for note in b.notes)]
     starts = [one for one in (motion.start, beside.start) if one is not None]
     dated = None if len(starts) < 2 else starts[1] - starts[0]
     if dated is not None and min(starts) < DAY:  # a time of day
         dated -= DAY * round(dated / DAY)
-    s, facts, fit = b.time + (dated or 0.0), tuple[str, ...](), None
-    overlap = bool(len(starts) != 1 and s[0] < a.time[-1] and s[-1] > a.time[0])
-    zone = 0.0 if overlap or dated is None or clocks is not None else _zone(a.time, s)
+    s, facts, shift = b.time + (dated or 0.0), tuple[str, ...](), None
+    overlap = bool(len(starts) != 1 and s[0] < t[-1] and s[-1] > t[0])
+    zone = 0.0 if overlap or dated is None or clocks is not None else _zone(t, s)
     if zone:
         s = s + zone
         notes.append(InputWarning("time-zones", hours=abs(zone) / 3600))
     if clocks in ("shift", "drift") or (clocks is None and not overlap and not zone):
-        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift", shake=shake)
-        s, facts = fit.times(s), (fit.words(),)
+        fit = fitted_clock(a.rotation, t, b.rotation, s, drift=clocks == "drift", shake=shake)
+        s, facts, shift = fit.times(s), (fit.words(),), fit.shift
     elif clocks is None or dated is not None:
-        late = float(s[0] - a.time[0])
-        alike = speed_correlation(a.rotation, a.time, b.rotation, s, shake)
+        late, alike = float(s[0] - t[0]), speed_correlation(a.rotation, t, b.rotation, s)
         which = "times as they are" if dated is None else "that of the dates of both files"
         facts = (
             f"clock of relative_to: {which}, by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} "
-            f"the other (correlation of the angular speeds{while_shaken(shake)} {alike:.3f})",
+            f"the other (correlation of the angular speeds {alike:.3f})",
         )
-    inside = _covered(a.time, s)
+    inside = _covered(t, s)
     if inside.sum() < 2:
-        ends = {"first": a.time[0], "last": a.time[-1], "other_first": s[0], "other_last": s[-1]}
-        raise InputError("no-overlap", **ends)
+        raise InputError("no-overlap", first=t[0], last=t[-1], other_first=s[0], other_last=s[-1])
     outside = int((~inside).sum())
     if outside:
         notes.append(InputWarning("not-covered", rows=counted(outside, "row")))
-    t = a.time[inside]
+    t = t[inside]
     kept = Samples(a.quaternion[inside], t, a.rows[inside], a.left_out + outside, notes, facts, a.lines)
-    other = _at(b.rotation, s, t, order)
-    if fit is not None:
-        _require_common(
-            kept.rotation, other, np.ones(inside.sum(), np.bool_) if shake is None else within(t, shake), fit
-        )
-    return kept, replace(kept, quaternion=other.as_quat())
-
-
-def _require_common(one: Rotation, other: Rotation, counts: NDArray[np.bool_], fit: ClockFit) -> None:
-    """Raise an InputError where a shift is not decisive, as two bodies turn against each other as much as they turn."""
-    sizes = [(r[:-1].inv() * r[1:]).magnitude()[counts[1:]] for r in (other.inv() * one, one, other)]
-    against, *own = (float((size**2).sum()) for size in sizes)
-    if against >= min(own):
-        raise InputError("relative-motion", shift=fit.shift)
+    is_spline = order == 4 and s.size >= 4
+    other = RotationSpline(s, b.rotation)(t) if is_spline else Slerp(s, b.rotation)(np.clip(t, s[0], s[-1]))
+    if shift is not None:
+        counts = within(t, shake)[1:]
+        against, *own = (sum_of_squares(turns(r)[counts]) for r in (other.inv() * kept.rotation, kept.rotation, other))
+        if against >= min(own):  # two bodies turn against each other as much as they turn
+            raise InputError("relative-motion", shift=shift)
+    return [kept, replace(kept, quaternion=other.as_quat())]
 
 
 def _zone(t: Array, s: Array) -> float:
@@ -168,52 +149,34 @@ def _covered(t: Array, s: Array) -> NDArray[np.bool_]:
     return np.asarray(inside & (~gap[np.clip(k, 1, step.size) - 1] | np.isin(t, s)))
 
 
-def _at(rotation: Rotation, time: Array, wanted: Array, order: int) -> Rotation:
-    from scipy.spatial.transform import RotationSpline, Slerp
+def _segments(bodies: Sequence[Samples], static: Array | None) -> list[Samples]:
+    """Return the attitudes of segments whose axes are those of space in the static pose.
 
-    if order == 2 or time.size < 4:
-        return Slerp(time, rotation)(np.clip(wanted, time[0], time[-1]))
-    return RotationSpline(time, rotation)(wanted)
-
-
-def _segments(
-    found: Samples, other: Samples | None, static: tuple[float, float] | None
-) -> tuple[Samples, Samples | None]:
-    """Return the attitudes of segments whose axes are those of space in the static pose."""
-    bodies = [found] if other is None else [found, other]
+    It is given, or the second in which the bodies turn least.
+    """
+    found, unit = bodies[0], "(row, from 0)" if bodies[0].time is None else "s"
     time = found.rows.astype(float) if found.time is None else found.time
-    turns = sum(np.append(0.0, np.cumsum((one.rotation[:-1].inv() * one.rotation[1:]).magnitude())) for one in bodies)
-    chosen = _pose(time, np.asarray(turns), static, found.time is not None)
-    means = [one.rotation[chosen].mean() for one in bodies]
-    away = max(
-        float((mean.inv() * one.rotation[chosen]).magnitude().max()) for mean, one in zip(means, bodies, strict=True)
-    )
-    unit = "s" if found.time is not None else "(row, from 0)"
-    note = (
-        f"static pose {'given' if static else 'chosen'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, "
-        f"which moves by up to {number_text(np.degrees(away), '.2g')}°: there the axes of the body are those of space"
-    )
-    moves = InputWarning("pose-moves")
-    found = replace(found, notes=[*found.notes, *([moves] if away > MOVES else [])], facts=(*found.facts, note))
-    aligned = [
-        replace(one, quaternion=(one.rotation * mean.inv()).as_quat())
-        for one, mean in zip([found, *bodies[1:]], means, strict=True)
-    ]
-    return aligned[0], aligned[1] if other is not None else None
-
-
-def _pose(time: Array, turns: Array, static: tuple[float, float] | None, timed: bool) -> Any:
-    """Return the rows of the static pose: given, or the second in which the bodies turn least."""
     if static is not None:
         chosen = np.flatnonzero((time >= static[0]) & (time <= static[1]))
         if not chosen.size:
-            ends = {"start": time[0], "end": time[-1]}
-            raise InputError("no-pose", first=static[0], last=static[1], **ends)
-        return chosen
-    length = STILL if timed else FEWEST - 1.0
-    last = np.searchsorted(time, time + length, side="right") - 1
-    first = np.flatnonzero((last - np.arange(time.size) >= FEWEST - 1) & (time + length <= time[-1]))
-    if not first.size:
-        return np.arange(min(FEWEST, time.size))
-    k = first[np.argmin(turns[last[first]] - turns[first])]
-    return np.arange(k, last[k] + 1)
+            raise InputError("no-pose", first=static[0], last=static[1], start=time[0], end=time[-1])
+    else:
+        turned = np.sum([np.append(0.0, np.cumsum(turns(one.rotation))) for one in bodies], axis=0)
+        end = time + (FEWEST - 1.0 if found.time is None else STILL)
+        last, chosen = np.searchsorted(time, end, side="right") - 1, np.arange(min(FEWEST, time.size))
+        first = np.flatnonzero((last - np.arange(time.size) >= FEWEST - 1) & (end <= time[-1]))
+        if first.size:
+            k = first[np.argmin(turned[last[first]] - turned[first])]
+            chosen = np.arange(k, last[k] + 1)
+    means = [one.rotation[chosen].mean() for one in bodies]
+    away = max(float((M.inv() * one.rotation[chosen]).magnitude().max()) for M, one in zip(means, bodies, strict=True))
+    note = (
+        f"static pose {'chosen' if static is None else 'given'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} "
+        f"{unit}, which moves by up to {number_text(np.degrees(away), '.2g')}°: there the axes of the body are those "
+        "of space"
+    )
+    notes = [*found.notes, *([InputWarning("pose-moves")] if away > MOVES else [])]
+    return [
+        replace(one, quaternion=(one.rotation * M.inv()).as_quat(), notes=notes, facts=(*found.facts, note))
+        for one, M in zip(bodies, means, strict=True)
+    ]

@@ -22,47 +22,36 @@ JUMP = 3.0  # times the largest steps: beyond it an exact identity is none
 SENTINELS = 3  # values of a row that stand for missing, at most
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Array, tuple[str, ...]]:
     """Return rotations to 1 %, to round-off where `normalize` is set, NaN in rows that are missing, and notes.
 
     An InputError where most rows are no rotations, or are so by a common scale or rounding and `normalize` is not set.
     """
-    flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    is_quaternion = values.shape[-1] == 4
-    with np.errstate(over="ignore", invalid="ignore"):
-        good = np.isfinite(flat).all(axis=1) & flat.any(axis=1) & (abs(flat).max(axis=1, initial=0) < 1e100)
-        if is_quaternion:
-            size = np.linalg.norm(values, axis=1)
-            off = abs(size - 1)
-        else:
-            size = np.linalg.norm(flat, axis=1) / math.sqrt(3)
-            off = abs(np.swapaxes(values, 1, 2) @ values - np.eye(3)).max(axis=(1, 2))
+    flat, is_quaternion = values.reshape(len(values), math.prod(values.shape[1:])), values.shape[-1] == 4
+    good = np.isfinite(flat).all(axis=1) & flat.any(axis=1) & (abs(flat).max(axis=1, initial=0) < 1e100)
+    size, off = np.linalg.norm(flat, axis=1) / math.sqrt(1 if is_quaternion else 3), _defect(values)
     if not good.any():
         return values, ()
-    bad = good & ~(off <= MEASURED)
-    lost = good & _lost_identities(flat)
+    bad, lost = good & ~(off <= MEASURED), good & _lost_identities(flat)
     what, plural = ("quaternion", "quaternions") if is_quaternion else ("matrix", "matrices")
     told = list[str]()
     if bad.any() and bad.sum() > RARE * good.sum() and len(np.unique(flat[bad], axis=0)) > SENTINELS:
         scale = float(np.median(size[good]))
-        scaled = flat[good] / scale
         steps = np.diff(np.unique(flat[good].ravel()))
         quantum = float(steps[steps > 0].min(initial=np.inf)) / scale  # of rounded values
         room = max(MEASURED, 2 * quantum if quantum < 0.5 else 0.0) * (1 if is_quaternion else 3)
-        spread = abs(size[good] / scale - 1) if is_quaternion else _defect(scaled.reshape(-1, 3, 3))
-        rare = spread > room
-        k = int(np.flatnonzero(bad)[0])
+        rare = good & (_defect(values / scale) > room)
         if rare.sum() > RARE * good.sum():
             raise InputError("not-rotations", what=plural, low=size[good].min(), high=size[good].max())
         if not normalize:
-            looks = "rounded" if abs(scale - 1) < MEASURED else f"scaled by {scale:.6g}"
+            looks, k = "rounded" if abs(scale - 1) < MEASURED else f"scaled by {scale:.6g}", int(bad.argmax())
             rows = counted(int(bad.sum()), "row")
             raise InputError("scaled", rows=rows, place=place(k, lines), what=what, size=size[k], looks=looks)
-        bad = np.zeros(len(good), dtype=np.bool_)
-        bad[np.flatnonzero(good)[rare]] = True
+        bad = rare
     for which, why in ((bad, f"which are not valid {plural}"), (lost, "whose identities stand for lost ones")):
         if which.any():
-            first = place(int(np.flatnonzero(which)[0]), lines)
+            first = place(int(which.argmax()), lines)
             told.append(f"missing: {counted(int(which.sum()), 'row')}, {why}, the first is {first}")
     gone = bad | lost
     if gone.any() or normalize:
@@ -79,19 +68,19 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
     return values, tuple(told)
 
 
-def _defect(matrices: Array) -> Array:
-    return np.asarray(abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2)))
+def _defect(values: Array) -> Array:
+    """Return by how much quaternions differ from the length 1, or products ΛᵀΛ from the identity."""
+    if values.shape[-1] == 4:
+        return np.asarray(abs(np.linalg.norm(values, axis=1) - 1))
+    return np.asarray(abs(np.swapaxes(values, 1, 2) @ values - np.eye(3)).max(axis=(1, 2)))
 
 
 def _lost_identities(flat: Array) -> NDArray[np.bool_]:
     """Return which rows are exact identities, from and to which the attitudes jump far more than between others."""
-    same = np.zeros(len(flat), dtype=np.bool_)
-    for unit in np.eye(4)[[0, 3]] if flat.shape[1] == 4 else np.eye(3).reshape(1, 9):
-        same |= (flat == unit).all(axis=1)
-    lost = np.zeros(len(flat), dtype=np.bool_)
+    units, signs = (np.eye(4)[[0, 3]], (1, -1)) if flat.shape[1] == 4 else (np.eye(3).reshape(1, 9), (1,))
+    same, lost = (flat[:, None] == units).all(axis=2).any(axis=1), np.zeros(len(flat), dtype=np.bool_)
     if not same.any() or same.all():
         return lost
-    signs = (1, -1) if flat.shape[1] == 4 else (1,)
     steps = np.min([np.linalg.norm(flat[1:] - sign * flat[:-1], axis=1) for sign in signs], axis=0)
     others = steps[np.isfinite(steps) & ~same[1:] & ~same[:-1]]
     most = float(np.quantile(others, 0.99)) if others.size else 0.0

@@ -49,13 +49,14 @@ from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, coordinates
-from ..geometry.arrays import Array, as_array, as_axis, as_floats
+from ..geometry.arrays import Array, as_array, as_floats
 from ..geometry.directors import triad_about
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls
 from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.twist_kernels import angles, body_axes
 from ..geometry.values import among, counted, shown
+from .counting import as_direction
 from .noise import noise_level, noise_of_twist
 from .relative import CLOCKS, relative_motion
 from .samples import Samples, given_motion
@@ -176,36 +177,26 @@ def twist(
     >>> round(float(np.degrees(twist(motion).twist_angle[-1])), 3)
     180.0
     """
-    n = as_axis(axis, "axis")
-    if not n.any():
-        raise ValueError("axis is zero: it must be a direction")
-    if not among(axis_frame, ("body", "space")):
-        raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
+    n, sign = as_direction(axis, axis_frame)
     if clocks is not None and not among(clocks, CLOCKS):
         raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {shown(clocks)}")
     if align is not None and not among(align, ("static",)):
         raise ValueError(f"align must be None or 'static', got {shown(align)}")
+    pose, pairs = None if static is None else as_array(static, "static", (2,)), _shaken(shake)
+    if pose is not None and pose[0] > pose[1]:
+        raise ValueError(f"static must be two times, the earlier first, got {pose.tolist()}")
     beside = None if relative_to is None else given_motion(relative_to, relative_time, scalar_first, "relative_time")
-    data = relative_motion(
-        given_motion(motion, time, scalar_first, "time"),
-        beside,
-        clocks=clocks,
-        shake=_shaken(shake),
-        align=align,
-        static=_interval(static),
-        order=order,
-    )
+    given = given_motion(motion, time, scalar_first, "time")
+    data = relative_motion(given, beside, clocks, pairs, align == "static", pose, order)
     for note in data.notes:
         warnings.warn(note, stacklevel=2)
-    n, sign = n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
     length, turn = _steps(p, d3, data)
-    frame = _frame(d3, d1[0], order)
-    lead = _lead(frame, _frame(d3, d1[0], 2))
-    psi = np.empty(len(d3))
+    frame, flat, psi = _frame(d3, d1[0], order), _frame(d3, d1[0], 2), np.empty(len(d3))
     angles(d1, frame, psi)
     sigma = noise_level(d3, data.time)
+    lead = np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0]))
     tau, area = _closed(d3, lead, _swing_twist(p, n), psi)
     variables = {
         "twist_angle": sign * psi,
@@ -220,7 +211,28 @@ def twist(
         scale = 2.0 ** (int(np.frexp(data.time[-1] - data.time[0])[1]) - 1)  # products of intervals do not overflow
         rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1)
         variables["twist_rate"] = rate / scale
-    return _dataset(variables, data, turn, sigma, n, axis_frame, order)
+    where = "space" if axis_frame == "space" else "the body"
+    record = {
+        "format_version": FORMAT_VERSION,
+        "title": f"twist about the axis ({', '.join(f'{x:.6g}' for x in n)}), fixed in {where}",
+        "axis": n.tolist(),
+        "axis_frame": axis_frame,
+        "order": order,
+        "samples": data.rows.size,
+        "samples_left_out": data.left_out,
+        "largest_turn_between_samples": float(turn.max()),
+        "noise_level": sigma,
+        "notes": "; ".join(map(str, data.notes)),
+        "alignment": "; ".join(data.facts),
+        "conventions": "Λ maps body to space; the rows of frame are d1, d2, d3; swing_twist_angle - twist_angle = "
+        "solid_angle modulo 2π",
+    }
+    time, dims = data.rows.astype(np.float64) if data.time is None else data.time, ("time", "director", "axis")
+    described = {name: (dims[: array.ndim], array, _ATTRS[name]) for name, array in variables.items()}
+    found = assembled(described, coordinates(dims, time=time), record)
+    if data.time is None:
+        found["time"].attrs = {"units": "1", "long_name": "row, from 0"}
+    return found
 
 
 def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
@@ -240,15 +252,6 @@ def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
     return found.drop_vars("error_estimate").assign(counts)  # that of ψ by the samples
 
 
-def _interval(static: ArrayLike | None) -> tuple[float, float] | None:
-    if static is None:
-        return None
-    pair = as_array(static, "static", (2,))
-    if pair[0] > pair[1]:
-        raise ValueError(f"static must be two times, the earlier first, got {pair.tolist()}")
-    return float(pair[0]), float(pair[1])
-
-
 def _shaken(shake: ArrayLike | None) -> Array | None:
     if shake is None:
         return None
@@ -263,19 +266,11 @@ def _frame(d3: Array, d1: Array, order: int) -> Array:
     """Non-twisting frames along unit vectors, the first with d1; `_steps` has reported wide steps, with the row."""
     frame = np.empty((1, len(d3), 3, 3))
     transport(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
-    only: Array = frame[0]
-    return only
-
-
-def _lead(frame: Array, flat: Array) -> Array:
-    """Angle about d3 from the frame `flat` to `frame`."""
-    angle: Array = np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0]))
-    return angle
+    return np.asarray(frame[0])
 
 
 def _dot(a: Array, b: Array) -> Array:
-    product: Array = np.einsum("ki,ki->k", a, b)
-    return product
+    return np.asarray(np.einsum("ki,ki->k", a, b))
 
 
 def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
@@ -292,11 +287,10 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
     turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
-        warnings.warn(
-            f"{counted(wide.size, 'step')} of more than a right angle, the first from {data.place(wide[0])} to "
-            f"{data.place(wide[0] + 1)} ({np.degrees(turn[wide[0]]):.0f}°): the motion in between is a guess",
-            stacklevel=3,
-        )
+        steps, a, b = counted(wide.size, "step"), data.place(wide[0]), data.place(wide[0] + 1)
+        first = f"from {a} to {b} ({np.degrees(turn[wide[0]]):.0f}°)"
+        told = f"{steps} of more than a right angle, the first {first}: the motion in between is a guess"
+        warnings.warn(told, stacklevel=3)
     return angle, turn
 
 
@@ -307,8 +301,7 @@ def _swing_twist(p: Array, n: Array) -> Array:
     """
     u, s = p[0, :3], p[0, 3]
     along = p[:, :3] @ (s * n + np.cross(u, n)) - (u @ n) * p[:, 3]
-    tau: Array = 2 * np.arctan2(along, p[:, 3] * s + p[:, :3] @ u)
-    return tau
+    return np.asarray(2 * np.arctan2(along, p[:, 3] * s + p[:, :3] @ u))
 
 
 def _closed(d3: Array, lead: Array, tau: Array, psi: Array) -> tuple[Array, Array]:
@@ -331,36 +324,6 @@ def _closed(d3: Array, lead: Array, tau: Array, psi: Array) -> tuple[Array, Arra
     area += np.unwrap(lead)
     tau = principal_angle(np.where(clear, tau, psi + area))
     return tau, area + principal_angle(tau - psi - area)
-
-
-def _dataset(
-    variables: dict[str, Array], data: Samples, turn: Array, sigma: float, n: Array, axis_frame: str, order: int
-) -> xarray.Dataset:
-    time = data.rows.astype(np.float64) if data.time is None else data.time
-    where = "space" if axis_frame == "space" else "the body"
-    described = {
-        name: (("time", "director", "axis") if name == "frame" else ("time",), array, _ATTRS[name])
-        for name, array in variables.items()
-    }
-    record = {
-        "format_version": FORMAT_VERSION,
-        "title": f"twist about the axis ({', '.join(f'{x:.6g}' for x in n)}), fixed in {where}",
-        "axis": n.tolist(),
-        "axis_frame": axis_frame,
-        "order": order,
-        "samples": data.rows.size,
-        "samples_left_out": data.left_out,
-        "largest_turn_between_samples": float(turn.max()),
-        "noise_level": sigma,
-        "notes": "; ".join(map(str, data.notes)),
-        "alignment": "; ".join(data.facts),
-        "conventions": "Λ maps body to space; the rows of frame are d1, d2, d3; swing_twist_angle - twist_angle = "
-        "solid_angle modulo 2π",
-    }
-    found = assembled(described, coordinates(("time", "director", "axis"), time=time), record)
-    if data.time is None:
-        found["time"].attrs = {"units": "1", "long_name": "row, from 0"}
-    return found
 
 
 _ATTRS = {

@@ -14,14 +14,13 @@ import numpy as np
 from ...errors import InputError
 from ..options import ReadOptions
 from ..table import Table, place
-from ..text import encoding_of, fields_of
+from ..text import decoded, fields_of
 from .content import Content, by_name, stacked
 
 
 def read_opensim(path: Path, how: ReadOptions) -> Content:
     """Read a storage file."""
-    with open(path, encoding=encoding_of(path), errors="replace") as file:
-        lines = file.read().splitlines()
+    lines = decoded(path.read_bytes()).splitlines()
     above = [line.strip(" \t,;\r") for line in lines]
     end = next((k for k, line in enumerate(above) if line.lower() == "endheader"), None)
     if end is None:

@@ -54,11 +54,8 @@ def _quaternions(table: Table) -> Content:
     for label, cells in table.columns.items():
         if label.lower() == "time":
             time = table.numbers(label)
-            continue
-        parts = [cell.split(",") for cell in cells]
-        stacked([[0.0] * len(one) for one in parts], 4, f"quaternion {label!r}", table.lines)
-        columns = dict(zip("wxyz", np.array(parts, dtype=object).T, strict=True))
-        bodies[label] = Table({f"{label}.{x}": one for x, one in columns.items()}, table.lines)
-    turned = {name: np.roll(one.vectors(one.headers), -1, axis=1) for name, one in bodies.items()}
+        else:
+            numbers = stacked([cell.split(",") for cell in cells], 4, f"quaternion {label!r}", table.lines)
+            bodies[label] = np.roll(numbers, -1, axis=1)
     note = "orientation: quaternions of OpenSim, scalar first"
-    return Content(bodies=turned, time=time, notes=(note,), lines=table.lines)
+    return Content(bodies=bodies, time=time, notes=(note,), lines=table.lines)

@@ -35,7 +35,8 @@ from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from ..geometry.values import counted, number_text
 from .clocks import ClockFit, fitted_clock, speed_correlation, while_shaken, within
-from .samples import GAP, Motion, Samples, samples
+from .motions import Motion
+from .samples import GAP, Samples, samples
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -37,6 +37,7 @@ ACCELEROMETER = ("accelerometer", "acceleration", "accel", "acc", "linearacceler
 # of other sensors and of bodies, not markers
 OTHER: tuple[str, ...] = ("magnetometer", "magneticfield", "mag", "m", "pos", "position", "vel", "velocity")
 OTHER += ("speed", "force", "f", "torque", "moment", "trans", "translation")
+OF_SENSORS = (GYROSCOPE, ACCELEROMETER, OTHER, QUATERNION, ROTATION_VECTOR)
 # Columns that name the sensor, body or frame of each row.
 SENSOR = {"sensorid", "sensor", "sensorname", "id", "deviceid", "device", "devicetag", "frameid", "childframeid"}
 SENSOR |= {"headerframeid", "topic", "body", "bodyid", "segment", "tag", "address", "mac", "name", "trackerid"}

@@ -38,7 +38,8 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         if not turned:
             return _rates(one, name, reading, None)
         if len(rest) == 1 or use == "only":
-            return _attitudes(as_floats(rest[0], "times"), turned[0].as_quat(), name, ("attitudes: as given",))
+            motion = Motion(turned[0], as_floats(rest[0], "times"))
+            return _attitudes(motion, _quaternions(motion), name, ("attitudes: as given",))
         return _rates(rest, name, reading, continuous(turned[0].as_quat()))
     if hasattr(one, "dims") and not hasattr(one, "data_vars"):
         motion, notes = raw_motion(one, None), (one.attrs.get("notes", "attitudes: as given"),)

@@ -56,8 +56,8 @@ def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
     first = told[0] + 1 if first_row is None else first_row  # the headers are then in the first line of no comment
     separator = _separator(lines[first - (first_row is None)])
     if separator is None and 0 < first < len(lines):
-        count, row = len(lines[first - 1].split()), lines[first]
-        if len(row.split()) < count == len(row.rstrip("\r\n").split(" ")):
+        count, line = len(lines[first - 1].split()), lines[first]
+        if len(line.split()) < count == len(line.rstrip("\r\n").split(" ")):
             separator = " "  # fields may be empty, as MT Manager writes them
     row = [] if first_row is None else fields_of(lines[first], separator)
     headers = _headers(lines[:first], separator, row)

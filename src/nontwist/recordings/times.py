@@ -41,6 +41,7 @@ BITS = {2.0**n: str(2**n) for n in (8, 16, 24, 31, 32)}
 PERIODS = {60.0: "a minute", 3600.0: "an hour", 43200.0: "half a day", 86400.0: "a day", 604800.0: "a week of GPS"}
 PERIODS |= {2.0**n * tick: f"{2**n} {unit}" for n in (16, 31, 32) for tick, unit in ((1e-3, "ms"), (1e-6, "µs"))}
 NEW, MOST = 0.1, 25.0  # of a period, and of the median step, at most, that a step over its end may last
+PAIRS = [["date", "time"], ["s", "ns"], ["s", "us"], ["s", "ms"]]  # of columns that tell a time
 NOT_UNDERSTOOD = ("no-time-unit", "not-a-time", "day-or-month")  # of a column that may be no time
 
 
@@ -197,7 +198,7 @@ def _groups(table: Table) -> list[dict[str, str]]:
 
 def _pair(table: Table, parts: dict[str, str]) -> tuple[list[str], Clock] | None:
     """Return the headers and the time of a date and a time of day, or of seconds and a smaller unit."""
-    for pair in (("date", "time"), ("s", "ns"), ("s", "us"), ("s", "ms")):
+    for pair in PAIRS:
         headers = [parts[one] for one in pair if one in parts]
         columns = [table.columns[h] for h in headers]
         if len(headers) < 2:

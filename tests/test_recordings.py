@@ -782,6 +782,7 @@ def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
     found = read_motion(table({**columns, **quaternion()}))
     assert np.allclose(found.time, T)
     assert "time: not used: the column 'timestamp (+0200)' holds '2023-05-04T10.11.12'" in found.attrs["notes"]
+    assert "=" not in found.attrs["notes"]  # commands have other words for options
     found = read_motion(table({"time": "tick", **quaternion()}), rate=50)
     assert np.allclose(found.time, T)
     assert "time: not used: the column 'time' holds 'tick'" in found.attrs["notes"]

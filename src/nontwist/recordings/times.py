@@ -171,16 +171,17 @@ def _has_values(values: NDArray[Any]) -> bool:
 
 
 def _increases(found: Clock) -> bool:
-    finite = np.array([]) if found.time is None else found.time[np.isfinite(found.time)]
-    return bool(finite.size > 1 and (np.diff(finite) >= 0).all() and finite[-1] > finite[0])
+    time = np.asarray(found.time)
+    steps = np.diff(time[np.isfinite(time)])
+    return bool((steps >= 0).all() and (steps > 0).any())
 
 
 def _agree(read: dict[str, Clock]) -> bool:
     """Whether columns tell the same intervals as the first, within a hundredth of one."""
-    first, *more = [np.asarray(one.time) for one in read.values()] or [np.array([])]
-    for other in more:
-        good = np.isfinite(first) & np.isfinite(other)
-        a, b = first[good] - first[good][:1], other[good] - other[good][:1]
+    times = [np.asarray(one.time) for one in read.values()]
+    for other in times[1:]:
+        good = np.isfinite(times[0]) & np.isfinite(other)
+        a, b = (one[good] - one[good][:1] for one in (times[0], other))
         if a.size < 2 or abs(a - b).max() > 0.01 * np.median(abs(np.diff(a))) * max(1.0, a.size / 100):
             return False
     return True
@@ -262,7 +263,8 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
         raise InputError("time-unit-stated", name=name, stated=known(stated, TIME), unit=unit)
     ticks = table.numbers(name)
     finite = ticks[np.isfinite(ticks)]
-    first, step = (float(finite[0]), _step(finite)) if finite.size else (0.0, 0.0)
+    first = float(finite[0]) if finite.size else 0.0
+    step = float(np.median(abs(np.diff(finite)))) if finite.size > 1 else 0.0
     is_exact = values.dtype.kind in "iu" and values.size
     ahead = (values.astype(np.int64) - np.int64(values[0])).astype(float) if is_exact else ticks - first
     date, zero, has_unit = None, 0.0, scale is not None
@@ -293,11 +295,6 @@ def _scale(given: str | None, name: str, strict: bool = True) -> float | None:
     if given and strict:
         raise InputError("time-unit", unit=given, name=name, units=", ".join(TIME))
     return None
-
-
-def _step(times: Array) -> float:
-    finite = times[np.isfinite(times)]
-    return float(np.median(abs(np.diff(finite)))) if finite.size > 1 else 0.0
 
 
 def _is_date(first: float, step: float, scale: float, zero: float) -> bool:

@@ -161,11 +161,8 @@ def _first_row(lines: Sequence[str], told: Sequence[int]) -> int | None:
         above = fields_of(lines[first - 1], separator)
         numbers = [_is_number(field) for field in above if field]
         dates = [sum(map(str.isdigit, field)) >= DIGITS for field in above if field]
-        if (
-            len(above) != len(fields_of(lines[first], separator))
-            or not any(numbers)
-            or not all(map(max, numbers, dates))
-        ):
+        is_row = any(numbers) and all(map(max, numbers, dates))
+        if not is_row or len(above) != len(fields_of(lines[first], separator)):
             break
         first -= 1
     return first

@@ -1,4 +1,4 @@
-"""Reading by libraries, which raise what they like on damaged files; loadmat of SciPy and ezc3d even end their process."""
+"""Reading by libraries, which raise what they like on damaged files; loadmat and ezc3d even end their process."""
 
 from __future__ import annotations
 

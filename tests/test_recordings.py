@@ -24,8 +24,8 @@ from nontwist.cli import app
 from nontwist.recordings.formats import READERS, Content
 from nontwist.recordings.formats.apart import read_apart
 from nontwist.recordings.rates import read_rates
+from recordings.makers import BVH, motive, qualisys, spice_kernels
 from recordings.makers import R as MOVED
-from recordings.makers import motive, qualisys, spice_kernels
 from refusals import refused, warned
 
 N = 90
@@ -541,48 +541,18 @@ def test_mvnx(tmp_path):
         read_motion(path)
 
 
-BVH = """HIERARCHY
-ROOT Hips
-{{
-  OFFSET 0 0 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-  JOINT Arm
-  {{
-    OFFSET 0 1 0
-    CHANNELS 3 Yrotation Xrotation Zrotation
-    End Site
-    {{
-      OFFSET 0 1 0
-    }}
-  }}
-  JOINT Leg
-  {{
-    OFFSET 0 1 0
-    CHANNELS 3 Xrotation Yrotation Zrotation
-    End Site
-    {{
-      OFFSET 0 1 0
-    }}
-  }}
-}}
-MOTION
-Frames: {}
-Frame Time: 0.02
-{}
-"""
-
-
 def test_bvh(tmp_path):
     hips, arm = R.as_euler("ZXY", degrees=True), R[::-1].as_euler("YXZ", degrees=True)
     rows = [" ".join(f"{x:.17g}" for x in (1, 2, 3, *a, *b, 0, 0, 0)) for a, b in zip(hips, arm, strict=True)]
+    head = f"{BVH}Frames: {N}\nFrame Time: 0.02\n"
     path = tmp_path / "a.bvh"
-    path.write_text(BVH.format(N, "\n".join(rows)), encoding="utf-8")
+    path.write_text(head + "\n".join(rows), encoding="utf-8")
     same(read_motion(path, body="Hips"))
     same(read_motion(path, body="Leg"))
     found = read_motion(path, body="Arm")
     same(found, R * R[::-1])
     assert found.time.values == pytest.approx(T)
-    path.write_text(BVH.format(N, "\n".join([*rows[:3], "1 2 3"])), encoding="utf-8")
+    path.write_text(head + "\n".join([*rows[:3], "1 2 3"]), encoding="utf-8")
     assert path.read_text(encoding="utf-8").split("\n")[30] == "1 2 3"
     with refused("row-length", place="line 31", what="motion", count=3, width=12):
         read_motion(path, body="Arm")
@@ -812,6 +782,7 @@ def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
     found = read_motion(table({**columns, **quaternion()}))
     assert np.allclose(found.time, T)
     assert "time: not used: the column 'timestamp (+0200)' holds '2023-05-04T10.11.12'" in found.attrs["notes"]
+    assert "=" not in found.attrs["notes"]  # commands have other words for options
     found = read_motion(table({"time": "tick", **quaternion()}), rate=50)
     assert np.allclose(found.time, T)
     assert "time: not used: the column 'time' holds 'tick'" in found.attrs["notes"]

@@ -413,6 +413,16 @@ CASES = {
         clocked("datenum", [f"{740_072.5 + t / 86_400:.10f}" for t in T], sep="\t"), "a.tsv", refusal="day",
         duration=1.18,
     ),
+    "B11, sibling: Julian days": own(
+        clocked("Julian date", [f"{2_461_131.25 + t / 86_400:.10f}" for t in T]), duration=1.18, says="Julian days"
+    ),
+    "B11, sibling: ticks of .NET": own(
+        clocked("Timestamp", 639_105_768_000_000_000 + 10_000 * MS), duration=1.18, says="ticks of .NET"
+    ),
+    "B11, sibling: years, months, days": own(
+        text({"Year": [2026] * N, "Month": [3] * N, "Day": [31] * N, "Hour": [12] * N, "Minute": [59] * N,
+              "Second": 58.5 + T, **PLAIN}, "\t"), "a.tsv", duration=1.18, says="Year Month Day Hour Minute Second",
+    ),
     "B11, a unit of dates": own(
         clocked("time", [f"{d}" for d in DATES]), options=("--time-unit", "ms"), value=None, refusal="has no effect"
     ),

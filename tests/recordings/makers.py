@@ -182,16 +182,25 @@ ROOT Hips
       OFFSET 0 1 0
     }
   }
+  JOINT Leg
+  {
+    OFFSET 0 1 0
+    CHANNELS 3 Xrotation Yrotation Zrotation
+    End Site
+    {
+      OFFSET 0 1 0
+    }
+  }
 }
 MOTION
 """
 
 
 def bvh(names=("Hips", "Arm"), decimal="."):
-    """Hips turn about z alone, by 0.5 rad/s; the attitude of the arm in space is R."""
+    """Hips turn about z alone, by 0.5 rad/s; the attitude of the arm in space is R, that of the leg as of the hips."""
     hips = Rotation.from_rotvec(np.outer(T, [0, 0, 0.5]))
     table = np.hstack([np.tile([1.0, 2, 3], (N, 1)), hips.as_euler("ZXY", degrees=True)])
-    table = np.hstack([table, (hips.inv() * R).as_euler("YXZ", degrees=True)])
+    table = np.hstack([table, (hips.inv() * R).as_euler("YXZ", degrees=True), np.zeros((N, 3))])
     rows = [" ".join(cell(float(x), decimal) for x in row) for row in table]
     head = BVH.replace("Hips", names[0]).replace("Arm", names[1])
     return f"{head}Frames: {N}\nFrame Time: {'0.02'.replace('.', decimal)}\n" + "\n".join(rows) + "\n"

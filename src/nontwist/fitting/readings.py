@@ -12,10 +12,9 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
-from ..recordings.motions import lines_of, measured_quaternions, raw_motion
+from ..recordings.motions import Motion, measured_quaternions, raw_motion
 from ..recordings.rates import Rates, read_rates
 from ..recordings.reading import read_motion
-from ..recordings.table import Lines
 from .orienting import continuous, derived_rates
 from .speeds import Speed, as_speed, constant
 
@@ -39,20 +38,20 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         if not turned:
             return _rates(one, name, reading, None)
         if len(rest) == 1 or use == "only":
-            return _attitudes(as_floats(rest[0], "times"), turned[0].as_quat(), name, ("attitudes: as given",))
+            motion = Motion(turned[0], as_floats(rest[0], "times"))
+            return _attitudes(motion, _quaternions(motion), name, ("attitudes: as given",))
         return _rates(rest, name, reading, continuous(turned[0].as_quat()))
     if hasattr(one, "dims") and not hasattr(one, "data_vars"):
-        values, time = raw_motion(one, None)
-        notes, lines = (one.attrs.get("notes", "attitudes: as given"),), lines_of(one)
-        return _attitudes(time, _quaternions(values, lines), name, notes, lines)
+        motion, notes = raw_motion(one, None), (one.attrs.get("notes", "attitudes: as given"),)
+        return _attitudes(motion, _quaternions(motion), name, notes)
     if not use:
         return _rates(one, name, reading, None)
     if hasattr(one, "data_vars"):
         try:
-            values, time = raw_motion(one, None)
+            motion = raw_motion(one, None)
         except ValueError as error:
             raise ValueError(f"{name} has no attitudes: {error}") from error
-        notes, lines = ("attitudes: directors",), None
+        notes = ("attitudes: directors",)
     else:
         if callable(getattr(one, "read", None)):
             text = one.read()
@@ -63,33 +62,33 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         if use == "both":
             how.pop("columns", None)
         try:
-            motion = read_motion(again, **how, **attitudes)
+            recording = read_motion(again, **how, **attitudes)
         except InputError as error:
             raise error.about(name) from error
-        values, time = raw_motion(motion, None)
-        notes, lines = (motion.attrs["notes"],), lines_of(motion)
-    quaternions = _quaternions(values, lines)
+        motion, notes = raw_motion(recording, None), (recording.attrs["notes"],)
+    quaternions = _quaternions(motion)
     if use == "only":
-        return _attitudes(time, quaternions, name, notes, lines)
+        return _attitudes(motion, quaternions, name, notes)
     found = _rates(one, name, reading, continuous(quaternions))
     return replace(found, notes=(*found.notes, *notes))
 
 
-def _quaternions(values: Any, lines: Lines | None) -> Array:
+def _quaternions(motion: Motion) -> Array:
     """Return attitudes as quaternions, (n, 4), nan where there is none; a ValueError where a row is no rotation."""
+    values = motion.values
     if hasattr(values, "as_quat"):
         return np.asarray(values.as_quat())
     found = np.full((len(values), 4), np.nan)
     rows = np.flatnonzero(np.isfinite(values).reshape(len(values), -1).all(axis=1))
-    found[rows] = measured_quaternions(values, rows, lines)
+    found[rows] = measured_quaternions(motion, rows)
     return found
 
 
-def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...], lines: Lines | None = None) -> Rates:
+def _attitudes(motion: Motion, quaternions: Array, name: str, notes: tuple[str, ...]) -> Rates:
     """Return attitudes alone, with the angular velocities that follow from them."""
-    if time is None:
+    if motion.time is None:
         raise InputError("no-time", name)
-    found = Rates(time, quaternions, name, notes).cleaned(lines)
+    found = Rates(motion.time, quaternions, name, notes).cleaned(motion.lines)
     turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
     rates = derived_rates(found.time, turned)
     return replace(found, rates=rates, quaternions=turned, has_gyroscope=False)

@@ -218,7 +218,7 @@ class TwistCounter:
 
     def _quaternions(self, rotation: Any) -> Array:
         """Return quaternions, scalar last, not finite where there is no sample."""
-        values, _ = raw_motion(rotation, self._scalar_first)
+        values = raw_motion(rotation, self._scalar_first).values
         if not isinstance(values, np.ndarray):
             return np.asarray(values.as_quat())
         if values.shape[-1] == 4:

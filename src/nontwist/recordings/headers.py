@@ -57,20 +57,19 @@ def groups(
 
 def orientations(headers: Sequence[str]) -> list[Found]:
     """Return every set of columns that may hold a quaternion, a matrix or directors."""
-    sets: dict[frozenset[str], Found] = {}
-
-    def keep(found: tuple[str, ...], kind: Literal["quaternion", "matrix"], ordered: bool) -> None:
-        sets.setdefault(frozenset(found), Found(kind, found, ordered, _body(found, kind)))
-
+    found: list[Found] = []
     for letters, words, known_first in spellings.QUATERNIONS:
-        for before, _, found in groups(headers, letters.split()):
+        for before, _, four in groups(headers, letters.split()):
             if words is None or before.endswith(words):
-                keep((*found[1:], found[0]) if known_first else found, "quaternion", bool(known_first))
+                names = (*four[1:], four[0]) if known_first else four
+                found.append(Found("quaternion", names, bool(known_first), _body(names, "[q]")))
     for letters in spellings.MATRICES:
-        for before, after, found in groups(headers, letters.split()):
+        for before, after, nine in groups(headers, letters.split()):
             if not after and not before.endswith(spellings.QUATERNION):
-                keep(found, "matrix", True)
-    return [one for one in sets.values() if not _is_part(one, sets.values())]
+                found.append(Found("matrix", nine, True, _body(nine, "[rm]")))
+    sets = {frozenset(one.headers): one for one in reversed(found)}  # of those of the same columns, the first
+    found = [one for one in found if sets[frozenset(one.headers)] is one]
+    return [one for one in found if not _is_part(one, found)]
 
 
 def _is_part(one: Found, others: Iterable[Found]) -> bool:
@@ -79,7 +78,7 @@ def _is_part(one: Found, others: Iterable[Found]) -> bool:
     return not one.ordered and any(other.headers[0] < one.headers[0] and other.kind == one.kind for other in shared)
 
 
-def _body(headers: Sequence[str], kind: str) -> str:
+def _body(headers: Sequence[str], letter: str) -> str:
     """Return what the headers share before the quaternion or matrix: the name of the body, perhaps empty.
 
     A single letter of the quaternion or matrix follows the name directly or after a separator; in ``Upper_w`` the last
@@ -87,7 +86,6 @@ def _body(headers: Sequence[str], kind: str) -> str:
     """
     shared = commonprefix(list(headers))  # noqa: RUF071, letter by letter is meant
     name = shared.rstrip(" _.-/[(")
-    letter = "[q]" if kind == "quaternion" else "[rm]"
     single = rf"[ _.\-/]*{letter}" if name == shared else rf"(?:^|[ _.\-/]+){letter}"
     return re.sub(rf"(?i)(?:[ _.\-/]*(?:quaternions?|quat|orientation|mat|rot|rotation)|{single})$", "", name)
 
@@ -108,8 +106,7 @@ def markers(headers: Sequence[str]) -> list[str]:
         name = split_unit(header)[0]
         if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])|([XYZ]))|([xyzXYZ])[ _.:\-]+(.+)", name):
             axes[found[1] or found[5]].add((found[2] or found[3] or found[4]).lower())
-    sensors: tuple[str, ...] = (*spellings.GYROSCOPE, *spellings.ACCELEROMETER, *spellings.OTHER, *spellings.QUATERNION)
-    sensors += (*spellings.ROTATION_VECTOR, "euler")
+    sensors = sum(spellings.OF_SENSORS, ("euler",))
     long = tuple(name for name in sensors if len(name) > 2)
     whole = [name for name, letters in axes.items() if letters == {*"xyz"}]
     return [name for name in whole if plain(name) not in sensors and not plain(name).endswith(long)]
@@ -117,10 +114,7 @@ def markers(headers: Sequence[str]) -> list[str]:
 
 def angle_unit(headers: Iterable[str]) -> str | None:
     """Return ``deg`` or ``rad`` where all headers state it, in brackets or as their last word."""
-    stated = set()
-    for header in headers:
-        name, unit = split_unit(header)
-        stated.add(known(unit or re.split(r"[\s_.\-/]", name)[-1], ANGLE))
+    stated = {known(unit or re.split(r"[\s_.\-/]", name)[-1], ANGLE) for name, unit in map(split_unit, headers)}
     return stated.pop() if len(stated) == 1 else None
 
 
@@ -140,20 +134,15 @@ def angles(headers: Sequence[str], letters: str) -> tuple[str, ...] | None:
 
 def _axis_of_angle(header: str) -> str | None:
     name = _bare(header)
-    for word, axis in spellings.ANGLES.items():
-        if name.endswith(word):
-            return axis
-    return name[-1] if name[:-1].endswith(spellings.EULER) and name[-1:] in "xyz" else None
+    own = name[-1:] if name[:-1].endswith(spellings.EULER) and name[-1:] in "xyz" else None
+    return next((axis for word, axis in spellings.ANGLES.items() if name.endswith(word)), own)
 
 
 def rotation_vector(headers: Sequence[str]) -> tuple[str, ...] | None:
     """Return the three columns of a rotation vector, or None where that is not clear."""
-    found = [
-        three
-        for before, after, three in groups(headers, "xyz", _bare)
-        if not after and before.endswith(spellings.ROTATION_VECTOR)
-        and (before in spellings.ROTATION_VECTOR or len(before) > 3)
-    ]  # fmt: skip
+    names = spellings.ROTATION_VECTOR
+    threes = [(before, three) for before, after, three in groups(headers, "xyz", _bare) if not after]
+    found = [three for one, three in threes if one in names or (one.endswith(names) and len(one) > 3)]
     return found[0] if len(found) == 1 else None
 
 

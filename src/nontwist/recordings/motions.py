@@ -5,7 +5,7 @@ SciPy's rotations take a third of a second to import: quaternions that are given
 
 from __future__ import annotations
 
-import sys
+from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,19 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 EXACT = 1e-9  # accepted departure from orthonormality
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion as it is given: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last.
+
+    With its times, as given, what these count from, s, and the lines of its rows in a file, where there are any.
+    """
+
+    values: Any
+    time: Any = None
+    start: float | None = None
+    lines: Lines | None = None
 
 
 def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
@@ -60,17 +73,13 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     >>> rotation(run)[-1].as_rotvec().round(6)
     array([0., 2., 0.])
     """
-    values, _ = raw_motion(motion, scalar_first)
-    return as_rotation(values, EXACT)
+    return as_rotation(raw_motion(motion, scalar_first).values, EXACT)
 
 
-def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
-    """Return ``(values, time)``: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last; time or None.
-
-    Only the form is checked, so that the caller can treat rows that are not finite.
-    """
-    if _is_rotation(motion):
-        return motion, None
+def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
+    """Return a motion of any form; only that is checked, so that the caller can treat rows that are not finite."""
+    if hasattr(motion, "as_quat"):
+        return Motion(motion)
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
         columns = {str(name): motion[name].to_numpy() for name in motion.columns}
         try:
@@ -79,7 +88,7 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
             if error.code != "scalar-unknown" or scalar_first is None:
                 raise
             found = of_table(Table(columns), ReadOptions(scalar_first=scalar_first))
-        return found.values, found.clock.time
+        return Motion(found.values, found.clock.time)
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
         if not known and "twist_angle" in motion.data_vars:
@@ -88,31 +97,21 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
             raise ValueError(f"the dataset has neither directors nor quaternion; it has {', '.join(motion.data_vars)}")
         motion = motion[known[0]]
     if hasattr(motion, "dims"):
-        return _of_dataarray(motion), motion.coords["time"].values if "time" in motion.coords else None
+        time, line = (motion[name].values if name in motion.coords else None for name in ("time", "line"))
+        lines = line if line is not None and line.ndim == 1 else None
+        return Motion(_of_dataarray(motion), time, motion.attrs.get("start"), lines)
     if hasattr(motion, "directors"):
-        return np.swapaxes(motion.directors, -1, -2), motion.time
+        return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
         raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; read_motion reads a file")
     array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
-        return array, None
+        return Motion(array)
     if array.shape[-1:] == (4,):
         if scalar_first is None:
             raise ValueError("quaternions need scalar_first=True (w, x, y, z) or scalar_first=False (x, y, z, w)")
-        return (np.roll(array, -1, axis=-1) if scalar_first else array), None
+        return Motion(np.roll(array, -1, axis=-1) if scalar_first else array)
     raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}")
-
-
-def lines_of(motion: Any) -> Lines | None:
-    """Return the line of each row of a DataArray of `read_motion`; None for all else."""
-    line = motion.coords.get("line") if hasattr(motion, "dims") else None
-    return None if line is None or line.ndim != 1 else line.values
-
-
-def _is_rotation(motion: Any) -> bool:
-    """Return whether this is a Rotation, which nobody can have made before SciPy was imported."""
-    module = sys.modules.get("scipy.spatial.transform")
-    return module is not None and isinstance(motion, module.Rotation)
 
 
 def as_rotation(
@@ -122,28 +121,25 @@ def as_rotation(
 
     With `rows` only these are taken, and messages name them by their numbers in `values`, or by the `lines` of these.
     """
-    from scipy.spatial.transform import Rotation
-
-    if rows is not None:
-        values = values[rows]
-    if isinstance(values, Rotation):
+    values = values if rows is None else values[rows]
+    if not isinstance(values, np.ndarray):
         return values
     _check(values, tolerance, rows, lines)
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
 
 
-def measured_quaternions(values: Any, rows: NDArray[np.int64], lines: Lines | None = None) -> Array:
-    """Return `rows` of the values of `raw_motion` as quaternions, (k, 4), scalar last; errors as `as_rotation`.
+def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
+    """Return `rows` of a motion as quaternions, (k, 4), scalar last; errors as `as_rotation`.
 
     Quaternions that are given are left as they are.
     """
-    if _is_rotation(values) or values.shape[-1] != 4:
-        quaternions: Array = as_rotation(values, MEASURED, rows, lines).as_quat()
-        return quaternions
-    values = values[rows]
-    _check(values, MEASURED, rows, lines)
-    given: Array = np.ascontiguousarray(values)
-    return given
+    values = motion.values
+    if not isinstance(values, np.ndarray) or values.shape[-1] != 4:
+        return np.asarray(as_rotation(values, MEASURED, rows, motion.lines).as_quat())
+    _check(values[rows], MEASURED, rows, motion.lines)
+    return np.ascontiguousarray(values[rows])
 
 
 def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None, lines: Lines | None = None) -> None:
@@ -157,14 +153,13 @@ def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None, line
             where = where if lines is None else f" in {place(named[0], lines)}"
             raise ValueError(message.format(where, np.asarray(shown)[index].tolist()))
 
-    if values.shape[-1] == 4:
-        refuse(~np.isfinite(values).all(axis=-1), "quaternion{} is not finite: {}", values)
-        with np.errstate(over="ignore"):
-            length = np.linalg.norm(values, axis=-1)
-        refuse(abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length)
-        return
-    refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
     with np.errstate(over="ignore", invalid="ignore"):
+        if values.shape[-1] == 4:
+            refuse(~np.isfinite(values).all(axis=-1), "quaternion{} is not finite: {}", values)
+            length = np.linalg.norm(values, axis=-1)
+            refuse(abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length)
+            return
+        refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
         defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
     refuse(~(defect <= tolerance), "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}", defect)
     det = np.linalg.det(values)

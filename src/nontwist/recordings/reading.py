@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -77,31 +78,24 @@ def read_motion(
     how = ReadOptions(columns=columns, **options)
     content = read_content(source, how)
     if content.headless and columns is None:
-        how = ReadOptions(columns=numbered(content, how), **options)
-    if content.angle_unit is not None and how.angle_unit not in (None, content.angle_unit):
-        raise InputError("angle-unit-stated", three="of the file", stated=content.angle_unit, unit=how.angle_unit)
-    if content.angle_unit is not None and how.angle_unit is None and (how.euler or how.rotation_vector):
-        how = ReadOptions(columns=how.columns, **options | {"angle_unit": content.angle_unit})
+        count = len(content.table.headers)
+        if count not in ((3, 4) if how.euler is not None or how.rotation_vector else (4, 5, 9, 10)):
+            raise InputError("no-headers", count=count)
+        how = replace(how, columns=tuple(content.table.headers))
+    stated, unit = content.angle_unit, how.angle_unit
+    if stated is not None and unit not in (None, stated):
+        raise InputError("angle-unit-stated", three="of the file", stated=stated, unit=unit)
+    if how.euler or how.rotation_vector:
+        how = replace(how, angle_unit=unit or stated)
     of_format = bool(content.bodies or content.loose) and not columns
-    if of_format:
-        found = of_bodies(content, how)
-    elif content.table.columns:
-        found = of_table(content.table, how, content.notes)
-    else:
+    if not of_format and not content.table.columns:
         raise InputError("no-columns")
+    found = of_bodies(content, how) if of_format else of_table(content.table, how, content.notes)
     notes = found.notes
     if not any(note.startswith(("checked", "inverted")) for note in notes):
         directed = of_format and content.directed and bool(content.bodies)
         notes += (DIRECTION.format("body to space, as the format defines" if directed else "taken as sensor to earth"),)
     return _array(found, notes)
-
-
-def numbered(content: Content, how: ReadOptions) -> tuple[str, ...]:
-    """Return the columns of a table without headers, where their count says what they are."""
-    count = len(content.table.headers)
-    if count not in ((3, 4) if how.euler is not None or how.rotation_vector else (4, 5, 9, 10)):
-        raise InputError("no-headers", count=count)
-    return tuple(content.table.headers)
 
 
 def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> Content:
@@ -150,12 +144,12 @@ def _unchanged(path: Path) -> Iterator[None]:
 
 
 def _array(found: Recorded, notes: Sequence[str]) -> xarray.DataArray:
-    values, time, lines = found.values, found.clock.time, found.lines
-    name, along = "quaternion" if values.shape[-1] == 4 else "directors", "sample" if time is None else "time"
-    dims = (along, "quat") if name == "quaternion" else (along, "director", "axis")
-    array = values if name == "quaternion" else np.swapaxes(values, 1, 2)
-    start = {} if found.clock.start is None else {"start": found.clock.start}
-    attrs = {"units": "1", "notes": "; ".join(notes)} | start
-    beside = {} if lines is None else {"line": (along, lines, {"units": "1", "long_name": "line of the file, from 1"})}
-    times = {} if time is None else {"time": time}
+    values, clock = found.values, found.clock
+    is_quaternion, along = values.shape[-1] == 4, "sample" if clock.time is None else "time"
+    dims = (along, "quat") if is_quaternion else (along, "director", "axis")
+    name, array = ("quaternion", values) if is_quaternion else ("directors", np.swapaxes(values, 1, 2))
+    attrs = {"units": "1", "notes": "; ".join(notes)} | ({} if clock.start is None else {"start": clock.start})
+    described = {"units": "1", "long_name": "line of the file, from 1"}
+    beside = {} if found.lines is None else {"line": (along, found.lines, described)}
+    times = {} if clock.time is None else {"time": clock.time}
     return assembled({name: (dims, array, attrs)}, coordinates(dims, beside, **times), {})[name]

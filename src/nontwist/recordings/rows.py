@@ -41,11 +41,8 @@ def of_one_sensor(table: Table, how: ReadOptions) -> tuple[Table, ReadOptions, t
         is_sure = is_named and changes > OFTEN * len(codes)
         if not is_sure and not ((is_named or changes > len(codes) / 2) and _jumps(table, codes, how)):
             continue
-        wanted = [
-            k
-            for k, name in enumerate(names)
-            if how.body is not None and plain(how.body) in (plain(name), plain(f"{header} {name}"))
-        ]
+        told = [(plain(name), plain(f"{header} {name}")) for name in names]
+        wanted = [k for k, both in enumerate(told) if how.body is not None and plain(how.body) in both]
         if len(wanted) == 1:
             table = table.at(np.flatnonzero(codes == wanted[0]))
             return table, replace(how, body=None), (f"rows: of {names[wanted[0]]!r} in the column {header!r}",)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from ..geometry.values import counted
-from .motions import lines_of, measured_quaternions, raw_motion
+from .motions import Motion, measured_quaternions, raw_motion
 from .table import Lines, place
 from .times import seconds
 
@@ -53,27 +53,14 @@ class Samples:
         return Rotation.from_quat(self.quaternion)
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What the caller gives of one body: values as `raw_motion` returns them, times, s, and what these count from.
-
-    `lines` are those of its rows in a file, or None.
-    """
-
-    values: Any
-    time: Array | None
-    start: float | None
-    lines: Lines | None = None
-
-
 def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
     """Return a motion with its times; a ValueError names what does not fit."""
-    values, own_time = raw_motion(motion, scalar_first)
-    t = None if time is None and own_time is None else seconds(own_time if time is None else time)
-    if t is not None and t.shape != (len(values),):
-        raise InputError("time-shape", name=name, count=len(values), shape=t.shape)
-    start = getattr(motion, "attrs", {}).get("start") if time is None and hasattr(motion, "dims") else None
-    return Motion(values, t, None if start is None else float(start), lines_of(motion))
+    found = raw_motion(motion, scalar_first)
+    start, given = (found.start, found.time) if time is None else (None, time)
+    t = None if given is None else seconds(given)
+    if t is not None and t.shape != (len(found.values),):
+        raise InputError("time-shape", name=name, count=len(found.values), shape=t.shape)
+    return replace(found, time=t, start=None if start is None else float(start))
 
 
 def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samples | None]:
@@ -81,36 +68,25 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
 
     `beside` has the times of the motion, or none.
     """
-    values, t, count = motion.values, motion.time, len(motion.values)
-    bad, lines = _missing(values), motion.lines
-    if beside is not None:
-        bad |= _missing(beside.values)
-        if lines is not None and beside.lines is not None and not np.array_equal(beside.lines, lines):
-            lines = None
-    rows, notes = np.arange(count), list[InputWarning]()
-    if t is not None:
-        bad |= ~np.isfinite(t)
+    given = [motion] if beside is None else [motion, beside]
+    t, count, lines, notes = motion.time, len(motion.values), motion.lines, list[InputWarning]()
+    if any(lines is not None and one.lines is not None and not np.array_equal(one.lines, lines) for one in given):
+        lines = None
+    bad = np.any([_missing(one.values) for one in given], axis=0) | (False if t is None else ~np.isfinite(t))
+    rows = np.flatnonzero(~bad)
     if bad.any():
-        first = place(rows[bad][0], lines)
-        notes.append(InputWarning("missing-rows", rows=counted(int(bad.sum()), "row"), place=first))
-        rows = rows[~bad]
+        fields = {"rows": counted(count - rows.size, "row"), "place": place(int(bad.argmax()), lines)}
+        notes.append(InputWarning("missing-rows", **fields))
     if t is not None:
         rows = ordered(t, rows, notes, lines)
     if rows.size < 2:
         why = f": {'; '.join(map(str, notes))}" if notes else ""
         raise InputError("too-few-samples", what="a twist", least=2, left=rows.size, count=count, why=why)
     kept = None if t is None else t[rows]
-    if kept is not None:
-        notes += gaps(kept, rows, lines)
+    notes += [] if kept is None else gaps(kept, rows, lines)
     left_out = count - rows.size
-    found, other = (
-        None
-        if one is None
-        else Samples(measured_quaternions(one.values, rows, one.lines), kept, rows, left_out, notes, lines=lines)
-        for one in (motion, beside)
-    )
-    assert found is not None
-    return found, other
+    found = [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in given]
+    return found[0], found[1] if beside is not None else None
 
 
 def _missing(values: Any) -> NDArray[np.bool_]:
@@ -155,13 +131,8 @@ def _rounded(t: Array, duplicate: NDArray[np.bool_]) -> dict[str, Any]:
     each = inner / groups
     if abs(inner - round(each) * groups) <= 2:  # halves are rounded either way
         each = round(each)
-    return {
-        "step": step,
-        "each": each,
-        "hertz": each / step,
-        "rate": Option(f"rate={each / step:.4g}"),
-        "half": step / 2,
-    }
+    hertz = each / step
+    return {"step": step, "each": each, "hertz": hertz, "rate": Option(f"rate={hertz:.4g}"), "half": step / 2}
 
 
 def gaps(t: Array, rows: NDArray[np.int64], lines: Lines | None) -> list[InputWarning]:

@@ -31,47 +31,17 @@ ANGLES = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z", "azimuth": "z",
 EULER = ("euler", "angle", "eul")
 ROTATION_VECTOR = ("rotvec", "rotationvector", "rotvector", "rv", "r", "axisangle")
 # Before x, y, z; those of one or two letters are alone there.
-GYROSCOPE: tuple[str, ...] = (
-    "gyroscope",
-    "gyro",
-    "gyr",
-    "angularvelocity",
-    "angularrate",
-    "angvel",
-    "rotationrate",
-    "gyrorotation",
-)
-GYROSCOPE += ("omega", "g", "w")
+GYROSCOPE: tuple[str, ...] = ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel")
+GYROSCOPE += ("rotationrate", "gyrorotation", "omega", "g", "w")
 ACCELEROMETER = ("accelerometer", "acceleration", "accel", "acc", "linearacceleration", "a")
-OTHER: tuple[str, ...] = (
-    "magnetometer",
-    "magneticfield",
-    "mag",
-    "m",
-    "pos",
-    "position",
-    "vel",
-    "velocity",
-    "speed",
-    "force",
-    "f",
-)
-OTHER += ("torque", "moment", "trans", "translation")  # of sensors and bodies, not markers
+# of other sensors and of bodies, not markers
+OTHER: tuple[str, ...] = ("magnetometer", "magneticfield", "mag", "m", "pos", "position", "vel", "velocity")
+OTHER += ("speed", "force", "f", "torque", "moment", "trans", "translation")
+OF_SENSORS = (GYROSCOPE, ACCELEROMETER, OTHER, QUATERNION, ROTATION_VECTOR)
 # Columns that name the sensor, body or frame of each row.
 SENSOR = {"sensorid", "sensor", "sensorname", "id", "deviceid", "device", "devicetag", "frameid", "childframeid"}
-SENSOR |= {
-    "headerframeid",
-    "topic",
-    "body",
-    "bodyid",
-    "segment",
-    "tag",
-    "address",
-    "mac",
-    "name",
-    "trackerid",
-    "toolid",
-}
+SENSOR |= {"headerframeid", "topic", "body", "bodyid", "segment", "tag", "address", "mac", "name", "trackerid"}
+SENSOR |= {"toolid"}
 # Words of times, and words that may be beside them; words of numbers of samples.
 TIMES = {"t", "time", "timestamp", "stamp", "datetime", "seconds", "secs", "sec", "epoch", "epoc", "datenum"}
 TIMES |= {"zeit", "temps", "tiempo", "tempo", "tijd"}
@@ -80,13 +50,6 @@ BESIDE_TIME |= {"date", "logging", "gps", "gnss", "excel", "serial", "matlab", "
 LIKE_TIME = "time|stamp|date|clock|zeit|datum|temps|heure|tiempo|hora|tijd"
 COUNTERS = {"packet", "counter", "packetcounter", "frame", "frames", "sample", "samples", "index", "number", "count"}
 TICKS = {("sample", "time", "fine")}  # whose length depends on the device
-# Two columns of one time: the words of the one, of the other, and the unit of the other, "" for a time of day.
-TWO_COLUMNS = (
-    ({"sec", "secs", "seconds"}, {"nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds"}, "ns"),
-    ({"sec", "secs", "seconds"}, {"usec", "usecs", "microsec", "microsecs", "microseconds"}, "us"),
-    ({"s"}, {"ns"}, "ns"),
-    ({"s"}, {"us"}, "us"),
-    ({"s"}, {"ms"}, "ms"),
-    ({"sec", "secs", "seconds"}, {"msec", "msecs", "millisec", "millisecs", "milliseconds", "ms"}, "ms"),
-    ({"date", "datum"}, {"time", "zeit", "uhrzeit"}, ""),
-)
+# Parts of a time that may be in columns of their own, beside units of time.
+PARTS = {"date": "date", "datum": "date", "time": "time", "zeit": "time", "uhrzeit": "time"}
+PARTS |= {"year": "year", "month": "month"}

@@ -14,8 +14,9 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -24,7 +25,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.values import counted
 from ..units import is_unit
-from .table import Lines, Table, number
+from .table import Table, number
 
 PREAMBLE = 200  # lines that may be above the data
 DIGITS = 4  # of a date or a time of day, at least
@@ -38,57 +39,52 @@ Source = Path | io.StringIO
 
 def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
     """Return the table of a file or a stream of text, whether it has no headers but numbers from 1, and notes."""
-    source, lines = _beginning(source)
-    if not any(line.strip() for line in lines):
-        raise InputError("empty")
-    told = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    if not isinstance(source, Path):
+        content = source.read(LONGEST + 1)
+        if len(content) > LONGEST:
+            raise InputError("long-stream", size=LONGEST / 1e6)
+        source = io.StringIO(content.removeprefix("\ufeff"), newline=None)
+    with _opened(source) as file:
+        lines = list(islice(file, PREAMBLE))
+    if any("\x00" in line for line in lines):
+        raise InputError("not-text")
+    told = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
     if not told:
-        raise InputError("comments-only")
+        raise InputError("comments-only" if any(map(str.strip, lines)) else "empty")
     _require_one_kind([lines[k] for k in told])
-    first = _first_row(lines, told)
-    has_rows = first is not None
-    if first is None:  # the headers are then in the first line that is not a comment
-        first = told[0] + 1
-    separator = _separator(lines[first if has_rows else first - 1])
-    if separator is None and 0 < first < len(lines) and _by_single_blanks(lines[first - 1], lines[first]):
-        separator = " "  # fields may be empty, as MT Manager writes them
-    row = fields_of(lines[first], separator) if has_rows else []
-    named = headers_of(lines[:first], separator, row)
-    names = [str(k + 1) for k in range(len(row))] if named is None else distinct(named)
+    first_row = _first_row(lines, told)
+    first = told[0] + 1 if first_row is None else first_row  # the headers are then in the first line of no comment
+    separator = _separator(lines[first - (first_row is None)])
+    if separator is None and 0 < first < len(lines):
+        count, line = len(lines[first - 1].split()), lines[first]
+        if len(line.split()) < count == len(line.rstrip("\r\n").split(" ")):
+            separator = " "  # fields may be empty, as MT Manager writes them
+    row = [] if first_row is None else fields_of(lines[first], separator)
+    headers = _headers(lines[:first], separator, row)
+    names = [str(k + 1) for k in range(len(row))] if headers is None else headers
+    counts = [names[:k].count(name) for k, name in enumerate(names)]  # pandas gives repeated headers a number
+    names = [f"{name}.{count}" if count else name for name, count in zip(names, counts, strict=True)]
     if separator is None and 0 < len(row) < len(names):
         raise InputError("empty-fields", headers=len(names), fields=len(row))
-    if not has_rows and first < len(lines) and len(fields_of(lines[first], separator)) > len(names):
-        return Table({name: np.array([]) for name in names}), False, ()  # prose, not a table
-    frame, places, notes = read_rows(source, separator, first, names, decimal=_decimal(lines[first:], separator))
+    nothing = Table({name: np.array([]) for name in names})
+    if first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names):
+        return nothing, False, ()  # prose, not a table
+    table, notes = _rows(source, separator, first, names, _decimal(lines[first:], separator))
     notes += tuple(f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
-    if frame is None:
-        return Table({name: np.array([]) for name in names}), named is None, ()
-    return Table({str(name): frame[name].to_numpy() for name in frame.columns}, places), named is None, notes
+    return (nothing, headers is None, ()) if table is None else (table, headers is None, notes)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
 
 
 def _require_one_kind(lines: Sequence[str]) -> None:
     """Refuse a log whose rows begin with the words of their kinds, which have numbers of fields of their own."""
-    kinds: dict[str, set[int]] = {}
-    for line in lines:
-        if _RECORD.match(line):
-            kinds.setdefault(line.partition(",")[0], set()).add(line.count(","))
-    count = sum(_RECORD.match(line) is not None for line in lines)
-    if count > len(lines) / 2 and len(kinds) > 1 and len(set().union(*kinds.values())) > 1:
+    records = [line for line in lines if _RECORD.match(line)]
+    kinds = {line.partition(",")[0] for line in records}
+    counts = {line.count(",") for line in records}
+    if len(records) > len(lines) / 2 and len(kinds) > 1 and len(counts) > 1:
         raise InputError("records", kinds=", ".join(sorted(kinds)))
-
-
-def _beginning(source: Path | TextIO) -> tuple[Source, list[str]]:
-    """Return a source that can be read twice, and its first lines."""
-    if isinstance(source, Path):
-        with open(source, encoding=encoding_of(source), errors="replace") as file:
-            lines = [file.readline() for _ in range(PREAMBLE)]
-        if any("\x00" in line for line in lines):
-            raise InputError("not-text")
-        return source, lines
-    content = source.read(LONGEST + 1)
-    if len(content) > LONGEST:
-        raise InputError("long-stream", size=LONGEST / 1e6)
-    return io.StringIO(content), content.removeprefix("\ufeff").splitlines(keepends=True)[:PREAMBLE]
 
 
 def decoded(content: bytes) -> str:
@@ -96,10 +92,14 @@ def decoded(content: bytes) -> str:
     return content.decode(_encoding(content[: 2**16]), errors="replace")
 
 
-def encoding_of(path: Path) -> str:
-    """Return how the text of a file is encoded, from its first 64 kB."""
-    with open(path, "rb") as file:
-        return _encoding(file.read(2**16))
+def _opened(source: Source) -> AbstractContextManager[TextIO]:
+    """Open a file, or go back to the beginning of a stream."""
+    if isinstance(source, Path):
+        with open(source, "rb") as file:
+            encoding = _encoding(file.read(2**16))
+        return open(source, encoding=encoding, errors="replace")
+    source.seek(0)
+    return nullcontext(source)
 
 
 def _encoding(start: bytes) -> str:
@@ -126,8 +126,9 @@ def fields_of(line: str, separator: str | None) -> list[str]:
     line = line.rstrip("\r\n")
     if separator is None:
         return line.split()
+    is_quoted = '"' in line
     fields = (
-        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if '"' in line else line.split(separator)
+        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if is_quoted else line.split(separator)
     )
     return [field.strip() for field in fields]
 
@@ -135,62 +136,53 @@ def fields_of(line: str, separator: str | None) -> list[str]:
 def _decimal(rows: Sequence[str], separator: str | None) -> str:
     """Return the decimal mark of the first row that has one."""
     for row in rows:
-        fields = fields_of(row, separator)
-        if any(_COMMA.fullmatch(one) for one in fields):
-            return ","
-        if any(_POINT.fullmatch(one) for one in fields):
-            return "."
+        for mark, pattern in ((",", _COMMA), (".", _POINT)):
+            if any(map(pattern.fullmatch, fields_of(row, separator))):
+                return mark
     return "."
 
 
-def _by_single_blanks(headers: str, row: str) -> bool:
-    """Whether only single blanks, with empty fields between two of them, give a row as many fields as its headers."""
-    count = len(headers.split())
-    return len(row.split()) < count == len(row.rstrip("\r\n").split(" "))
-
-
-def _number(field: str) -> float | None:
-    return number(field.replace(",", ".") if _COMMA.fullmatch(field) else field)
+def _is_number(field: str) -> bool:
+    return number(field.replace(",", ".") if _COMMA.fullmatch(field) else field) is not None
 
 
 def _first_row(lines: Sequence[str], told: Sequence[int]) -> int | None:
     """Return the first row of data: mostly numbers; above it rows may be missing, but for a time."""
-
-    def is_data(line: str) -> bool:
-        fields = [field for field in fields_of(line, _separator(line)) if field]
-        count = sum(_number(field) is not None for field in fields)
-        return count >= 3 and 2 * count > len(fields)
-
-    def is_gap(line: str, row: str) -> bool:
-        all_fields, separator = fields_of(line, _separator(row)), _separator(row)
-        fields = [field for field in all_fields if field]
-        numbers = [_number(field) is not None for field in fields]
-        dates = [sum(letter.isdigit() for letter in field) >= DIGITS for field in fields]
-        return len(all_fields) == len(fields_of(row, separator)) and any(numbers) and all(map(max, numbers, dates))
-
-    rows = [k for k in told if is_data(lines[k])]
+    rows = []
+    for k in told:
+        fields = [field for field in fields_of(lines[k], _separator(lines[k])) if field]
+        count = sum(map(_is_number, fields))
+        if count >= 3 and 2 * count > len(fields):
+            rows.append(k)
     after = dict(zip(told, [*told[1:], told[-1]], strict=True))
     first = next((k for k in rows if after[k] in rows), rows[0] if rows else None)  # numbers of bodies are no row
-    while first is not None and first - 1 in told and is_gap(lines[first - 1], lines[first]):
+    while first is not None and first - 1 in told:
+        separator = _separator(lines[first])
+        above = fields_of(lines[first - 1], separator)
+        numbers = [_is_number(field) for field in above if field]
+        dates = [sum(map(str.isdigit, field)) >= DIGITS for field in above if field]
+        is_row = any(numbers) and all(map(max, numbers, dates))
+        if not is_row or len(above) != len(fields_of(lines[first], separator)):
+            break
         first -= 1
     return first
 
 
-def headers_of(above: Sequence[str], separator: str | None, row: Sequence[str]) -> list[str] | None:
+def _headers(above: Sequence[str], separator: str | None, row: Sequence[str]) -> list[str] | None:
     """Return the headers of a row of data, from the lines above it; None where there are none."""
-    told = [line for line in above if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    told = [line for line in above if line.strip() and not _is_comment(line)]
     units: list[str] = []
     if len(told) > 1:
         fields = [field.strip('[]() "') for field in fields_of(told[-1], separator)]
         if any(fields) and all(map(is_unit, fields)):
             units, told = fields, told[:-1]
-    filled = _filled(row)
     if told:
         names = _cleaned(told[-1], separator, len(row))
-        if len([name for name in names if name]) == filled < len(names):  # Qualisys: two tabs between two bodies
-            names = [name for name in names if name]
+        filled = max((k + 1 for k, one in enumerate(row) if one), default=0)
+        full = [name for name in names if name]
+        names = full if len(full) == filled < len(names) else names  # Qualisys: two tabs between two bodies
         names = _with_bodies(told[:-1], names, separator)
-        if row and filled > len(names):
+        if filled > len(names):
             raise InputError("more-fields", headers=len(names), fields=len(row))
         if len(units) == len(names):
             names = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
@@ -221,11 +213,6 @@ def _with_bodies(above: Sequence[str], names: list[str], separator: str | None) 
     return [f"{body} {kind} {name}".strip() if kind else name for body, kind, name in all_names]
 
 
-def _filled(fields: Sequence[str]) -> int:
-    """Return the number of fields without the empty ones at the end."""
-    return max((k + 1 for k, one in enumerate(fields) if one), default=0)
-
-
 def _cleaned(line: str, separator: str | None, count: int) -> list[str]:
     """Return the headers in a line, without quotes and without what a separator at its end leaves."""
     names = [name.strip().strip('"').strip() for name in fields_of(line, separator)]
@@ -234,61 +221,37 @@ def _cleaned(line: str, separator: str | None, count: int) -> list[str]:
     return names
 
 
-def distinct(names: Sequence[str]) -> list[str]:
-    """Return the headers, the repeated ones with a number as pandas gives them."""
-    seen: dict[str, int] = {}
-    found = []
-    for name in names:
-        seen[name] = seen.get(name, -1) + 1
-        found.append(f"{name}.{seen[name]}" if seen[name] else name)
-    return found
-
-
-def read_rows(
-    source: Source, separator: str | None, first: int, names: list[str], **more: Any
-) -> tuple[Any, Lines | None, tuple[str, ...]]:
-    """Return the rows below the first lines as a DataFrame, their lines, and what was left out between them."""
+def _rows(
+    source: Source, separator: str | None, first: int, names: list[str], decimal: str
+) -> tuple[Table | None, tuple[str, ...]]:
+    """Return the rows below the first lines, and what was left out between them; None where there are none."""
     import pandas
 
-    how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names, **more}
-    how |= {"index_col": False, "skipinitialspace": separator != " ", "low_memory": False}
-    encoding = encoding_of(source) if isinstance(source, Path) else None
-    frame, failed = None, None
+    blank = "".join({*"\r\n \t"} - {separator})
+    places, comments, is_split = list[int](), list[int](), False
+    with _opened(source) as file:
+        encoding = file.encoding
+        for k, line in islice(enumerate(file, 1), first, None):
+            if _is_comment(line):
+                comments.append(k)
+            elif line.strip(blank):
+                places.append(k)
+                is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
+    with _opened(source) as file:
+        if comments:
+            kept, first = set(places), 0
+            source = io.StringIO("".join(line for k, line in enumerate(file, 1) if k in kept))
+    how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names}
+    how |= {"index_col": False, "skipinitialspace": separator != " ", "low_memory": False, "decimal": decimal}
     try:
         frame = pandas.read_csv(source, encoding=encoding, encoding_errors="replace", skiprows=first, **how)
     except pandas.errors.EmptyDataError:
-        return None, None, ()
+        return None, ()
     except pandas.errors.ParserError as error:
-        failed = error
-    blank = "\r\n" + (" \t" if separator is None else " \t".replace(separator, ""))
-    places, left_out, is_split = [], 0, False
-    for k, line in _lines_from(source, encoding, first, blank):
-        places.append(k)
-        is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
-    if frame is None or not pandas.api.types.is_numeric_dtype(frame.dtypes.iloc[0]):
-        lines = _lines_from(source, encoding, first, blank)
-        kept = [(k, line) for k, line in lines if not line.lstrip().startswith(COMMENTS)]
-        left_out = len(places) - len(kept)
-        if left_out:
-            places = [k for k, _ in kept]
-            try:
-                frame, failed = pandas.read_csv(io.StringIO("".join(line for _, line in kept)), **how), None
-            except pandas.errors.ParserError as error:
-                failed = error
-    if failed is not None:
-        found = re.search(r"line (\d+)", str(failed))
-        at = None if found is None or is_split else places[int(found[1]) - 1] if left_out else int(found[1])
-        where = "a line" if at is None else f"line {at}"
-        raise InputError("fields", place=where, count=len(names)) from failed
-    notes = (f"left out: {counted(left_out, 'line')} of comments between the rows",) if left_out else ()
-    return frame, None if is_split or frame is None or len(places) != len(frame) else np.array(places), notes
-
-
-def _lines_from(source: Source, encoding: str | None, first: int, blank: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines after the first ones that hold more than characters in `blank`, with their numbers from 1."""
-    with ExitStack() as stack:
-        if isinstance(source, Path):
-            lines: Any = stack.enter_context(open(source, encoding=encoding, errors="replace"))
-        else:
-            lines = source.getvalue().splitlines(keepends=True)
-        yield from ((k, line) for k, line in enumerate(lines, 1) if k > first and line.strip(blank))
+        found = re.search(r"line (\d+)", str(error))
+        at = places[int(found[1]) - 1] if found and comments else found and found[1]
+        where = "a line" if at is None or is_split else f"line {at}"
+        raise InputError("fields", place=where, count=len(names)) from error
+    notes = (f"left out: {counted(len(comments), 'line')} of comments between the rows",) if comments else ()
+    lines = np.array(places) if not is_split and len(places) == len(frame) else None
+    return Table({str(name): frame[name].to_numpy() for name in frame.columns}, lines), notes

@@ -10,10 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..options import ReadOptions
-from .arrays import read_matlab, read_numpy
+from .apart import readable
+from .arrays import read_numpy
 from .bvh import read_bvh
 from .c3d import read_c3d
-from .content import Content, readable
+from .content import Content
+from .matlab import read_matlab
 from .mvnx import read_mvnx
 from .opensim import read_opensim
 from .ros import read_ros

@@ -1,4 +1,4 @@
-"""Reading in a process of its own: on damaged files SciPy's loadmat and ezc3d may end the process that calls them."""
+"""Reading by libraries, which raise what they like on damaged files; loadmat and ezc3d even end their process."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...errors import InputError
 
 Arrays = dict[str, NDArray[np.generic]]
 CHILD = (
@@ -18,6 +23,31 @@ CHILD = (
     "found = getattr(import_module(module), function)(path); "
     "numpy.savez(sys.stdout.buffer, **{'_' + name: array for name, array in found.items()})"
 )
+
+
+@contextmanager
+def readable(what: str, help_with: str = "") -> Iterator[None]:
+    """Turn every exception that a library raises on a damaged file into an InputError, but for those of the system.
+
+    The message names the format, as in "it is not a readable spin log: damaged, cut short or something else".
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # libraries raise what they like
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        why = f"damaged, cut short or something else{help_with}"
+        raise InputError("unreadable", what=what, why=why) from error
+
+
+def library(name: str, extra: str) -> Any:
+    """Import the library that reads a format; an ImportError names the extra that installs it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ImportError(f"this format is read by {name}: pip install 'nontwist[{extra}]'", name=name) from error
 
 
 def read_apart(function: Callable[[str], Arrays], path: Path) -> Arrays:

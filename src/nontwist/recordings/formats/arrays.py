@@ -1,4 +1,4 @@
-"""Arrays by name, of NumPy (.npy, .npz) and MATLAB (.mat): attitudes, or columns.
+"""Arrays by name: attitudes, or columns; and the files of NumPy (.npy, .npz) that hold them.
 
 Taken are quaternions (n, 4), matrices (n, 3, 3), homogeneous transforms (n, 4, 4), those of several bodies (n, k, 4)
 and (n, k, 3, 3), rotation vectors of joints (n, 3 k) named as those of SMPL, columns (n,), and (n, 3), as ``gyr``,
@@ -17,13 +17,10 @@ import numpy as np
 from ...errors import InputError
 from ..options import ReadOptions
 from ..table import Table
-from .apart import read_apart
-from .content import Content, readable
+from .content import Content
 
 JOINTS = ("poses", "pose", "body_pose", "pose_body", "root_orient", "global_orient")  # SMPL, AMASS
 RATES = ("mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps", "rate", "frequency")
-LARGEST = 4_000_000_000  # bytes of an array
-HELP = "save numeric arrays with save('name.mat', ..., '-v7'), or a table with writetable"
 
 
 def read_numpy(path: Path, how: ReadOptions) -> Content:
@@ -38,101 +35,45 @@ def read_numpy(path: Path, how: ReadOptions) -> Content:
             named = {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
             arrays = {name: np.asarray(one) for name, one in named.items()}  # what is no array are bytes
         except Exception as error:  # zipfile, zlib and NumPy raise what they like
-            pickled = "it holds objects of Python; save arrays of numbers" if "pickle" in str(error) else ""
-            why = pickled or "damaged or cut short"
+            is_pickled = "pickle" in str(error)
+            why = "it holds objects of Python; save arrays of numbers" if is_pickled else "damaged or cut short"
             raise InputError("unreadable", what=f"{kind} file", why=why) from error
     return of_arrays(arrays)
 
 
 def of_arrays(arrays: Mapping[str, Any]) -> Content:
     """Return the content of named arrays; an array `directors` holds directors in rows, any other (n, 3, 3) Λ."""
-    columns: dict[str, Any] = {}
-    bodies: dict[str, Any] = {}
-    loose: dict[str, Any] = {}
-    notes, time, headless = list[str](), None, False
+    columns, bodies, loose = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+    notes, headless = list[str](), False
     for name, array in arrays.items():
-        shape, is_numeric = array.shape, array.dtype.kind in "fiu"
+        shape, end, is_numeric = array.shape, array.shape[1:], array.dtype.kind in "fiu"
+        numbers = np.asarray(array, dtype=float) if is_numeric else np.empty(0)
         if array.dtype.names is not None:
             columns |= {field: np.ravel(array[field]) for field in array.dtype.names}
-        elif shape[1:] == (3, 3) and is_numeric:
-            bodies[name] = np.asarray(np.swapaxes(array, 1, 2) if name == "directors" else array, dtype=float)
-        elif shape[1:] == (4, 4) and is_numeric and np.array_equal(array[:, 3], np.tile([0, 0, 0, 1], (len(array), 1))):
-            bodies[name] = np.asarray(array[:, :3, :3], dtype=float)
-        elif len(shape) == 2 and shape[1] == 4 and is_numeric:
-            loose[name] = np.asarray(array, dtype=float)
-        elif len(shape) in (3, 4) and shape[2:] in ((4,), (3, 3)) and is_numeric:
-            many = {f"{name} {k}": np.asarray(array[:, k], dtype=float) for k in range(shape[1])}
-            (loose if shape[2:] == (4,) else bodies).update(many)
-        elif len(shape) == 2 and shape[1] % 3 == 0 and shape[1] and name in JOINTS and is_numeric:
-            bodies |= _joints(name, array)
+        elif is_numeric and end == (3, 3):
+            bodies[name] = np.swapaxes(numbers, 1, 2) if name == "directors" else numbers
+        elif is_numeric and end == (4, 4) and (array[:, 3] == [0, 0, 0, 1]).all():
+            bodies[name] = numbers[:, :3, :3]
+        elif is_numeric and end == (4,):
+            loose[name] = numbers
+        elif is_numeric and end[1:] in ((4,), (3, 3)):
+            (loose if end[1:] == (4,) else bodies).update({f"{name} {k}": numbers[:, k] for k in range(end[0])})
+        elif is_numeric and name in JOINTS and len(end) == 1 and end[0] and end[0] % 3 == 0:
+            from scipy.spatial.transform import Rotation
+
+            turned = Rotation.from_rotvec(numbers.reshape(-1, 3)).as_quat().reshape(len(array), -1, 4)
+            bodies |= {name if end == (3,) else f"{name} {k}": turned[:, k] for k in range(end[0] // 3)}
         elif len(shape) == 1 or (len(shape) == 2 and 1 in shape):
             columns[name] = np.ravel(array)
-        elif len(shape) == 2 and shape[1] == 3 and len(arrays) > 1 and is_numeric:
+        elif is_numeric and end == (3,) and len(arrays) > 1:
             columns |= {f"{name}_{x}": array[:, k] for k, x in enumerate("xyz")}
         elif len(shape) == 2 and len(arrays) == 1:
             columns, headless = {str(k + 1): array[:, k] for k in range(shape[1])}, True
         elif name.lower() not in RATES:
             notes.append(f"not read: the array {name!r} of the shape {shape}")
-    known = next((float(arrays[name]) for name in arrays if name.lower() in RATES and arrays[name].size == 1), 0.0)
-    count = max((len(one) for one in (*bodies.values(), *loose.values())), default=0)
-    if known > 0 and count:
-        time = np.arange(count) / known
-    elif any(note.startswith("not read") for note in notes) and not (columns or bodies or loose):
+    if notes and not (columns or bodies or loose):
         raise InputError("no-attitudes", help="; ".join(notes))
+    known = next((float(arrays[name]) for name in arrays if name.lower() in RATES and arrays[name].size == 1), 0.0)
+    count = max(map(len, (*bodies.values(), *loose.values())), default=0)
+    time = np.arange(count) / known if known > 0 and count else None
     return Content(Table(columns), bodies, loose, time=time, notes=tuple(notes), directed=False, headless=headless)
-
-
-def _joints(name: str, array: Any) -> dict[str, Any]:
-    from scipy.spatial.transform import Rotation
-
-    count = array.shape[1] // 3
-    turned = Rotation.from_rotvec(array.reshape(-1, 3).astype(float)).as_quat().reshape(-1, count, 4)
-    return {name if count == 1 else f"{name} {k}": turned[:, k] for k in range(count)}
-
-
-def read_matlab(path: Path, how: ReadOptions) -> Content:
-    """Read arrays of a MAT file; fields of a structure are ``structure.field``. Version 7.3 is read by h5py."""
-    found: dict[str, Any] = {}
-    with readable("MAT file", f"; {HELP}"):
-        with open(path, "rb") as stream:
-            modern = b"MATLAB 7.3" in stream.read(128)
-        if modern:
-            import h5py
-
-            with h5py.File(path, "r") as file:
-                file.visititems(lambda name, item: _keep(found, name.replace("/", "."), item))
-        else:
-            found = read_apart(loaded, path)
-    content = of_arrays(found)
-    if not (content.table.columns or content.bodies or content.loose):
-        raise InputError("no-attitudes", help=HELP)
-    return content
-
-
-def loaded(path: str) -> dict[str, Any]:
-    """Return the numeric arrays of a file up to version 7; run in a process of its own."""
-    from scipy.io import loadmat
-
-    found: dict[str, Any] = {}
-    for name, value in loadmat(path, squeeze_me=False, struct_as_record=True).items():
-        if not name.startswith("__"):
-            _flatten(found, name, value)
-    return found
-
-
-def _keep(found: dict[str, Any], name: str, item: Any) -> None:
-    """Take a numeric array of a 7.3 file, whose axes are in reverse; none whose numbers are kept in other files."""
-    if hasattr(item, "shape") and item.dtype.kind in "fiu" and not name.startswith("#"):
-        if item.is_virtual or item.external or item.nbytes > LARGEST:
-            raise ValueError
-        found[name] = np.asarray(item).T
-
-
-def _flatten(found: dict[str, Any], name: str, value: Any) -> None:
-    if not isinstance(value, np.ndarray):
-        return
-    if value.dtype.names is not None:
-        for field in value.dtype.names if value.size == 1 else ():
-            _flatten(found, f"{name}.{field}", value.ravel()[0][field])
-    elif value.dtype.kind in "fiu":
-        found[name] = np.moveaxis(value, 2, 0) if value.ndim == 3 and value.shape[:2] in ((3, 3), (4, 4)) else value

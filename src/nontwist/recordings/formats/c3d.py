@@ -13,8 +13,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..options import ReadOptions
-from .apart import read_apart
-from .content import Content, by_name, library, readable
+from .apart import library, read_apart, readable
+from .content import Content, by_name
 
 
 def read_c3d(path: Path, how: ReadOptions) -> Content:

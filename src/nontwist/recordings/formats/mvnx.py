@@ -17,7 +17,8 @@ from ...errors import InputError
 from ...geometry.arrays import Array
 from ..options import ReadOptions
 from ..table import number
-from .content import Content, by_name, readable, stacked
+from .apart import readable
+from .content import Content, by_name, stacked
 
 ROUNDED = 1.5e-3  # s, by which the times of frames, in whole ms, miss those of their indices
 TAGS = {"orientation": ("segment", 4), "sensorOrientation": ("sensor", 4), "angularVelocity": ("segment", 3)}

@@ -14,14 +14,13 @@ import numpy as np
 from ...errors import InputError
 from ..options import ReadOptions
 from ..table import Table, place
-from ..text import encoding_of, fields_of
+from ..text import decoded, fields_of
 from .content import Content, by_name, stacked
 
 
 def read_opensim(path: Path, how: ReadOptions) -> Content:
     """Read a storage file."""
-    with open(path, encoding=encoding_of(path), errors="replace") as file:
-        lines = file.read().splitlines()
+    lines = decoded(path.read_bytes()).splitlines()
     above = [line.strip(" \t,;\r") for line in lines]
     end = next((k for k, line in enumerate(above) if line.lower() == "endheader"), None)
     if end is None:
@@ -55,11 +54,8 @@ def _quaternions(table: Table) -> Content:
     for label, cells in table.columns.items():
         if label.lower() == "time":
             time = table.numbers(label)
-            continue
-        parts = [cell.split(",") for cell in cells]
-        stacked([[0.0] * len(one) for one in parts], 4, f"quaternion {label!r}", table.lines)
-        columns = dict(zip("wxyz", np.array(parts, dtype=object).T, strict=True))
-        bodies[label] = Table({f"{label}.{x}": one for x, one in columns.items()}, table.lines)
-    turned = {name: np.roll(one.vectors(one.headers), -1, axis=1) for name, one in bodies.items()}
+        else:
+            numbers = stacked([cell.split(",") for cell in cells], 4, f"quaternion {label!r}", table.lines)
+            bodies[label] = np.roll(numbers, -1, axis=1)
     note = "orientation: quaternions of OpenSim, scalar first"
-    return Content(bodies=turned, time=time, notes=(note,), lines=table.lines)
+    return Content(bodies=bodies, time=time, notes=(note,), lines=table.lines)

@@ -14,5 +14,5 @@ def read_run(path: Path, how: ReadOptions) -> Content:
     from ..motions import raw_motion
 
     run = open_run(path)
-    values, time = raw_motion(run, how.scalar_first)
-    return Content(bodies={path.stem: values}, time=time, notes=("orientation: a run of this package",))
+    found = raw_motion(run, how.scalar_first)
+    return Content(bodies={path.stem: found.values}, time=found.time, notes=("orientation: a run of this package",))

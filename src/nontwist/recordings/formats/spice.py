@@ -15,7 +15,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..options import ReadOptions
-from .content import Content, library, readable
+from .apart import library, readable
+from .content import Content
 
 FRAME = "J2000"
 MOST = 10_000_000  # samples

@@ -1,7 +1,7 @@
 """The constants of a free rigid body and its elliptic functions, compiled; `free_bodies` derives them.
 
-`set_constants` turns a body and its start into the constants below, `phase` evaluates the elliptic functions and the angle
-about the momentum at one time.
+`set_constants` turns a body and its start into the constants below, `phase` evaluates the elliptic functions and the
+angle about the momentum at one time.
 
 Axes, ax, az, rx, rz, k, u and λ are those of `free_bodies`; the momentum has unit length. For k² <= 1/2 the theta
 functions have the nome q(k) and the argument π u/(2K); for k² > 1/2 they have the complementary nome p = q(k') and the

@@ -108,7 +108,7 @@ def gyrostat(J: Array, c: Array, W: Array) -> Gyrostat:
 
 def _frame(n: Vector) -> Vector:
     """Return a rotation whose third row is `n`, with zeros where `n` is an axis."""
-    first = cross(n, _exact(np.eye(3))[abs(n).argmin()])
+    first: Any = cross(n, _exact(np.eye(3))[abs(n).argmin()])
     first = first / (first @ first).sqrt()
     return np.array([first, cross(n, first), n])
 

@@ -26,6 +26,7 @@ FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 FEW = 2**12  # numbers that BLAS sums in one thread
 LINE = 8  # numbers
+UNIT = 8 * float(np.finfo(np.float64).eps)  # from length 1, up to which a direction is taken as it is
 LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
     "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",
@@ -140,6 +141,29 @@ def as_axis(value: Any, name: str) -> Array:
     if value.lower() not in AXES:
         raise ValueError(f"{name} must be x, y or z, with a minus or without, or 3 numbers; got {shown(value)}")
     return np.array(AXES[value.lower()])
+
+
+def as_direction(value: Any, name: str, place: str = "the body") -> Array:
+    """Return `value`, of any length but 0, as a unit vector; errors as in `as_axis`."""
+    axis = as_axis(value, name)
+    if not axis.any():
+        raise ValueError(f"{name} is zero: it must be a direction in {place}")
+    if abs(np.linalg.norm(axis) - 1) > UNIT:
+        axis = axis / abs(axis).max()  # whose square may underflow
+        axis = axis / np.linalg.norm(axis)
+    return axis
+
+
+def increasing(times: Array, name: str = "", table: str = "a table") -> float:
+    """Return the smallest gap of the times of a table; a ValueError where they do not increase."""
+    if times.size < 2:
+        raise ValueError(f"{table} needs at least 2 times, got {times.size}")
+    if (gaps := np.diff(times)).min() <= 0:
+        k = int(np.argmax(gaps <= 0))
+        raise ValueError(
+            f"times{name} must increase, but times[{k + 1}] = {times[k + 1]:g} follows times[{k}] = {times[k]:g}"
+        )
+    return float(gaps.min())
 
 
 def largest_size(vectors: Array) -> float:

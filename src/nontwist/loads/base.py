@@ -30,7 +30,7 @@ from ..geometry.values import among, shown
 from .forces import SPACE_AND_BODY, DirectorForces, ForceTable
 from .kinds import TERMS, load_in_words
 from .potentials import GravityGradient, Potential, PotentialFunction
-from .terms import Damping, Rotor, Table, Term
+from .terms import Damping, ForceTerm, Rotor, Table, Term
 
 MOST = 4  # terms that a repr names
 
@@ -351,7 +351,7 @@ def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
     """Return the forces on the directors of a load of director forces and potentials, rows of (3, 3)."""
     total = np.zeros((3, 3))
     for term in load.terms:
-        if isinstance(term, (DirectorForces, Potential)):
+        if isinstance(term, ForceTerm):
             total += term.scale * term.forces(t, directors, angular_velocity)
     return total
 

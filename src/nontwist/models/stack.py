@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import UNIT, Array, as_array
 from ..geometry.values import as_list, shown
 from .spin import Spin, as_spin
-from .system import PRINCIPAL, SYMMETRY, UNIT, DirectorSystem, as_system, inertia_text
+from .system import PRINCIPAL, SYMMETRY, DirectorSystem, as_system, inertia_text
 
 PARALLEL = 1e-12
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_tensor
+from ..geometry.arrays import Array, as_array, as_direction, as_floats, as_tensor
 from ..geometry.values import shown, vector_text
 from .spin import as_spin
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .stack import SystemStack
 
 SYMMETRY, TRIANGLE, PRINCIPAL = 1e-12, 1e-9, 1e-9
-UNIT = 8 * float(np.finfo(np.float64).eps)
 
 
 def convected_inertia(E: ArrayLike) -> Array:
@@ -228,13 +227,7 @@ class DirectorSystem:
         E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")
         euler_inertia(convected_inertia(E))  # raises where no body has this inertia
         E = _semidefinite(E)
-        axis = None if self.axis is None else as_axis(self.axis, "axis")
-        if axis is not None:
-            if not axis.any():
-                raise ValueError("axis is zero: it must be a direction in the body")
-            if abs(np.linalg.norm(axis) - 1) > UNIT:  # a unit axis keeps its bits
-                axis = axis / abs(axis).max()  # whose square may underflow
-                axis = axis / np.linalg.norm(axis)
+        axis = None if self.axis is None else as_direction(self.axis, "axis")
         values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
         for key, value in values.items():
             if value is not None:

@@ -44,7 +44,7 @@ their number. Each longer call may change K and |π| by a relative 3e-17 in one 
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -111,10 +111,7 @@ def free_standard(
            [0.3, 8. , 0.5],
            [0.3, 8. , 0.5]])
     """
-    solution = _solved(False, inertia, material_angular_velocity, times, rotation)
-    if solution is None:
-        _refuse(inertia, material_angular_velocity, times, rotation)
-    return solution
+    return _solved(False, inertia, material_angular_velocity, times, rotation)
 
 
 def free_nontwisting(
@@ -148,12 +145,7 @@ def free_nontwisting(
     >>> rotation(attitude).magnitude().round(9)
     array([0., 1., 2.])
     """
-    solution = _solved(True, inertia, material_angular_velocity, times, rotation)
-    if solution is None:
-        planar_inertia(inertia)
-        without_spin(checked_velocity(material_angular_velocity), D3)
-        _refuse(inertia, material_angular_velocity, times, rotation)
-    return solution
+    return _solved(True, inertia, material_angular_velocity, times, rotation)
 
 
 def symmetric_top(
@@ -203,14 +195,8 @@ def symmetric_top(
 TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no digit of its attitude"
 
 
-def _solved(is_held: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> Motion | None:
-    """Return the motion; None where the kernel reports a wrong argument, which the caller then names.
-
-    Raises
-    ------
-    ValueError
-        Not numeric; or the body turns by more than 1e15 rad.
-    """
+def _solved(is_held: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> Motion:
+    """Return the motion; where the kernel reports a wrong argument, the checks in Python name it."""
     J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
     t, R = as_floats(times, "times", 1), attitude(rotation)
     if J.shape == (3,):
@@ -222,10 +208,9 @@ def _solved(is_held: bool, inertia: ArrayLike, velocity: ArrayLike, times: Array
             return Lam, velocities
         if status == BAD_TIME and np.isfinite(t).all():
             raise ValueError(TOO_FAR)
-    return None
-
-
-def _refuse(inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> NoReturn:
+    if is_held:
+        planar_inertia(inertia)
+        without_spin(checked_velocity(velocity), D3)
     checked_inertia(inertia)
     checked_velocity(velocity)
     checked_times(times)

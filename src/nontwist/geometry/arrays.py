@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numbers
 import sys
+from collections.abc import Callable
 from decimal import Decimal
 from math import prod
 from types import EllipsisType
@@ -181,19 +182,20 @@ def as_number(value: ArrayLike, name: str) -> float:
 def as_positive(value: ArrayLike, name: str, shape: Shape, unit: str) -> Array:
     """Return `value` as `as_array` does; a ValueError that names the first entry which is not positive."""
     array = as_array(value, name, shape)
-    if not (array > 0).all():
-        index = tuple(int(i) for i in np.argwhere(array <= 0)[0])
-        raise ValueError(f"{name}{_place(index)} must be positive, got {array[index]:g} {unit}")
+    refuse(array <= 0, name, lambda i: f"must be positive, got {array[i]:g} {unit}")
     return array
 
 
 def require_finite(array: Array, name: str) -> None:
     """Raise a ValueError that names the first entry of `array` which is not finite."""
-    finite = np.isfinite(array)
-    if not finite.all():
-        bad = np.argwhere(~finite)
-        index = tuple(int(i) for i in bad[0])
-        raise ValueError(f"{name}{_place(index)} = {array[index]} is not finite")
+    refuse(~np.isfinite(array), name, lambda i: f"= {array[i]} is not finite")
+
+
+def refuse(bad: NDArray[np.bool_], name: str, reason: str | Callable[[tuple[int, ...]], str]) -> None:
+    """Raise the ValueError "`name`[index] `reason`" for the first true entry of `bad`; of its index where it asks."""
+    if np.any(bad):
+        index = tuple(np.argwhere(bad)[0].tolist())
+        raise ValueError(f"{name}{_place(index)} {reason if isinstance(reason, str) else reason(index)}")
 
 
 def _place(index: tuple[int, ...]) -> str:

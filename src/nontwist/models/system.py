@@ -228,11 +228,7 @@ class DirectorSystem:
         euler_inertia(convected_inertia(E))  # raises where no body has this inertia
         E = _semidefinite(E)
         axis = None if self.axis is None else as_direction(self.axis, "axis")
-        values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
-        for key, value in values.items():
-            if value is not None:
-                value.flags.writeable = False
-            object.__setattr__(self, key, value)
+        dead = as_array(self.dead_force, "dead_force", (3, 3))
         if not isinstance(self.name, str):
             raise ValueError(f"name must be a string, got {shown(self.name)}")
         spin = as_spin(self.spin)
@@ -246,7 +242,7 @@ class DirectorSystem:
                     f"spin needs an axis that is principal, but J n differs from its part along n by "
                     f"{np.linalg.norm(across):.3g} kg m²"
                 )
-        object.__setattr__(self, "spin", spin)
+        keep(self, euler_inertia=E, axis=axis, dead_force=dead, spin=spin)
 
     @cached_property
     def convected_inertia(self) -> Array:
@@ -325,6 +321,14 @@ class DirectorSystem:
         except (TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError) as error:
             raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
         return cls(**system)
+
+
+def keep(body: Any, **values: Any) -> None:
+    """Set fields of a frozen body; arrays become read-only."""
+    for key, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(body, key, value)
 
 
 def inertia_text(J: Array) -> str:

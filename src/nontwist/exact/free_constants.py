@@ -259,20 +259,31 @@ def phase(c: View, t: Any) -> tuple[Any, ...]:
     return v.found  # type: ignore[no-any-return]
 
 
-def _circular(c: View, u: Any) -> tuple[Any, ...]:
-    q, w = c.nome, c.w
-    s, x = sin(c.factor * u), cos(c.factor * u)
-    c2, s2 = 1.0 - 2.0 * s * s, 2.0 * s * x
-    c4, s4 = 2.0 * c2 * c2 - 1.0, 2.0 * s2 * c2
-    c6, s6 = c2 * (2.0 * c4 - 1.0), s2 * (2.0 * c4 + 1.0)
+def thetas(q: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any, Any, Any]:
+    """Return θ1 and θ2 over 2 q^(1/4), θ3, θ4 at z, from sin z, cos z, -sin² z; at i z from sinh z, cosh z, sinh² z."""
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
-    even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c6)
-    over = 1.0 / (even - odd)
-    sn = c.sn * s * (1.0 - q2 * (1.0 + 2.0 * c2) + q6 * (1.0 + 2.0 * (c2 + c4))) * over
-    cn = c.cn * x * (1.0 + q2 * (2.0 * c2 - 1.0) + q6 * (1.0 + 2.0 * (c4 - c2))) * over
-    X, Y = 1.0 + w[3] * c2 + w[4] * c4 + w[5] * c6, w[0] * s2 + w[1] * s4 + w[2] * s6
-    return cn, sn, c.dn * (even + odd) * over, X, Y, 0.0 * s
+    c2 = 1.0 + 2.0 * t
+    c4 = 2.0 * c2 * c2 - 1.0
+    even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c2 * (2.0 * c4 - 1.0))
+    theta1 = S * (1.0 - q2 * (3.0 + 4.0 * t) + q6 * (5.0 + t * (20.0 + 16.0 * t)))
+    theta2 = C * (1.0 + q2 * (1.0 + 4.0 * t) + q6 * (1.0 + t * (12.0 + 16.0 * t)))
+    return theta1, theta2, even + odd, even - odd
+
+
+def harmonics(w: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any]:
+    """Return the complex number of the angle at z from its weights, sin z, cos z and -sin² z."""
+    c2, s2 = 1.0 + 2.0 * t, 2.0 * S * C
+    c4, s4 = 2.0 * c2 * c2 - 1.0, 2.0 * s2 * c2
+    X = 1.0 + w[3] * c2 + w[4] * c4 + w[5] * c2 * (2.0 * c4 - 1.0)
+    return X, w[0] * s2 + w[1] * s4 + w[2] * s2 * (2.0 * c4 + 1.0)
+
+
+def _circular(c: View, u: Any) -> tuple[Any, ...]:
+    S, C = sin(c.factor * u), cos(c.factor * u)
+    theta1, theta2, theta3, theta4 = thetas(c.nome, S, C, -(S * S))
+    over = 1.0 / theta4
+    return c.cn * theta2 * over, c.sn * theta1 * over, c.dn * theta3 * over, *harmonics(c.w, S, C, -(S * S)), 0.0 * S
 
 
 def _hyperbolic(c: View, u: Any) -> tuple[Any, ...]:

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.turning import exponential, turned_on
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import logical_not, select, sqrt
+from ..kernels.elements import logical_not, select, sin, sqrt
 from ..kernels.kernel import kernel
 from ..kernels.memory import View, matrix_at, put, room, vector_at, view_in
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, cross
@@ -70,7 +69,14 @@ def _free(J: Matrix, W: Vector) -> tuple[Any, Moved]:
 def _steady(W: Vector) -> Moved:
     """Return what turns a body about the constant W."""
     rate = sqrt(W @ W)
-    return lambda t: (select(abs(t) * rate <= FARTHEST, OK, BAD_TIME), W, *exponential(t * W))
+
+    def moved(t: Any) -> tuple[Any, Any, Any, Vector]:
+        half = 0.5 * rate * t
+        quarter = sin(0.5 * half)
+        turn = select(rate > 0.0, sin(half) / rate, 0.5 * t) * W
+        return select(abs(t) * rate <= FARTHEST, OK, BAD_TIME), W, -2.0 * quarter * quarter, turn
+
+    return moved
 
 
 def _held_status(J: Matrix, n: Vector) -> Any:
@@ -137,12 +143,14 @@ def free_members(
         b = select(bodies.shape[0] > 1, i, 0)
         J, W, row = matrix_at(bodies[b]), vector_at(velocities[i, 0]), attitudes[i, 0]
         p = Quaternion(row[3], row[0], row[1], row[2])
+        p = p / sqrt(p[0] * p[0] + p.vector @ p.vector)
 
         def follow(status: Any, moved: Moved, i: Any = i, p: Quaternion = p) -> None:
             s = Variables(p=p, status=status)
             for k in loop(times.shape[0], whilst=lambda: s.status == OK):
                 s.status, W, less, turn = moved(times[k])
-                q, _, _ = turned_on(p, Quaternion(0.0, 0.0, 0.0, 0.0), less, turn)
+                u = p.vector
+                q = p + Quaternion(less * p[0] - u @ turn, *(less * u + p[0] * turn + cross(u, turn)))
                 s.p = select(q[0] * s.p[0] + q.vector @ s.p.vector < 0.0, -q, q)  # no jump of sign
                 put(attitudes[i, place + k], (*s.p[1:], s.p[0]))
                 put(velocities[i, place + k], W)

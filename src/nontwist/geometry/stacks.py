@@ -1,4 +1,4 @@
-"""Stacks of vectors, matrices and angles: leading axes, lengths, errors that name the first bad entry."""
+"""Stacks of vectors, matrices and angles: leading axes, lengths, angles between them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Every kernel computes on plain floats what its machine code does, bit for bit."""
 
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -94,16 +95,16 @@ def exact_cases():
     found, times = {}, np.array([0.0, 0.01, -0.02, 0.3, 2.0, -50.0])
     k = len(times)
     for J, R, W in bodies():
-        c, B, rooms = np.zeros(free_constants.CONSTANTS), np.zeros((3, 3)), (np.zeros((k, 3, 3)), np.zeros((k, 3)))
-        found.setdefault(free_constants.prepare, []).append((J, W, c, B))
-        for t in (times, times * 1e15):
-            found.setdefault(free_kernels.free_top, []).append((J, W, R, t, *rooms, c))
+        found.setdefault(free_kernels.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
+        for t, is_held in product((times, times * 1e15), (0, 1)):
+            given = J, W, R, t, is_held, np.zeros((k, 3, 3)), np.zeros((k, 3))
+            found.setdefault(free_kernels.free_top, []).append(given)
     for axes in (np.zeros((0, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))
         p[:, 0], W[:, 0] = unit(2, 4), rng.normal(size=(2, 3)) * [1.0, 1.0, 0.0]
         for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
             for t in (times, times * 1e15):
-                given = np.stack([J, J + np.eye(3)]), axes, t, 1, 0, 2, p, W, *rooms, c
+                given = np.stack([J, J + np.eye(3)]), axes, t, 1, 0, 2, p, W
                 found.setdefault(free_kernels.free_members, []).append(given)
     for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
         motion = suslov_body._motion(J, [0.0, 0.0, 1.0], [1.0, 2.0, 0.0])

@@ -36,16 +36,15 @@ and with 1/Iy and the other signs for x. At k' = 0 (the separatrix) K is infinit
 series of its own. Work: one evaluation of each theta function, three harmonics and one exponential or one sine and
 cosine.
 
-Accuracy: on every branch a few times the effect of one ulp of the input, and not below 1e-15 per radian turned. Times
-with |λ t| <= 1/16 are evaluated as increments (`free_step`). Chained calls that short, each from the state that the
-last one returned, do not drift: the rounding of that state to double precision remains, which grows like the square
-root of their number. Each longer call may change K and |π| by a relative 3e-17 in one direction: 3e-11 in 10⁶ calls.
+Accuracy: on every branch a few times the effect of one ulp of the input, and not below 1e-15 per radian turned. All
+states are the start and an increment (`free_step`). Chained calls with |λ t| <= 1/2, each from the state that the last
+one returned, do not drift: the rounding of that state to double precision remains, which grows like the square root of
+their number. Each longer call may change K and |π| by a relative 3e-17 in one direction: 3e-11 in 10⁶ calls.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,8 +62,8 @@ from .border import (
     planar_inertia,
     without_spin,
 )
-from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK
-from .free_kernels import free_top, free_turn
+from .free_constants import BAD_TIME, FARTHEST, OK
+from .free_kernels import free_top
 
 _SYMMETRY = 1e-12
 
@@ -112,10 +111,7 @@ def free_standard(
            [0.3, 8. , 0.5],
            [0.3, 8. , 0.5]])
     """
-    solution = _solved(free_top, inertia, material_angular_velocity, times, rotation)
-    if solution is None:
-        _refuse(inertia, material_angular_velocity, times, rotation)
-    return solution
+    return _solved(False, inertia, material_angular_velocity, times, rotation)
 
 
 def free_nontwisting(
@@ -149,12 +145,7 @@ def free_nontwisting(
     >>> rotation(attitude).magnitude().round(9)
     array([0., 1., 2.])
     """
-    solution = _solved(free_turn, inertia, material_angular_velocity, times, rotation)
-    if solution is None:
-        planar_inertia(inertia)
-        without_spin(checked_velocity(material_angular_velocity), D3)
-        _refuse(inertia, material_angular_velocity, times, rotation)
-    return solution
+    return _solved(True, inertia, material_angular_velocity, times, rotation)
 
 
 def symmetric_top(
@@ -204,35 +195,22 @@ def symmetric_top(
 TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no digit of its attitude"
 
 
-def _solved(
-    kernel: Callable[..., int],
-    inertia: ArrayLike,
-    velocity: ArrayLike,
-    times: ArrayLike,
-    rotation: Any,
-) -> Motion | None:
-    """Call `kernel`; None where it reports a wrong argument, which the caller then names.
-
-    Raises
-    ------
-    ValueError
-        Not numeric; or the body turns by more than 1e15 rad.
-    """
+def _solved(is_held: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> Motion:
+    """Return the motion; where the kernel reports a wrong argument, the checks in Python name it."""
     J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
     t, R = as_floats(times, "times", 1), attitude(rotation)
     if J.shape == (3,):
         J = np.diag(J)
     if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:
         Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-        status = kernel(J, W, R, t, Lam, velocities, np.empty(CONSTANTS))
+        status = free_top(J, W, R, t, int(is_held), Lam, velocities)
         if status == OK:
             return Lam, velocities
         if status == BAD_TIME and np.isfinite(t).all():
             raise ValueError(TOO_FAR)
-    return None
-
-
-def _refuse(inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> NoReturn:
+    if is_held:
+        planar_inertia(inertia)
+        without_spin(checked_velocity(velocity), D3)
     checked_inertia(inertia)
     checked_velocity(velocity)
     checked_times(times)

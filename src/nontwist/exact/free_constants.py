@@ -1,7 +1,7 @@
 """The constants of a free rigid body and its elliptic functions, compiled; `free_bodies` derives them.
 
-`prepare` turns a body and its start into the constants below, `phase` evaluates the elliptic functions and the angle
-about the momentum at one time.
+`set_constants` turns a body and its start into the constants below, `phase` evaluates the elliptic functions and the
+angle about the momentum at one time.
 
 Axes, ax, az, rx, rz, k, u and λ are those of `free_bodies`; the momentum has unit length. For k² <= 1/2 the theta
 functions have the nome q(k) and the argument π u/(2K); for k² > 1/2 they have the complementary nome p = q(k') and the
@@ -12,14 +12,15 @@ below round-off.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from functools import reduce
 from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, when, whilst
 from ..kernels.elements import any_of, copysign, cos, exp, floor, larger, log, logical_not, select, sin, sqrt
-from ..kernels.kernel import kernel
-from ..kernels.memory import View, matrix_at, put, size_of, vector_at, view_in
+from ..kernels.memory import View, size_of, view_in
 from ..kernels.parts import part
-from ..kernels.vectors import AXES, Matrix, Vector, cross
+from ..kernels.vectors import AXES, Matrix, Vector
 
 OK, NOT_FINITE, NOT_SYMMETRIC, NO_BODY, NO_ROTATION, BAD_TIME, NOT_PRINCIPAL, SPIN = range(8)
 FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
@@ -112,7 +113,10 @@ def _nome(k2: Any, k1: Any) -> Any:
 
 
 def principal_axes(J: Matrix) -> tuple[Matrix, Vector]:
-    """Return the axes of a symmetric J, as rows, and its principal moments in ascending order, by Jacobi rotations."""
+    """Return the axes of a symmetric J, as rows, and its principal moments, by Jacobi rotations.
+
+    The moments are in ascending order, the axes right-handed.
+    """
     v = Variables(rows=Matrix(*AXES), d=Vector(J[0][0], J[1][1], J[2][2]), done=False, count=0)
     v.off = 0.5 * Vector(J[1][2] + J[2][1], J[0][2] + J[2][0], J[0][1] + J[1][0])  # entry l is across from l
     for _ in whilst(lambda: logical_not(v.done) & (v.count < _SWEEPS)):
@@ -133,8 +137,8 @@ def principal_axes(J: Matrix) -> tuple[Matrix, Vector]:
     moments, rows = list(v.d), list(v.rows)
     for i, j in ((0, 1), (1, 2), (0, 1)):
         is_larger = moments[i] > moments[j]
-        for each in (moments, rows):
-            each[i], each[j] = select(is_larger, each[j], each[i]), select(is_larger, each[i], each[j])
+        moments[i], moments[j] = select(is_larger, (moments[j], moments[i]), (moments[i], moments[j]))
+        rows[i], rows[j] = select(is_larger, (rows[j], -rows[i]), (rows[i], rows[j]))
     return Matrix(*rows) + to_orthonormal(Matrix(*rows)), Vector(*moments)
 
 
@@ -152,38 +156,20 @@ def _moduli(M: Vector, rx: Any, rz: Any) -> tuple[Any, Any, Any, Any]:
     return ax, az, select(is_round, 0.0, k * k), select(is_round, 1.0, larger(b, 0.0))
 
 
+def largest(numbers: Iterable[Any]) -> Any:
+    """Return the largest size of numbers."""
+    return reduce(larger, map(abs, numbers))
+
+
 def body_status(J: Matrix, W: Vector) -> tuple[Any, Matrix, Vector]:
     """Return whether J is the inertia of a body, and W finite; the principal axes and moments."""
-    v, numbers = Variables(largest=0.0, skew=0.0), [J[i][j] for i in range(3) for j in range(3)]
-    for k, x in enumerate(numbers):
-        v.largest, v.skew = larger(abs(x), v.largest), larger(abs(x - J[k % 3][k // 3]), v.skew)
+    numbers, skew = [x for row in J for x in row], [x for row in J - J.T for x in row]
     rows, moments = principal_axes(J)
     a, b, c = moments
     is_body = (a > 9e-16 * c) & (a + b >= c - _TRIANGLE * (a + b + c))
-    status = select(v.skew > _SYMMETRY * v.largest, NOT_SYMMETRIC, select(is_body, OK, NO_BODY))
+    status = select(largest(skew) > _SYMMETRY * largest(numbers), NOT_SYMMETRIC, select(is_body, OK, NO_BODY))
     total = sum(numbers, start=W[0] + W[1] + W[2])
     return select(abs(total) < math.inf, status, NOT_FINITE), rows, moments
-
-
-def prepared(J: Matrix, W: Vector, c: View) -> tuple[Any, Matrix]:
-    """Set the constants but `start` to `extra0`; return a status and the axes x, y, z, rows of B.
-
-    The momentum is 0 at rest, and then has any direction: all rates are 0.
-    """
-    status, V, (I1, I2, I3) = body_status(J, W)
-    M = Vector(I1 * (V[0] @ W), I2 * (V[1] @ W), I3 * (V[2] @ W))
-    M, size = unit(M)
-    is_swapped, rx, rz = circled(I1, I2, I3, M[0], M[2])
-    x, z = select(is_swapped, M[2], M[0]), select(is_swapped, M[0], M[2])
-    X, Z = select(is_swapped, V[2], V[0]), select(is_swapped, V[0], V[2])
-    sx, sz = copysign(1.0, x), copysign(1.0, z)
-    X, Z = sx * X, sz * Z
-    Y = cross(Z, X)
-    at = Vector(sx * x, select(Y @ V[1] > 0.0, M[1], -M[1]), sz * z)
-    c.momentum, c.ix, c.iy, c.iz = size, select(is_swapped, I3, I1), I2, select(is_swapped, I1, I3)
-    set_constants(at, rx, rz, c)
-    c.u0 = beginning(at, c)
-    return status, Matrix(X, Y, Z)
 
 
 def unit(M: Vector) -> tuple[Vector, Any]:
@@ -194,15 +180,6 @@ def unit(M: Vector) -> tuple[Vector, Any]:
     length = sqrt(M[0] * M[0] + M[1] * M[1] + M[2] * M[2])
     M = M / select(is_moving, length, 1.0)
     return Vector(M[0], M[1], select(is_moving, M[2], 1.0)), select(is_moving, size * length, 0.0)
-
-
-@kernel("f8[:, :], f8[:], f8[:], f8[:, :] -> i8")
-def prepare(J: Any, W: Any, c: Any, B: Any) -> Any:
-    """Set the constants `c` (CONSTANTS,) and the axes x, y, z, rows of `B`; return a status."""
-    status, axes = prepared(matrix_at(J), vector_at(W), view_in(Constants, c))
-    for i, row in enumerate(axes):
-        put(B[i], row)
-    return status
 
 
 def circled(I1: Any, I2: Any, I3: Any, M1: Any, M3: Any) -> tuple[Any, Any, Any]:
@@ -282,20 +259,31 @@ def phase(c: View, t: Any) -> tuple[Any, ...]:
     return v.found  # type: ignore[no-any-return]
 
 
-def _circular(c: View, u: Any) -> tuple[Any, ...]:
-    q, w = c.nome, c.w
-    s, x = sin(c.factor * u), cos(c.factor * u)
-    c2, s2 = 1.0 - 2.0 * s * s, 2.0 * s * x
-    c4, s4 = 2.0 * c2 * c2 - 1.0, 2.0 * s2 * c2
-    c6, s6 = c2 * (2.0 * c4 - 1.0), s2 * (2.0 * c4 + 1.0)
+def thetas(q: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any, Any, Any]:
+    """Return θ1 and θ2 over 2 q^(1/4), θ3, θ4 at z, from sin z, cos z, -sin² z; at i z from sinh z, cosh z, sinh² z."""
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
-    even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c6)
-    over = 1.0 / (even - odd)
-    sn = c.sn * s * (1.0 - q2 * (1.0 + 2.0 * c2) + q6 * (1.0 + 2.0 * (c2 + c4))) * over
-    cn = c.cn * x * (1.0 + q2 * (2.0 * c2 - 1.0) + q6 * (1.0 + 2.0 * (c4 - c2))) * over
-    X, Y = 1.0 + w[3] * c2 + w[4] * c4 + w[5] * c6, w[0] * s2 + w[1] * s4 + w[2] * s6
-    return cn, sn, c.dn * (even + odd) * over, X, Y, 0.0 * s
+    c2 = 1.0 + 2.0 * t
+    c4 = 2.0 * c2 * c2 - 1.0
+    even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c2 * (2.0 * c4 - 1.0))
+    theta1 = S * (1.0 - q2 * (3.0 + 4.0 * t) + q6 * (5.0 + t * (20.0 + 16.0 * t)))
+    theta2 = C * (1.0 + q2 * (1.0 + 4.0 * t) + q6 * (1.0 + t * (12.0 + 16.0 * t)))
+    return theta1, theta2, even + odd, even - odd
+
+
+def harmonics(w: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any]:
+    """Return the complex number of the angle at z from its weights, sin z, cos z and -sin² z."""
+    c2, s2 = 1.0 + 2.0 * t, 2.0 * S * C
+    c4, s4 = 2.0 * c2 * c2 - 1.0, 2.0 * s2 * c2
+    X = 1.0 + w[3] * c2 + w[4] * c4 + w[5] * c2 * (2.0 * c4 - 1.0)
+    return X, w[0] * s2 + w[1] * s4 + w[2] * s2 * (2.0 * c4 + 1.0)
+
+
+def _circular(c: View, u: Any) -> tuple[Any, ...]:
+    S, C = sin(c.factor * u), cos(c.factor * u)
+    theta1, theta2, theta3, theta4 = thetas(c.nome, S, C, -(S * S))
+    over = 1.0 / theta4
+    return c.cn * theta2 * over, c.sn * theta1 * over, c.dn * theta3 * over, *harmonics(c.w, S, C, -(S * S)), 0.0 * S
 
 
 def _hyperbolic(c: View, u: Any) -> tuple[Any, ...]:

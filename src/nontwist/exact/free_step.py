@@ -41,7 +41,7 @@ from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, si
 from ..kernels.memory import View
 from ..kernels.parts import part
 from ..kernels.vectors import Vector
-from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, phase, set_constants, unit
+from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, harmonics, phase, set_constants, thetas, unit
 
 SMALL, STEADY = 0.5, 1e-150
 
@@ -151,9 +151,9 @@ def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
 
 def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     """Return the change of the unit momentum, g, the complex number with the argument of θ(v), and 0; |v| <= SMALL."""
-    (x, y, z), v, q, k2, rx, rz, w = M, c.pace * h, c.nome, c.k2, c.rx, c.rz, c.w
-    q2 = q * q
-    q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
+    (x, y, z), v, k2, rx, rz, w = M, c.pace * h, c.k2, c.rx, c.rz, c.w
+    q2 = c.nome * c.nome
+    q6 = q2 * q2 * q2
     is_hyperbolic, half = c.hyperbolic != 0.0, 0.5 * c.factor * v
     s = Variables(S=half, C=half)
     for _ in when(is_hyperbolic):
@@ -161,15 +161,11 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     for _ in when(logical_not(is_hyperbolic)):
         s.S, s.C = sin(half), cos(half)
     S, C, t = s.S, s.C, select(is_hyperbolic, s.S * s.S, -(s.S * s.S))
-    c2 = 1.0 + 2.0 * t
-    c4 = 2.0 * c2 * c2 - 1.0
-    even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c2 * (2.0 * c4 - 1.0))
-    theta1 = S * (1.0 - q2 * (3.0 + 4.0 * t) + q6 * (5.0 + t * (20.0 + 16.0 * t)))
-    theta2 = C * (1.0 + q2 * (1.0 + 4.0 * t) + q6 * (1.0 + t * (12.0 + 16.0 * t)))
-    over = 1.0 / select(is_hyperbolic, theta2, even - odd)
+    theta1, theta2, theta3, theta4 = thetas(c.nome, S, C, t)
+    over = 1.0 / select(is_hyperbolic, theta2, theta4)
     sn = c.sn * theta1 * over
-    cn = c.cn * select(is_hyperbolic, 0.5 * (even - odd), theta2) * over
-    dn = c.dn * select(is_hyperbolic, 0.5, 1.0) * (even + odd) * over
+    cn = c.cn * select(is_hyperbolic, 0.5 * theta4, theta2) * over
+    dn = c.dn * select(is_hyperbolic, 0.5, 1.0) * theta3 * over
     s2 = sn * sn
     over = 2.0 * s2 / (1.0 - k2 * s2 * s2)
     less_c, less_d = over * dn * dn, over * k2 * cn * cn
@@ -181,15 +177,10 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     dx = over * (x * (square - less_c) - rx * rx * y * z * g * (1.0 - less_d))
     dy = over * (y * (square - less_c - less_d + less_c * less_d) + x * z * g)
     dz = over * (z * (square - less_d) - rz * rz * x * y * g * (1.0 - less_c))
-    S, C, t = 2.0 * S * C, c2, 4.0 * t * (1.0 + t)  # at v
+    S, C, t = 2.0 * S * C, 1.0 + 2.0 * t, 4.0 * t * (1.0 + t)  # at v
     X = C * (w[1] + w[3] * q2 * (1.0 + 4.0 * t) + w[5] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
     Y = S * (w[0] + w[2] * q2 * (3.0 + 4.0 * t) + w[4] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
-    c2, t2 = 1.0 + 2.0 * t, 2.0 * S * C
-    c4, t4 = 2.0 * c2 * c2 - 1.0, 2.0 * t2 * c2
-    circular = 1.0 + w[3] * c2 + w[4] * c4 + w[5] * c2 * (2.0 * c4 - 1.0)
-    X = select(is_hyperbolic, X, circular)
-    Y = select(is_hyperbolic, Y, w[0] * t2 + w[1] * t4 + w[2] * t2 * (2.0 * c4 + 1.0))
-    return dx, dy, dz, g, X, Y, 0.0 * h
+    return dx, dy, dz, g, *select(is_hyperbolic, (X, Y), harmonics(w, S, C, t)), 0.0 * h
 
 
 def _at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:

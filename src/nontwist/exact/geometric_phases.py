@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array
 from ..geometry.stacks import principal_angle, unit
 from .border import checked_inertia, checked_velocity
-from .free_constants import CONSTANTS, period, prepare
+from .free_constants import CONSTANTS, period
+from .free_kernels import prepare
 
 _SHORT = 1e-12
 
@@ -179,7 +180,7 @@ def polygon_turn(vertices: ArrayLike) -> float:
 def _period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> tuple[float, float]:
     J, W = checked_inertia(inertia), checked_velocity(material_angular_velocity)
     c = np.empty(CONSTANTS)
-    prepare(J, W, c, np.empty((3, 3)))
+    prepare(J, W, c)
     T, angle = period(c)
     if not math.isfinite(T):
         raise ValueError(f"the momentum of this motion never returns in the body: W = {W.tolist()} rad/s")

@@ -150,9 +150,7 @@ def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
     every = np.concatenate([W, inside.reshape(-1, 3)])
     fastest = every[np.argmax(np.einsum("ki,ki->k", every, every))]
     size = float(np.linalg.norm(fastest))
-    if size == 0.0:
-        return Turning(D3, *(np.zeros(n) for n in (W.shape[:1], W.shape[:1], inside.shape[:2], inside.shape[:2])))
-    axis = fastest / size
+    axis = fastest / size if size else D3
     if abs(every @ np.cross(D3, axis)).max() > FIXED * size:
         return None
     half, s, s_in = (pieces.b - pieces.a) / 2, W @ axis, inside @ axis

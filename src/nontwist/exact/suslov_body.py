@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..engine.turning import exponential, magnus
-from ..geometry.arrays import Array, as_axis
+from ..geometry.arrays import Array, as_direction
 from ..geometry.stacks import EPS
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import cosh, real, select, sqrt, tanh
@@ -162,11 +162,7 @@ def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
 
 def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike) -> _Plane:
     """Return the motion in the plane; the sign of cos θ is in B[0]. A constant W has A = 0 and y0 = ∞."""
-    J, n = checked_inertia(inertia), as_axis(axis, "axis")
-    length = float(np.linalg.norm(n))
-    if length == 0:
-        raise ValueError("axis is zero: it must be a direction in the body")
-    n = n / length
+    J, n = checked_inertia(inertia), as_direction(axis, "axis")
     W = without_spin(checked_velocity(velocity), n)
     plane = np.linalg.svd(n[None])[2][1:]
     moments, vectors = np.linalg.eigh(plane @ J @ plane.T)

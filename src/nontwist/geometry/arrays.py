@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numbers
 import sys
+from collections.abc import Callable
 from decimal import Decimal
 from math import prod
 from types import EllipsisType
@@ -26,6 +27,7 @@ FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 FEW = 2**12  # numbers that BLAS sums in one thread
 LINE = 8  # numbers
+UNIT = 8 * float(np.finfo(np.float64).eps)  # from length 1, up to which a direction is taken as it is
 LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
     "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",
@@ -142,6 +144,29 @@ def as_axis(value: Any, name: str) -> Array:
     return np.array(AXES[value.lower()])
 
 
+def as_direction(value: Any, name: str, place: str = "the body") -> Array:
+    """Return `value`, of any length but 0, as a unit vector; errors as in `as_axis`."""
+    axis = as_axis(value, name)
+    if not axis.any():
+        raise ValueError(f"{name} is zero: it must be a direction in {place}")
+    if abs(np.linalg.norm(axis) - 1) > UNIT:
+        axis = axis / abs(axis).max()  # whose square may underflow
+        axis = axis / np.linalg.norm(axis)
+    return axis
+
+
+def increasing(times: Array, name: str = "", table: str = "a table") -> float:
+    """Return the smallest gap of the times of a table; a ValueError where they do not increase."""
+    if times.size < 2:
+        raise ValueError(f"{table} needs at least 2 times, got {times.size}")
+    if (gaps := np.diff(times)).min() <= 0:
+        k = int(np.argmax(gaps <= 0))
+        raise ValueError(
+            f"times{name} must increase, but times[{k + 1}] = {times[k + 1]:g} follows times[{k}] = {times[k]:g}"
+        )
+    return float(gaps.min())
+
+
 def largest_size(vectors: Array) -> float:
     """Return the length of the longest of vectors (..., n) that are numbers; 0 without any."""
     return float(np.sqrt(np.fmax.reduce(np.einsum("...i,...i", vectors, vectors), axis=None, initial=0.0)))
@@ -157,19 +182,20 @@ def as_number(value: ArrayLike, name: str) -> float:
 def as_positive(value: ArrayLike, name: str, shape: Shape, unit: str) -> Array:
     """Return `value` as `as_array` does; a ValueError that names the first entry which is not positive."""
     array = as_array(value, name, shape)
-    if not (array > 0).all():
-        index = tuple(int(i) for i in np.argwhere(array <= 0)[0])
-        raise ValueError(f"{name}{_place(index)} must be positive, got {array[index]:g} {unit}")
+    refuse(array <= 0, name, lambda i: f"must be positive, got {array[i]:g} {unit}")
     return array
 
 
 def require_finite(array: Array, name: str) -> None:
     """Raise a ValueError that names the first entry of `array` which is not finite."""
-    finite = np.isfinite(array)
-    if not finite.all():
-        bad = np.argwhere(~finite)
-        index = tuple(int(i) for i in bad[0])
-        raise ValueError(f"{name}{_place(index)} = {array[index]} is not finite")
+    refuse(~np.isfinite(array), name, lambda i: f"= {array[i]} is not finite")
+
+
+def refuse(bad: NDArray[np.bool_], name: str, reason: str | Callable[[tuple[int, ...]], str]) -> None:
+    """Raise the ValueError "`name`[index] `reason`" for the first true entry of `bad`; of its index where it asks."""
+    if np.any(bad):
+        index = tuple(np.argwhere(bad)[0].tolist())
+        raise ValueError(f"{name}{_place(index)} {reason if isinstance(reason, str) else reason(index)}")
 
 
 def _place(index: tuple[int, ...]) -> str:

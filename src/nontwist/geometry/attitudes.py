@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..kernels.vectors import Matrix, first_moment
 from .arrays import Array, cross
+from .tensors import ENTRIES
 
-ROWS, COLUMNS = [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]  # of the entries of a symmetric matrix
+ROWS, COLUMNS = map(list, zip(*ENTRIES, strict=True))  # of the entries of a symmetric matrix
 PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # of the entries in the matrix
 
 
@@ -85,7 +87,7 @@ def states_of(q: Array, v: Array) -> tuple[Array, Array, Array]:
     Along the first of several axes the quaternions have no jumps of sign.
     """
     V = v @ q.swapaxes(-1, -2)
-    W = np.stack([V[..., 1, 2] - V[..., 2, 1], V[..., 2, 0] - V[..., 0, 2], V[..., 0, 1] - V[..., 1, 0]], axis=-1) / 2
+    W = np.stack(first_moment(Matrix(*np.moveaxis(V, (-2, -1), (0, 1)))), axis=-1) / 2
     return quaternions(q), W, ((V + V.swapaxes(-1, -2)) / 2)[..., ROWS, COLUMNS]
 
 

@@ -156,17 +156,13 @@ def _halve(
     function: Callable[[float], ArrayLike], grid: Array, u: Array, coarse: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Cut the pieces marked `coarse` in two; the nine samples of each are kept."""
-    count = np.where(coarse, 2, 1)
-    end = np.cumsum(count)
-    new_grid, new_u = np.empty((end[-1], 9)), np.empty((end[-1], 9, 3))
-    new_grid[end[~coarse] - 1], new_u[end[~coarse] - 1] = grid[~coarse], u[~coarse]
     middle = 0.5 * (grid[coarse, :-1] + grid[coarse, 1:])
     middle_u = _evaluate(function, middle.ravel()).reshape(*middle.shape, 3)
-    for half, at in ((0, end[coarse] - 2), (1, end[coarse] - 1)):
-        old, new = slice(4 * half, 4 * half + 5), slice(4 * half, 4 * half + 4)
-        new_grid[at, ::2], new_grid[at, 1::2] = grid[coarse, old], middle[:, new]
-        new_u[at, ::2], new_u[at, 1::2] = u[coarse, old], middle_u[:, new]
-    return new_grid, new_u
+    fine, fine_u = np.empty((len(middle), 17)), np.empty((len(middle), 17, 3))
+    fine[:, ::2], fine[:, 1::2], fine_u[:, ::2], fine_u[:, 1::2] = grid[coarse], middle, u[coarse], middle_u
+    grid = np.concatenate([grid[~coarse], fine[:, :9], fine[:, 8:]])
+    order = np.argsort(grid[:, 0])
+    return grid[order], np.concatenate([u[~coarse], fine_u[:, :9], fine_u[:, 8:]])[order]
 
 
 def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None = None) -> Array:

@@ -125,14 +125,18 @@ def smooth_rolls(u: Any, closed: Any, roll: Any, node: Any, nodes: Any, room: An
             node[k, nodes[i]] = 1
 
 
+def reflected(v: Vector, c: Vector) -> Vector:
+    """Return v reflected in the plane orthogonal to c."""
+    return v - 2.0 * (v @ c) / (c @ c) * c  # type: ignore[no-any-return]
+
+
 @part
 def carried(v: Vector, a: Vector, b: Vector, roll: Any) -> Any:
     """Carry v, orthogonal to a, to b by the minimal rotation, and turn it by `roll` about b.
 
     v is reflected in the plane orthogonal to a + b, which for a vector orthogonal to a is the minimal rotation.
     """
-    c = a + b
-    w = Variables(x=v - 2.0 * (v @ c) / (c @ c) * c)
+    w = Variables(x=reflected(v, a + b))
     for _ in when(roll != 0.0):
         w.x = cos(roll) * w.x + sin(roll) * cross(b, w.x)
     return tangent_to(w.x, b)
@@ -142,6 +146,11 @@ def tangent_to(x: Vector, b: Vector) -> Any:
     """Return x without round-off: in the tangent plane at b, and of unit length."""
     x = x - (b @ x) * b
     return (1.5 - 0.5 * (x @ x)) * x
+
+
+def _put_frame(rows: Any, d1: Vector, d3: Vector) -> None:
+    for i, d in enumerate((d1, cross(d3, d1), d3)):
+        put(rows[i], d)
 
 
 @kernel("f8[:, :, :], f8[:, :], f8[:, :], i8[:, :], f8[:, :, :, :] -> i8, i8, i8, i8, i8")
@@ -167,9 +176,7 @@ def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[An
                     found.member, found.one, found.other = k, v.last, i
             for _ in when(found.member < 0):
                 d1 = carried(v.d1, v.a, b, roll[k, i])
-                put(frames[k, i, 0], d1)
-                put(frames[k, i, 1], cross(b, d1))
-                put(frames[k, i, 2], b)
+                _put_frame(frames[k, i], d1, b)
                 for _ in when(node[k, i] != 0):
                     v.last, v.a, v.d1 = i, b, d1
     return found.member, found.one, found.other, found.wide_member, found.wide
@@ -219,11 +226,8 @@ def double_reflection(points: Any, u: Any, start: Any, frames: Any) -> tuple[Any
                 for _ in when(size > NO_CHORD):
                     e = p / size
                     v.x, v.c = v.d1 - 2.0 * (v.d1 @ e) * e, b - a + 2.0 * (a @ e) * e
-                square = v.c @ v.c
-                for _ in when(square < ANTIPODAL):
+                for _ in when(v.c @ v.c < ANTIPODAL):
                     found.member, found.sample = k, i
-                v.d1 = tangent_to(v.x - 2.0 * (v.x @ v.c) / square * v.c, b)
-            put(frames[k, i, 0], v.d1)
-            put(frames[k, i, 1], cross(b, v.d1))
-            put(frames[k, i, 2], b)
+                v.d1 = tangent_to(reflected(v.x, v.c), b)
+            _put_frame(frames[k, i], v.d1, b)
     return found.member, found.sample

@@ -33,7 +33,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..kernels.vectors import Vector
 from .arrays import Array, as_array
+from .frame_kernels import reflected
 from .frames import solid_angle
 from .link_kernels import ROOM, WORK, row_integrals
 from .stacks import dot, norm
@@ -241,9 +243,7 @@ def _twists(v: Array, edges: Array, tangents: Array, closed: bool) -> Array:
 
 def _carried(v: Array, a: Array, b: Array) -> Array:
     """Carry vectors normal to a to b by minimal rotations."""
-    c = a + b
-    w: Array = v - (2 * dot(v, c) / dot(c, c))[:, None] * c
-    return w
+    return np.stack(reflected(Vector(*v.T), Vector(*(a + b).T)), axis=1)
 
 
 def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:

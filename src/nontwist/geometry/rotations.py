@@ -22,8 +22,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_number
-from .stacks import EPS, TOLERANCE, dot, norm, ratio, refuse, stack, unit
+from .arrays import Array, as_number, refuse
+from .stacks import EPS, TOLERANCE, dot, norm, ratio, stack, unit
 
 # |B_2|, |B_4|, ..., |B_22|
 _BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513]) / np.array(

@@ -1,11 +1,11 @@
-"""Stacks of vectors, matrices and angles: leading axes, lengths, errors that name the first bad entry."""
+"""Stacks of vectors, matrices and angles: leading axes, lengths, angles between them."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .arrays import Array, as_array
+from .arrays import Array, as_array, refuse
 
 TOLERANCE = 1e-9  # departure from unit length, tangency or orthogonality up to which an argument is accepted
 EPS = float(np.finfo(np.float64).eps)
@@ -51,10 +51,3 @@ def principal_angle(angle: ArrayLike) -> Array:
 def ratio(a: Array, b: Array, at_zero: float) -> Array:
     """Quotient a/b, `at_zero` where b = 0."""
     return np.asarray(np.divide(a, b, out=np.full(np.broadcast(a, b).shape, at_zero), where=b != 0.0))
-
-
-def refuse(bad: NDArray[np.bool_], name: str, reason: str) -> None:
-    """Raise the ValueError "`name`[index] `reason`" for the first true entry of `bad`."""
-    if np.any(bad):
-        index = ", ".join(map(str, np.argwhere(bad)[0]))
-        raise ValueError(f"{name}[{index}] {reason}" if index else f"{name} {reason}")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exact.free_bodies import TOO_FAR
-from ..exact.free_constants import BAD_TIME, CONSTANTS, NOT_PRINCIPAL, OK
+from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
 from ..exact.free_kernels import PRINCIPAL, free_members, turns
 from ..exact.gyrostats import gyrostat_motion
 from ..exact.loaded_body import (
@@ -61,9 +61,7 @@ def march(problem: Problem, threads: int) -> Outcome:
     since = since[place:].copy()
 
     def block(first: int, last: int) -> None:
-        k = len(since)
-        room = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(CONSTANTS)
-        status, member = free_members(J, axes, since, place, first, last, *out.states[:2], *room)
+        status, member = free_members(J, axes, since, place, first, last, *out.states[:2])
         try:
             _require_solution(status)
         except ValueError as error:

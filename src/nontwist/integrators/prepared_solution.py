@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exact.free_constants import CONSTANTS, OK
+from ..exact.free_constants import OK
 from ..exact.free_kernels import free_members
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
@@ -63,9 +63,8 @@ class PreparedSolution:
 
     def _workspace(self) -> tuple[Array, Callable[[], Any]]:
         """Return memory for one thread, and the kernel that works on it."""
-        memory, k = self._empty.copy(), len(self._since)
+        memory = self._empty.copy()
         p, W = self._states(memory)
-        room = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(CONSTANTS)
         J, axis, given = self._systems.convected_inertia, self._systems.axis, (self._since, self._place, 0, 1)
         axes = np.zeros((0, 3)) if axis is None else axis
-        return memory, free_members.bound(J, axes, *given, p[None], W[None], *room)
+        return memory, free_members.bound(J, axes, *given, p[None], W[None])

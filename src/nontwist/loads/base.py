@@ -27,10 +27,11 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
+from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, DirectorForces, ForceTable
 from .kinds import TERMS, load_in_words
 from .potentials import GravityGradient, Potential, PotentialFunction
-from .terms import Damping, Rotor, Table, Term
+from .terms import Damping, ForceTerm, Rotor, Table, Term
 
 MOST = 4  # terms that a repr names
 
@@ -322,8 +323,7 @@ def _with_moment(term: Term) -> Term:
     """Return a table of forces along the directors as the moment that it is, other terms as they are."""
     if not (isinstance(term, ForceTable) and term.frame == "body"):
         return term
-    f = term.forces_of
-    moments = np.stack([f[:, j, k] - f[:, k, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+    moments = np.stack(first_moment(Matrix(*np.moveaxis(term.forces_of, 0, -1))), axis=1)
     smooth: Any = {key: getattr(term, key) for key in ("scale", "breakpoints", "resolution")}
     return Table("body", term.times, moments, float(np.linalg.norm(moments[-1])), **smooth)
 
@@ -351,7 +351,7 @@ def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
     """Return the forces on the directors of a load of director forces and potentials, rows of (3, 3)."""
     total = np.zeros((3, 3))
     for term in load.terms:
-        if isinstance(term, (DirectorForces, Potential)):
+        if isinstance(term, ForceTerm):
             total += term.scale * term.forces(t, directors, angular_velocity)
     return total
 

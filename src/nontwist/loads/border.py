@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal
+from typing import Any, Literal
 
-import numpy as np
+from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, increasing
 from ..geometry.values import among, as_list, shown
+from .base import Load
+from .terms import Term
 
 
-def increasing(t: Array) -> float:
-    """Return the smallest gap of the times of a table; a ValueError where they do not increase."""
-    if t.size < 2:
-        raise ValueError(f"a table needs at least 2 times, got {t.size}")
-    if (gaps := np.diff(t)).min() <= 0:
-        k = int(np.argmax(gaps <= 0))
-        raise ValueError(f"times must increase, but times[{k + 1}] = {t[k + 1]:g} follows times[{k}] = {t[k]:g}")
-    return float(gaps.min())
+def table(name: str, times: ArrayLike, values: ArrayLike | None, *tail: int) -> tuple[Array, Array, dict[str, Any]]:
+    """Return times and values (k, *tail) of a table of the load `name`, checked; what is known of its smoothness."""
+    if values is None:
+        raise ValueError(f"{name} needs the values that belong to its times: {name}(times, values)")
+    t = as_array(times, "times", (None,))
+    return (
+        t,
+        as_array(values, "values", (t.size, *tail)),
+        {"breakpoints": tuple(t.tolist()), "resolution": increasing(t)},
+    )
+
+
+def of_function(term: Term, compiled: bool) -> Load:
+    """Return a term as a load, compiled now where that is asked for: it raises where that is not possible."""
+    if compiled:
+        _ = term.compiled
+    return Load((term,))
 
 
 def breaks(times: Iterable[float]) -> tuple[float, ...]:

@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_axis, as_floats, as_tensor
+from ..geometry.arrays import as_array, as_direction, as_floats, as_tensor
 from ..geometry.values import among, as_function, shown
 from .base import Load
-from .border import breaks, frame_of, increasing
+from .border import breaks, frame_of, of_function, table
 from .c_functions import as_c_function, is_c_function
 from .terms import PULSES, Damping, Function, Kind, Moment, Pulse, Rotor, Sine, Table
 
@@ -152,9 +152,7 @@ def moment(
     function = as_c_function(function) if is_c else as_function(function, "function")
     own = None if derivative is None else as_function(derivative, "derivative")
     term = Function("state", function, own, breakpoints=breaks(breakpoints), compile=compiled or is_c)
-    if compiled:
-        _ = term.compiled  # it raises where that is not possible
-    return Load((term,))
+    return of_function(term, compiled)
 
 
 def damping(coefficient: ArrayLike) -> Load:
@@ -312,31 +310,23 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     >>> abs(run.total_momentum).max().item() < 1e-15
     True
     """
-    a = as_axis(axis, "axis")
-    if not a.any():
-        raise ValueError("axis of the rotor is zero: it must be a direction in the body")
-    a = a / abs(a).max()  # whose square may underflow
-    a = a / np.linalg.norm(a)
+    a = as_direction(axis, "axis of the rotor")
     if values is None:
         h = as_floats(momentum, "momentum")
         if h.ndim:
             raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
         return Load((Rotor("state", a, np.zeros(1), as_array(h, "momentum", ())[None]),))
-    t = as_array(momentum, "times", (None,))
-    increasing(t)
-    return Load((Rotor("state", a, t, as_array(values, "values", (t.size,)), breakpoints=tuple(t.tolist())),))
+    t, h, smooth = table("rotor", momentum, values)
+    return Load((Rotor("state", a, t, h, breakpoints=smooth["breakpoints"]),))
 
 
 def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
+    name = f"{kind}_moment"
     if is_c_function(times):
-        raise ValueError(f"{kind}_moment accepts a function of time in Python; moment(function) accepts a C function")
+        raise ValueError(f"{name} accepts a function of time in Python; moment(function) accepts a C function")
     if callable(times):
         if values is not None:
-            raise ValueError(f"{kind}_moment accepts a function, or times and values, not both")
+            raise ValueError(f"{name} accepts a function, or times and values, not both")
         return Load((Function(kind, times, breakpoints=breaks(breakpoints)),))
-    if values is None:
-        raise ValueError(f"{kind}_moment needs the values that belong to its times: {kind}_moment(times, values)")
-    t = as_array(times, "times", (None,))
-    m = as_array(values, "values", (t.size, 3))
-    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t)}
+    t, m, smooth = table(name, times, values, 3)
     return Load((Table(kind, t, m, float(np.linalg.norm(m[-1])), **smooth),))

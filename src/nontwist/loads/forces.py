@@ -6,7 +6,6 @@ director form sees all of them, and what has no moment changes its multipliers �
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,13 +14,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array
-from .terms import LONGEST, Kind, Record, Term, along, called, spans, within
+from .terms import ForceTerm, Kind, Record, along, called, function_in_words, spans, within
 
 SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
 
 
 @dataclass(frozen=True, eq=False)
-class DirectorForces(Term):
+class DirectorForces(ForceTerm):
     """A term of kind "forces": three forces on the directors, from the time and the state.
 
     A subclass defines `forces`. Unless it is one of the package, Python calls it at every stage of a run.
@@ -29,19 +28,10 @@ class DirectorForces(Term):
 
     kinds: ClassVar[tuple[Kind, ...]] = ("forces",)
 
-    @abstractmethod
-    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return the forces in space, (3, 3), the row i on the director i, N m, without the factor, in Python."""
-
     @cached_property
     def compiled(self) -> Callable[..., Any] | None:
         """None: the forces are computed in Python."""
         return None
-
-    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
-        found: Array = np.cross(directors, self.forces(t, directors, angular_velocity)).sum(axis=0)
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +86,4 @@ class ForceFunction(DirectorForces):
     @staticmethod
     def words(record: Record) -> str:
         """Return factor and name."""
-        factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
-        name = f"director forces of {record['director_forces']}"[:LONGEST]
-        return f"{factor}{name} {along(record['frame'])}"
+        return function_in_words(record, f"director forces of {record['director_forces']}", record["frame"])

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_number, as_positive
+from ..geometry.arrays import Array, as_array, as_direction, as_floats, as_number, as_positive
 from ..geometry.values import as_function
 from .base import Load
-from .border import breaks, frame_of, increasing
+from .border import breaks, frame_of, of_function, table
 from .c_functions import is_c_function
 from .forces import ForceFunction, ForceTable
 from .potentials import MOST_VECTORS, GravityGradient, PotentialFunction, Quadratic, Spring
@@ -81,14 +81,8 @@ def director_forces(
             )
         function = as_function(times, "function")
         term = ForceFunction("forces", function, frame_of(frame), breakpoints=breaks(breakpoints), compile=compiled)
-        if compiled:
-            _ = term.compiled  # it raises where that is not possible
-        return Load((term,))
-    if values is None:
-        raise ValueError("director_forces needs the values that belong to its times: director_forces(times, values)")
-    t = as_array(times, "times", (None,))
-    f = as_array(values, "values", (t.size, 3, 3))
-    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t)}
+        return of_function(term, compiled)
+    t, f, smooth = table("director_forces", times, values, 3, 3)
     return Load((ForceTable("forces", f, t, frame_of(frame), float(np.linalg.norm(f[-1])), **smooth),))
 
 
@@ -166,9 +160,7 @@ def potential(
     functions = as_function(function, "function"), as_function(gradient, "gradient")
     term = PotentialFunction("potential", *functions, a, single, compile=compiled)
     _require_gradient(term)
-    if compiled:
-        _ = term.compiled  # it raises where that is not possible
-    return Load((term,))
+    return of_function(term, compiled)
 
 
 def spring(stiffness: float, point: ArrayLike, anchor: ArrayLike, rest_length: float = 0.0) -> Load:
@@ -285,21 +277,12 @@ def gravity_gradient(
     array([1., 0., 0.])
     """
     n, begin = float(as_positive(mean_motion, "mean_motion", (), "rad/s")), as_number(start, "start")
-    r, o = _direction(radial, "radial"), _direction(normal, "normal")
+    r, o = as_direction(radial, "radial", "space"), as_direction(normal, "normal", "space")
     if abs(r @ o) > 1e-9:
         raise ValueError(f"normal must be orthogonal to radial, but the cosine between them is {r @ o:.3g}")
     r = r - (r @ o) * o
     unknown = np.full((3, 3), np.nan)
     return Load((GravityGradient("potential", n, r / np.linalg.norm(r), o, begin, unknown, resolution=0.3 / n),))
-
-
-def _direction(value: ArrayLike, name: str) -> Array:
-    v = as_axis(value, name)
-    if not v.any():
-        raise ValueError(f"{name} is zero: it must be a direction in space")
-    v = v / abs(v).max()
-    found: Array = v / np.linalg.norm(v)
-    return found
 
 
 def _of_each(value: ArrayLike | None, name: str, shape: tuple[int, ...]) -> Array:

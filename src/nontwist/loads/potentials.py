@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array
 from ..geometry.values import vector_text
-from .terms import LONGEST, Kind, Record, Term
+from .terms import ForceTerm, Kind, Record, checked_value, function_in_words
 
 POTENTIAL_REMEDY = "let function return a finite number (J) and gradient its derivatives by γ (N m) for every γ"
 MOST_VECTORS = 4
@@ -27,7 +27,7 @@ I3 = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Potential(Term):
+class Potential(ForceTerm):
     """A term of kind "potential": V, and its gradient, of space vectors seen from the body."""
 
     kinds: ClassVar[tuple[Kind, ...]] = ("potential",)
@@ -66,24 +66,12 @@ class Potential(Term):
         found: Array = -self.slope(a @ directors.T).T @ a
         return found
 
-    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return their spatial moment, (3,), N m, without the factor."""
-        found: Array = np.cross(directors, self.forces(t, directors, angular_velocity)).sum(axis=0)
-        return found
 
+class OfOneVector(Potential):
+    """A potential ``V = l·γ + ½ γ·Qγ`` of one vector."""
 
-@dataclass(frozen=True, eq=False)
-class Quadratic(Potential):
-    """The potential ``V = l·γ + ½ γ·Qγ`` of one vector."""
-
-    linear: Array  # l, (3,)
-    quadratic: Array  # Q, (3, 3), symmetric
-    vector: Array  # a, (3,)
-
-    @property
-    def vectors(self) -> Array:
-        """The space vector."""
-        return self.vector[None]
+    linear: Any
+    quadratic: Any
 
     def value(self, gamma: Array) -> Array:
         """Return V."""
@@ -95,6 +83,20 @@ class Quadratic(Potential):
         """Return l + Qγ."""
         found: Array = self.linear + gamma @ self.quadratic
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic(OfOneVector):
+    """The potential ``V = l·γ + ½ γ·Qγ`` of one vector."""
+
+    linear: Array  # l, (3,)
+    quadratic: Array  # Q, (3, 3), symmetric
+    vector: Array  # a, (3,)
+
+    @property
+    def vectors(self) -> Array:
+        """The space vector."""
+        return self.vector[None]
 
     @property
     def dead_force(self) -> Array | None:
@@ -157,7 +159,7 @@ class Spring(Potential):
 
 
 @dataclass(frozen=True, eq=False)
-class GravityGradient(Potential):
+class GravityGradient(OfOneVector):
     """The gravity gradient on a circular orbit, ``V = (3/2) n² c·Jc``, c the direction of the radius in the body."""
 
     mean_motion: float  # n, rad/s
@@ -165,6 +167,7 @@ class GravityGradient(Potential):
     normal: Array  # o, (3,), unit
     start: float
     inertia: Array  # J, (3, 3); NaN until a run tells its body
+    linear = np.zeros(3)
 
     def of_body(self, inertia: Array) -> GravityGradient:
         """Return the term for a body with this inertia."""
@@ -196,17 +199,6 @@ class GravityGradient(Potential):
         """Return Q = 3n²J."""
         return 3 * self.mean_motion**2 * self.inertia
 
-    def value(self, gamma: Array) -> Array:
-        """Return V."""
-        g = gamma[..., 0, :]
-        found: Array = np.sum(g @ self.quadratic * g, axis=-1) / 2
-        return found
-
-    def slope(self, gamma: Array) -> Array:
-        """Return 3n²Jc."""
-        found: Array = gamma @ self.quadratic
-        return found
-
     @staticmethod
     def words(record: Record) -> str:
         """Return the mean motion."""
@@ -235,36 +227,17 @@ class PotentialFunction(Potential):
 
     def slope(self, gamma: Array) -> Array:
         """Return what the gradient gives."""
-        self.checked_value(gamma.reshape(self.shape))
-        name = getattr(self.gradient, "__name__", repr(self.gradient))
-        try:
-            found = as_floats(_python(self.gradient)(gamma.reshape(self.shape).copy()), f"the gradient {name}")
-        except Exception as error:
-            raise ValueError(
-                f"the gradient {name} raised {type(error).__name__}: {error}; {POTENTIAL_REMEDY}"
-            ) from error
-        if found.shape != self.shape:
-            raise ValueError(
-                f"the gradient {name} must return shape {self.shape}, got {found.shape}; {POTENTIAL_REMEDY}"
-            )
-        if not np.isfinite(found).all():
-            raise ValueError(f"the gradient {name} is not finite at γ = {gamma.tolist()}; {POTENTIAL_REMEDY}")
-        return found.reshape(-1, 3)
+        g = gamma.reshape(self.shape)
+        self.checked_value(g)
+        return self._called(self.gradient, "gradient", g, self.shape).reshape(-1, 3)
 
     def checked_value(self, gamma: Array) -> float:
         """Return V of one γ; a ValueError where it is no finite number."""
-        name = getattr(self.potential, "__name__", repr(self.potential))
-        try:
-            found = as_floats(_python(self.potential)(gamma.copy()), f"the potential {name}")
-        except Exception as error:
-            raise ValueError(
-                f"the potential {name} raised {type(error).__name__}: {error}; {POTENTIAL_REMEDY}"
-            ) from error
-        if found.shape != ():
-            raise ValueError(f"the potential {name} must return a number, got shape {found.shape}; {POTENTIAL_REMEDY}")
-        if not np.isfinite(found):
-            raise ValueError(f"the potential {name} is not finite at γ = {gamma.tolist()}; {POTENTIAL_REMEDY}")
-        return float(found)
+        return float(self._called(self.potential, "potential", gamma, ()))
+
+    def _called(self, function: Callable[..., Any], what: str, gamma: Array, shape: tuple[int, ...]) -> Array:
+        function, place = getattr(function, "py_func", function), lambda: f"γ = {gamma.tolist()}"
+        return checked_value(function, what, (gamma.copy(),), "γ", shape, place, POTENTIAL_REMEDY)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -281,10 +254,4 @@ class PotentialFunction(Potential):
     @staticmethod
     def words(record: Record) -> str:
         """Return factor and name."""
-        factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
-        return f"{factor}potential {record['potential']}"[:LONGEST]
-
-
-def _python(function: Callable[..., Any]) -> Callable[..., Any]:
-    found: Callable[..., Any] = getattr(function, "py_func", function)
-    return found
+        return function_in_words(record, f"potential {record['potential']}")

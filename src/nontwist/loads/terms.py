@@ -164,6 +164,19 @@ class Term(ABC):
         return hash(self._key())
 
 
+class ForceTerm(Term):
+    """A term that acts by forces on the directors; `forces` returns them in space, (3, 3) rows, without the factor."""
+
+    @abstractmethod
+    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the forces in space, (3, 3), the row i on the director i, N m, without the factor, in Python."""
+
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
+        found: Array = np.cross(directors, self.forces(t, directors, angular_velocity)).sum(axis=0)
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Pulse(Term):
     """A moment of fixed direction that lasts from `start` to `end`."""
@@ -253,9 +266,7 @@ class Function(Term):
     @staticmethod
     def words(record: Record) -> str:
         """Return factor and name."""
-        factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
-        name = f"function {record['function']}"[:LONGEST]
-        return f"{factor}{name} {along(record['kind'])}".strip()
+        return function_in_words(record, f"function {record['function']}", record["kind"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,22 +337,32 @@ def spans(times: Array, values: Array) -> Array:
 def called(function: Callable[..., ArrayLike], t: float, *state: Array, shape: tuple[int, ...] = (3,)) -> Array:
     """Call a user's function at `t` and check what it returns."""
     remedy = REMEDY if shape == (3,) else REMEDY.replace("3 finite", "3 rows of 3 finite")
-    name = getattr(function, "__name__", None) or repr(function)
+    given = "the time" + ", the directors and the angular velocity" * bool(state)
+    return checked_value(function, "load", (t, *state), given, shape, lambda: f"t = {t:.12g} s", remedy)
+
+
+def checked_value(
+    function: Callable[..., ArrayLike],
+    what: str,
+    arguments: tuple[Any, ...],
+    given: str,
+    shape: tuple[int, ...],
+    place: Callable[[], str],
+    remedy: str,
+) -> Array:
+    """Call a user's function and check what it returns; messages say what is `given`, and at which `place`."""
+    name = f"the {what} {getattr(function, '__name__', None) or repr(function)}"
     try:
-        value = as_floats(function(t, *state), f"the load {name}")
+        value = as_floats(function(*arguments), name)
     except Exception as error:
-        if isinstance(error, TypeError) and not _takes(function, t, *state):
-            remedy = "it is called with the time" + ", the directors and the angular velocity" * bool(state)
-        raise ValueError(
-            f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {remedy}"
-        ) from error
+        if isinstance(error, TypeError) and not _takes(function, *arguments):
+            remedy = f"it is called with {given}"
+        raise ValueError(f"{name} raised {type(error).__name__} at {place()}: {error}; {remedy}") from error
     if value.shape != shape:
-        numbers = "3 numbers" if shape == (3,) else "3 rows of 3 numbers"
-        raise ValueError(
-            f"the load {name} must return {numbers}, at t = {t:.12g} s it returned shape {value.shape}; {remedy}"
-        )
+        numbers = {(): "a number", (3,): "3 numbers"}.get(shape) or f"{shape[0]} rows of 3 numbers"
+        raise ValueError(f"{name} must return {numbers}, at {place()} it returned shape {value.shape}; {remedy}")
     if not np.isfinite(value).all():
-        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {remedy}")
+        raise ValueError(f"{name} is not finite at {place()}: {value.tolist()}; {remedy}")
     return value
 
 
@@ -368,6 +389,12 @@ def _plain(value: Any) -> Any:
 def along(frame: Any) -> str:
     """Return in words what components are along."""
     return {"body": "along the directors", "space": "along fixed axes"}.get(str(frame), "")
+
+
+def function_in_words(record: Record, name: str, frame: Any = None) -> str:
+    """Return in words a term that is a function: its factor, its name, and what its components are along."""
+    factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
+    return f"{factor}{name[:LONGEST]} {along(frame)}".strip()
 
 
 def _peak(record: Record, name: str) -> str:

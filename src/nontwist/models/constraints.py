@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.tensors import BASIS, hats
 
 LABELS = ("11", "22", "33", "23", "13", "12", "nh")
 
@@ -31,10 +32,6 @@ def constraint_matrices(axis: Array | None, a: float = 0.5) -> Array:
     -------
     (6, 3, 3) or (7, 3, 3) array
     """
-    A = np.zeros((6 if axis is None else 7, 3, 3))
-    for k, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]):
-        A[k, i, j] = A[k, j, i] = 1.0
-    if axis is not None:
-        x, y, z = axis
-        A[6] = -0.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) + (0.5 - a) * A[5]
-    return A
+    if axis is None:
+        return BASIS
+    return np.concatenate([BASIS, -0.5 * hats(axis[None]) + (0.5 - a) * BASIS[5]])

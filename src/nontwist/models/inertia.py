@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_axis, as_positive
+from ..geometry.arrays import Array, as_array, as_direction, as_positive
 from .system import checked_inertia, convected_inertia, euler_inertia, require_mass
 
 ON_A_LINE = 1e-14  # moment about the line through all points, relative to the largest: below it is round-off
@@ -153,10 +153,7 @@ def inertia_of_cylinder(
     L, r = float(as_positive(length, "length", (), "m")), float(as_array(inner_radius, "inner_radius", ()))
     if not 0 <= r < R:
         raise ValueError(f"inner_radius must lie between 0 and radius = {R:g} m, got {r:g} m")
-    n = as_axis(axis, "axis")
-    if not n.any():
-        raise ValueError("axis is zero: it must be a direction in the body")
-    n /= np.linalg.norm(n)
+    n = as_direction(axis, "axis")
     along = np.outer(n, n)
     J: Array = m * (R**2 + r**2) / 2 * along + m * (3 * (R**2 + r**2) + L**2) / 12 * (np.eye(3) - along)
     return J

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.arrays import Array, as_array, as_floats, increasing
 from ..geometry.values import shown
 
 
@@ -61,13 +61,7 @@ def as_spin(value: Any) -> Spin | None:
     if isinstance(value, tuple | list) and len(value) == 2 and np.ndim(value[0]) == 1:
         times = as_array(value[0], "times of spin", (None,))
         values = as_array(value[1], "values of spin", (times.size,))
-        if times.size < 2:
-            raise ValueError(f"a table of spin needs at least 2 times, got {times.size}")
-        if (gaps := np.diff(times)).min() <= 0:
-            k = int(np.argmax(gaps <= 0))
-            raise ValueError(
-                f"times of spin must increase, but times[{k + 1}] = {times[k + 1]:g} follows times[{k}] = {times[k]:g}"
-            )
+        increasing(times, " of spin", "a table of spin")
     else:
         number = as_floats(value, "spin")
         if number.ndim:

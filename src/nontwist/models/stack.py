@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import UNIT, Array, as_array
 from ..geometry.values import as_list, shown
 from .spin import Spin, as_spin
-from .system import PRINCIPAL, SYMMETRY, UNIT, DirectorSystem, as_system, inertia_text
+from .system import PRINCIPAL, SYMMETRY, DirectorSystem, as_system, inertia_text, keep
 
 PARALLEL = 1e-12
 
@@ -81,10 +81,7 @@ class SystemStack:
             if axis is not None:
                 axis[i] = body.axis
         E = (E + E.swapaxes(1, 2)) / 2
-        for key, value in {"euler_inertia": E, "axis": axis, "dead_force": dead}.items():
-            if value is not None:
-                value.flags.writeable = False
-            object.__setattr__(self, key, value)
+        keep(self, euler_inertia=E, axis=axis, dead_force=dead)
         self._set_spin(m, axis)
 
     def _set_spin(self, m: int, axis: Array | None) -> None:
@@ -99,9 +96,7 @@ class SystemStack:
             if not is_principal(self).all():
                 k = int(np.argmin(is_principal(self)))
                 raise ValueError(f"member {k}: spin needs an axis that is principal")
-            factor.flags.writeable = False
-        object.__setattr__(self, "spin", spin)
-        object.__setattr__(self, "spin_factor", None if spin is None else factor)
+        keep(self, spin=spin, spin_factor=None if spin is None else factor)
 
     def spin_of(self, member: int) -> Spin | None:
         """Return the spin of a member, or None if it has none."""
@@ -150,7 +145,7 @@ class SystemStack:
             spin,
             factor,
         )
-        object.__setattr__(found, "_bodies", tuple(bodies))
+        keep(found, _bodies=tuple(bodies))
         return found
 
     def __len__(self) -> int:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_tensor
+from ..geometry.arrays import Array, as_array, as_direction, as_floats, as_tensor
 from ..geometry.values import shown, vector_text
 from .spin import as_spin
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .stack import SystemStack
 
 SYMMETRY, TRIANGLE, PRINCIPAL = 1e-12, 1e-9, 1e-9
-UNIT = 8 * float(np.finfo(np.float64).eps)
 
 
 def convected_inertia(E: ArrayLike) -> Array:
@@ -228,18 +227,8 @@ class DirectorSystem:
         E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")
         euler_inertia(convected_inertia(E))  # raises where no body has this inertia
         E = _semidefinite(E)
-        axis = None if self.axis is None else as_axis(self.axis, "axis")
-        if axis is not None:
-            if not axis.any():
-                raise ValueError("axis is zero: it must be a direction in the body")
-            if abs(np.linalg.norm(axis) - 1) > UNIT:  # a unit axis keeps its bits
-                axis = axis / abs(axis).max()  # whose square may underflow
-                axis = axis / np.linalg.norm(axis)
-        values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
-        for key, value in values.items():
-            if value is not None:
-                value.flags.writeable = False
-            object.__setattr__(self, key, value)
+        axis = None if self.axis is None else as_direction(self.axis, "axis")
+        dead = as_array(self.dead_force, "dead_force", (3, 3))
         if not isinstance(self.name, str):
             raise ValueError(f"name must be a string, got {shown(self.name)}")
         spin = as_spin(self.spin)
@@ -253,7 +242,7 @@ class DirectorSystem:
                     f"spin needs an axis that is principal, but J n differs from its part along n by "
                     f"{np.linalg.norm(across):.3g} kg m²"
                 )
-        object.__setattr__(self, "spin", spin)
+        keep(self, euler_inertia=E, axis=axis, dead_force=dead, spin=spin)
 
     @cached_property
     def convected_inertia(self) -> Array:
@@ -332,6 +321,14 @@ class DirectorSystem:
         except (TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError) as error:
             raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
         return cls(**system)
+
+
+def keep(body: Any, **values: Any) -> None:
+    """Set fields of a frozen body; arrays become read-only."""
+    for key, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(body, key, value)
 
 
 def inertia_text(J: Array) -> str:

@@ -109,7 +109,7 @@ from ..kernels.vectors import (
 )
 from ..loads import Load
 from .base import Problem
-from .compiled import Compiled
+from .compiled import ONCE, Compiled
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_stages import (
@@ -131,7 +131,6 @@ from .gauss_stages import (
     rows_by_elimination,
     rows_of,
 )
-from .scheme import ONCE, Scheme
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -220,42 +219,49 @@ class Gauss(Compiled):
         """Nodes of the load in a step."""
         return self.order // 2
 
-    def _scheme(self, constrained: bool) -> Scheme:
-        """Return the step and what it is marched with."""
-        return Scheme(
-            texts=text_of,
-            stages=stages,
-            forms=forms,
-            table=table,
-            carried=carried,
-            action=STAGE,
-            room=room,
-            within=within,
-            linear=linear,
-        )
+    def text(self, form: int) -> Text:
+        """Return the text of the step."""
+        return text_of(self.nodes, MOTIONS.get(form, "rows"))
 
+    def stages(self, form: int) -> tuple[Array, Array]:
+        """Return the one fraction of a step that is taken at once, and the nodes of the load."""
+        return ONCE, nodes(self.order)
 
-def stages(order: int, form: int) -> tuple[Array, Array]:
-    """Return the one fraction of a step that is taken at once, and the nodes of the load."""
-    return ONCE, nodes(order)
+    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+        """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
+        several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
+        return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
 
+    def linear(self, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+        """Return what linearises the steps of a form."""
+        from .gauss_derivatives import linearised
 
-def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-    """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
-    several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
-    return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
+        return linearised(self.nodes, MOTIONS.get(form, "rows"), parts, wanted)
 
+    def room(self, lanes: int) -> int:
+        """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
+        m = 3 * WIDTH
+        return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
 
-def linear(order: int, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
-    """Return what linearises the steps of a form."""
-    from .gauss_derivatives import linearised
+    @property
+    def carried(self) -> int:
+        """How many numbers a body carries beside its state: the increments of its last step."""
+        return COMPONENTS * self.nodes
 
-    return linearised(order // 2, MOTIONS.get(form, "rows"), parts, wanted)
+    @property
+    def table(self) -> Array:
+        """The coefficients of the collocation."""
+        return table(self.order)
 
+    @property
+    def within(self) -> Array:
+        """What guesses of substeps are made of."""
+        return within(self.order)
 
-def carried(order: int) -> int:
-    """Return how many numbers a body carries beside its state: the increments of its last step."""
-    return COMPONENTS * (order // 2)
+    @property
+    def action(self) -> int:
+        """What director forces and potentials are for it: torques at the stages."""
+        return STAGE
 
 
 def unresolved(problem: Problem, s: int) -> str | None:
@@ -269,12 +275,6 @@ def unresolved(problem: Problem, s: int) -> str | None:
     )
 
 
-def room(lanes: int) -> int:
-    """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
-    m = 3 * WIDTH
-    return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
-
-
 # The step.
 
 FAINT = 1e-280  # square of a vector that has no direction any more
@@ -284,9 +284,8 @@ MOTIONS = {STEADY_FORM: "steady", DRIVEN: "moved", FREE: "free", MOVED: "moved",
 
 
 @lru_cache
-def text_of(order: int, form: int) -> Text:
-    """Return the text of the steps of an order and a form."""
-    s, motion = order // 2, MOTIONS.get(form, "rows")
+def text_of(s: int, motion: str) -> Text:
+    """Return the text of the steps of s stages for a motion."""
 
     def step(acting: Nodes, state: State, alive: Any) -> Step:
         y = stages_of(acting.parts, acting.memory, acting.table, s)

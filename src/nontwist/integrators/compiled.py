@@ -17,9 +17,16 @@ from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
     from ..engine.marching import Text
+    from ..engine.records import Body
+    from ..kernels.vectors import Vector
     from ..loads import Load
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
+
+
+def velocity_of(body: Body, P: Vector) -> Vector:
+    """Return W of a step that carries the momentum."""
+    return body.velocity_of(P)
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ from ..engine.generalised import STAGE
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
-from ..engine.records import BODY, Body, Parts, State
+from ..engine.records import BODY, Parts, State
 from ..engine.sampling import Nodes
 from ..engine.turning import turned_on
 from ..geometry.arrays import Array
@@ -109,7 +109,7 @@ from ..kernels.vectors import (
 )
 from ..loads import Load
 from .base import Problem
-from .compiled import ONCE, Compiled
+from .compiled import ONCE, Compiled, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_stages import (
@@ -291,10 +291,7 @@ def text_of(s: int, motion: str) -> Text:
         y = stages_of(acting.parts, acting.memory, acting.table, s)
         return steady_step(acting, state, y) if motion == "steady" else collocated(acting, state, alive, y, motion)
 
-    def velocity(body: Body, P: Vector) -> Vector:
-        return body.k * P
-
-    return Text(step, velocity, extra=1, integrates=True, carry=carry)
+    return Text(step, velocity_of, extra=1, integrates=True, carry=carry)
 
 
 def stages_of(parts: Parts, memory: Any, table: Any, s: int) -> Stages:
@@ -325,18 +322,8 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         y.put(e.names[1:], [ZEROS] * 3)
     is_eager = s > SHY and not e.has_rows
     unseen = state.extra[0] if is_eager else 0.0
-    hard, used = iterated(
-        y,
-        e.names,
-        lambda i, stage, matrix: e.follow(i, stage, matrix),
-        alive,
-        ROUGH * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2])),
-        TABLE.guess,
-        k,
-        taxicab(k * P),
-        unseen,
-        state.carry,
-    )
+    rough = ROUGH * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
+    hard, used = iterated(y, e.names, e.follow, alive, rough, TABLE.guess, k, taxicab(k * P), unseen, state.carry)
     v = Variables(hard=hard, used=used, residual=zero)
     for _ in when(any_of(hard)):
         solve(acting, y, state, motion, hard, v)

@@ -74,7 +74,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import DRIVEN, STEADY
 from ..engine.marching import PI, Step, Text, turned_by_half
 from ..engine.newton import EPS, solve
-from ..engine.records import Body, State
+from ..engine.records import State
 from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import mean
 from ..geometry.arrays import Array
@@ -83,6 +83,7 @@ from ..kernels.dual import Dual, plain, tangents_of
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
 from ..loads import Load
+from .compiled import velocity_of
 from .dissipative import Dissipative
 
 
@@ -272,14 +273,9 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
     return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
 
 
-def velocity(body: Body, P: Vector) -> Vector:
-    """Return W of the momentum."""
-    return body.velocity_of(P)
-
-
 def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
     """Return the rates of a step whose end is known, for the first guess."""
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, velocity, extra=9, remembered=remembered)
+TEXT = Text(step, velocity_of, extra=9, remembered=remembered)

@@ -89,7 +89,7 @@ from ..kernels.vectors import (
 from ..models.stack import is_principal, transverse_momentum
 from .base import Problem
 from .coasting import Coasting
-from .compiled import ONCE, Compiled
+from .compiled import ONCE, Compiled, velocity_of
 from .composition import fractions, nodes
 from .costs import Cost, steps_cost
 from .spins import REFUSAL as SPIN
@@ -239,11 +239,6 @@ def gauss(s: int) -> Gauss:
 GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
 
 
-def velocity(body: Body, P: Vector) -> Vector:
-    """Return W of the momentum."""
-    return body.k * P
-
-
 def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
     """Return the state turned by the quaternion (1 + less, v), P changed by dP; how far p was from unit length."""
     p, c, gap = turned_on(state.p, state.c, less, v)
@@ -300,12 +295,8 @@ class Given:
         """Add what a substep gives, the means times its part of the step."""
         s = self.sums
         if self.acting.parts.tells:
-            s.mu, s.work, s.moment, s.dead = (
-                s.mu + part * mu,
-                s.work + work,
-                s.moment + part * moment,
-                s.dead + part * dead,
-            )
+            s.mu, s.work = s.mu + part * mu, s.work + work
+            s.moment, s.dead = s.moment + part * moment, s.dead + part * dead
 
     def told(self, found: Step) -> Step:
         """Return the step with what it gives."""
@@ -459,4 +450,4 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
     return logical_not(v.found), real(v.count), v.residual, v.moments
 
 
-TEXT = Text(step, velocity, extra=2, integrates=True, flow=flow)
+TEXT = Text(step, velocity_of, extra=2, integrates=True, flow=flow)

@@ -12,7 +12,7 @@ import texts_rule
 from nontwist.engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED, PUSHED, STEADY
 from nontwist.integrators import gauss
 from nontwist.integrators.gauss import text_of
-from nontwist.integrators.gauss_stages import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
+from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
 from test_marching import START, loaded, on_floats
 
 __all__ = ["on_floats"]
@@ -78,6 +78,6 @@ def test_rows_that_turn_with_the_body():
         assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", ["gauss", "gauss_stages"])
+@pytest.mark.parametrize("name", ["gauss", "gauss_stages", "gauss_newton"])
 def test_nothing_changes_behind_the_back_of_a_trace(name):
     assert not texts_rule.faults((SOURCE / f"integrators/{name}.py").read_text(encoding="utf-8"))

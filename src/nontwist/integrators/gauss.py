@@ -90,10 +90,9 @@ from ..engine.sampling import Nodes
 from ..engine.turning import turned_on
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import any_of, cos, larger, real, select, sin, smaller, sqrt, without
+from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, without
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, size_of
-from ..kernels.memory import room as memory_of
 from ..kernels.tracing import tracer
 from ..kernels.vectors import (
     AXES,
@@ -112,25 +111,8 @@ from .base import Problem
 from .compiled import ONCE, Compiled, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
-from .gauss_stages import (
-    LOST,
-    ROUGH,
-    SEEN,
-    SHY,
-    TINY,
-    TURN,
-    VECTOR,
-    ZEROS,
-    Equations,
-    Stage,
-    Stages,
-    ahead,
-    iterated,
-    lanes_where,
-    newton,
-    rows_by_elimination,
-    rows_of,
-)
+from .gauss_newton import lanes_where, rows_by_elimination, solve
+from .gauss_stages import LOST, ROUGH, SEEN, SHY, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, iterated, rows_of
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -327,7 +309,7 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
     v = Variables(hard=hard, used=used, residual=zero)
     for _ in when(any_of(hard)):
         solve(acting, y, state, motion, hard, v)
-    least = ended(e, y, without(alive, hard))
+    least = e.ended(without(alive, hard))
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_carry = compensated(P, state.carry, dP)
     if e.has_rows:
@@ -394,48 +376,6 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
     if parts.observes:
         observe_stages(acting, y)
     return found
-
-
-def solve(acting: Nodes, y: Stages, state: State, motion: str, hard: Any, v: Variables) -> None:
-    """Solve the stages of bodies whose mask is set by Newton's iteration."""
-    n = y.lanes
-    acting.x.state.p, acting.x.state.s, found = state.p, state.s, memory_of(3 * n)
-    for k in range(3):
-        found.store(k * n, 0.0, n)
-    for l in lanes_where(hard, n):
-        x, memory = acting.x.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * n)
-        where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
-        is_found, count, residual = newton(motion, acting.parts, *where)
-        found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
-    v.hard = found.load(0, n) > 0.0
-    v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)
-
-
-def ended(e: Equations, y: Stages, takes: Any) -> Any:
-    """Evaluate the stages that are found, keep P, W, g and sums; return the smallest determinant of the rows, negative.
-
-    Bodies whose mask is set take the increments that come out, which are nearer to the solution.
-    """
-    v = Variables(least=0.0 * e.P[0] - 1.0)
-    for i, stage in y.each():
-        b = e.acting.h * y.coefficient(TABLE.weights, i)
-        stage.P, g, now = e.evaluated(i, stage)
-        W, power = now.W, 0.0 * now.W[0]
-        stage.W = W
-        for name, c in zip(VECTOR, g, strict=False):
-            setattr(stage, name, c)
-        if now.push is not None:
-            power = W @ now.push
-        if now.own is not None:
-            power = power + W @ now.own
-            stage.own = now.own
-        if e.has_rows:
-            v.least = larger(v.least, y.largest(-(g[0] @ cross(g[1], g[2]))))
-        for name, x in zip(e.names, e.increments(i, stage, g, now), strict=True):
-            setattr(stage, ahead(name), x)
-        stage.sum, stage.angle = Vector(b * now.torque[2], b * power, b * sqrt(W @ W)), b * W
-    y.take(e.names, takes)
-    return v.least
 
 
 def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:

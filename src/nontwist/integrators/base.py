@@ -235,6 +235,11 @@ class Integrator:
         return None
 
     @property
+    def nodes(self) -> int:
+        """Nodes of the load in a step."""
+        return 1
+
+    @property
     def effort(self) -> float:
         """The cost of a step, relative to that of a step of order 2."""
         return 1.0
@@ -254,7 +259,7 @@ class Integrator:
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march` if this number of `states` is stored; `problem.stored` is ignored."""
-        return steps_cost(problem, problem.steps, 1, self.substep_ns)
+        return steps_cost(problem, problem.steps, self.nodes, self.substep_ns)
 
 
 def unregistrable(name: str, cls: type[Integrator]) -> str | None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ..engine.generalised import MOMENT
 from ..geometry.arrays import Array
 from .base import Integrator, Outcome, Prepared, Problem
-from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
     from ..engine.marching import Text
@@ -91,9 +90,9 @@ class Compiled(Integrator):
         return 0.0
 
     @property
-    def nodes(self) -> int:
-        """Nodes of the load in a step."""
-        return 1
+    def effort(self) -> float:
+        """The cost of a step, relative to that of a step of order 2: as measured, proportional to its nodes."""
+        return float(self.nodes)
 
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
@@ -116,7 +115,3 @@ class Compiled(Integrator):
 
         self.require(problem)
         return PreparedMarch(problem, self)
-
-    def cost(self, problem: Problem, states: int) -> Cost:
-        """Return the estimated cost of `march`."""
-        return steps_cost(problem, problem.steps, self.nodes, self.substep_ns)

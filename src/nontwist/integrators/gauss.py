@@ -167,11 +167,6 @@ class Gauss(Compiled):
         return 1e-8 if self.order > 2 else None
 
     @property
-    def effort(self) -> float:
-        """The cost of a step relative to order 2; as measured, it is proportional to the number of stages."""
-        return float(self.nodes)
-
-    @property
     def largest_turn(self) -> float:
         """The turn per step up to which fixed-point iterations contract and stages are nearly orthonormal, rad.
 
@@ -270,16 +265,11 @@ def text_of(s: int, motion: str) -> Text:
     """Return the text of the steps of s stages for a motion."""
 
     def step(acting: Nodes, state: State, alive: Any) -> Step:
-        y = stages_of(acting.parts, acting.memory, acting.table, s)
+        n = acting.parts.lanes  # of one body all stages are evaluated at once, but in texts that compute
+        y = Stages(acting.memory, acting.table, s, n, n, n == 1 and tracer() is not None)
         return steady_step(acting, state, y) if motion == "steady" else collocated(acting, state, alive, y, motion)
 
     return Text(step, velocity_of, extra=1, integrates=True, carry=carry)
-
-
-def stages_of(parts: Parts, memory: Any, table: Any, s: int) -> Stages:
-    """Return the stages in the memory of the scheme: of one body at once, but for texts that compute."""
-    n = parts.lanes
-    return Stages(memory, table, s, n, n, n == 1 and tracer() is not None)
 
 
 def carry(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:

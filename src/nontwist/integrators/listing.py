@@ -43,9 +43,7 @@ class Outputs:
     def __init__(self, problem: Problem) -> None:
         assert problem.asked is not None
         times, last = problem.asked, problem.steps
-        borders, numbers, sizes = (np.array(part) for part in problem.grid)
-        j = np.searchsorted(borders[1:-1], times, side="right")
-        node = np.clip(np.floor(numbers[j] + (times - borders[j]) / sizes[j]).astype(np.int64), 0, last - 1)
+        node = np.clip(problem.steps_ended(times), 0, last - 1)
         rounding = RESOLVED * np.spacing(max(abs(problem.t_start), abs(problem.t_end)))
         node -= problem.times(node) > times + rounding
         node += problem.times(np.minimum(node + 1, last)) <= times + rounding

@@ -151,11 +151,6 @@ class Split(Compiled):
         return len(fractions(self.order))
 
     @property
-    def effort(self) -> float:
-        """The cost of a step, relative to that of a step of order 2."""
-        return float(self.nodes)
-
-    @property
     def largest_turn(self) -> float:
         """The turn per step up to which no substep turns the body by more than 60°, rad."""
         return float(np.pi / 3 / abs(fractions(self.order)).max())

@@ -36,6 +36,7 @@ class Compiled(Integrator):
     """
 
     is_compiled: ClassVar[bool] = True
+    has_derivatives: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
     observes: ClassVar[bool] = True
     is_director_scheme: ClassVar[bool] = False  # carries W and N, gives λ; else it carries the momentum

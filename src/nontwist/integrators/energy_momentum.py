@@ -149,7 +149,6 @@ class EnergyMomentum(Dissipative):
     """
 
     name: ClassVar[str] = "energy-momentum"
-    has_derivatives: ClassVar[bool] = True
     is_director_scheme: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     substep_ns: ClassVar[float] = 400.0

@@ -130,6 +130,7 @@ class Split(Compiled):
     """
 
     name: ClassVar[str] = "split"
+    has_derivatives: ClassVar[bool] = False
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6)
     together: ClassVar[float] = 1.0
     in_lanes: ClassVar[bool] = False

@@ -225,7 +225,7 @@ class Residuals:
             for j, x in enumerate((*f, *(held or ()))):
                 found[6 * q + j] = x
             is_sound = (q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST)
-            e.note_call(is_sound)
+            note_call(e, is_sound)
             v.is_fine = v.is_fine & is_sound
 
         def dual(j: int, by_velocity: bool) -> Dual:
@@ -280,6 +280,12 @@ def tangents(x: Dual, first: int) -> Vector:
     return Vector(*found[:3])
 
 
+def note_call(e: Equations, is_sound: Any) -> None:
+    """Let it be known that a function has given what is no number."""
+    for _ in when(logical_not(is_sound)):
+        e.acting.x.found.total = (float("nan"),) * 3
+
+
 @rare
 def newton(
     motion: str, parts: Parts, b: View, x: View, stages: Stages, memory: Any, buffer: Any, node: Any
@@ -294,7 +300,7 @@ def newton(
     if e.parts.calls:
         for i in loop(stages.number):
             v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
-        e.note_call(v.is_fine)
+        note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:
         stages.put(VECTOR, AXES)

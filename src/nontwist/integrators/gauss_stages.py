@@ -281,11 +281,6 @@ class Equations:
             return functions.found("total") @ acting.R, None
         return functions.found("load") @ acting.R, functions.found("held") @ acting.body.basis
 
-    def note_call(self, is_sound: Any) -> None:
-        """Let it be known that a function has given what is no number."""
-        for _ in when(logical_not(is_sound)):
-            self.acting.x.found.total = (float("nan"),) * 3
-
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
         if self.orbit is None:

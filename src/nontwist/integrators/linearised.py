@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
 from ..engine.chained import CHAIN, LANES
-from ..engine.generalised import EXACT, STAGE
+from ..engine.generalised import STAGE
 from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import BODY, Parts
+from ..engine.records import BODY
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States, attitudes, product
 from ..geometry.tensors import BASIS, ENTRIES
@@ -32,7 +32,7 @@ from .compiled import Compiled
 from .gauss_coefficients import matrix, weights
 from .gauss_derivatives import room_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .load_samples import as_marched, orbit_of
+from .load_samples import as_marched, orbit_of, parts_of
 from .problem import Problem
 from .rotors import at_nodes
 
@@ -91,7 +91,13 @@ class Linearised:
             self._fixed[BODY.dissipation + order - 1] = scheme.chi
         names = tuple(name for name in INPUTS if name in wanted)
         about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
-        parts = parts_of(problem, self.load, scheme, self._fixed, wanted)._replace(orbit=about is not None)
+        parts = parts_of(systems, self.load, self._fixed[None], scheme)._replace(
+            lanes=machine_code.lanes(),
+            function=bool(terms),
+            forces=False,
+            orbit=about is not None,
+            **dict.fromkeys(wanted & {"moving", "space", "damping", "dead", "spin"}, True),
+        )
         self._orbit = about
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
@@ -252,25 +258,6 @@ def _turned(x: Array, B: Array) -> Array:
     found = x.copy()
     found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
     return found
-
-
-def parts_of(problem: Problem, load: Load, scheme: Compiled, body: Array, wanted: set[str]) -> Parts:
-    """Return what there is in the steps of a body, values or derivatives."""
-    kinds, spin = {term.kind for term in load.terms}, problem.systems.spin
-    return Parts(
-        lanes=machine_code.lanes(),
-        is_director_scheme=scheme.is_director_scheme,
-        is_held=problem.systems.axis is not None,
-        dissipates=bool(scheme.chi),
-        moving="body" in kinds or "moving" in wanted,
-        space="space" in kinds or "space" in wanted,
-        damping=bool(body[BODY.damping : BODY.axis].any()) or "damping" in wanted,
-        dead=bool(body[BODY.dead : BODY.damping].any()) or "dead" in wanted,
-        rotor=bool(load.rotors),
-        spin=(spin is not None and not spin.is_constant) or "spin" in wanted,
-        function=any(map(is_called, load.terms)),
-        is_exact=scheme.action == EXACT,
-    )
 
 
 def turns_of(body: Array) -> dict[str, Array]:

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
-from ..engine.generalised import EXACT, STAGE
+from ..engine.generalised import STAGE
 from ..engine.layout import put, slab, spans
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
@@ -31,7 +31,7 @@ from .carried import factors, is_start
 from .coasting import Coasting
 from .compiled import Compiled
 from .listing import Listed, Outputs, legs, listed
-from .load_samples import NOTHING, Samples, as_marched, has_table, orbit_of, sampled
+from .load_samples import NOTHING, Samples, as_marched, orbit_of, parts_of, sampled
 from .members import in_threads, progress
 from .problem import Failure, Problem, Status
 
@@ -96,36 +96,18 @@ class StackMarch:
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
-        self.has_dead = bool(self.bodies[:, BODY.dead : BODY.damping].any())
-        coasts = scheme.is_exact_without_load and not self.has_dead
-        self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
-        self.parts = self._parts_of_load()
-        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
-        self.loads, self.count = NOTHING, 1
-        self.begin(stack)
-
-    def _parts_of_load(self) -> Parts:
-        """Return what there is in this march."""
-        stack, scheme, kinds = self.stack, self.scheme, {term.kind for term in self.load.terms}
-        spin = stack.systems.spin
-        return Parts(
-            is_director_scheme=scheme.is_director_scheme,
-            is_held=stack.systems.axis is not None,
-            dissipates=bool(scheme.chi),
-            moving="body" in kinds,
-            space="space" in kinds,
-            damping=bool(self.bodies[:, BODY.damping : BODY.axis].any()),
-            dead=self.has_dead,
-            rotor=bool(self.load.rotors),
-            spin=spin is not None and not spin.is_constant,
+        self.parts = parts_of(systems, self.load, self.bodies, scheme)._replace(
             function=bool(self.called.address),
             generalised=bool(self.called.generalised),
-            forces=has_table(self.load),
-            is_exact=scheme.action == EXACT,
             orbit=self.about is not None,
             reports=stack.intervals,
             observes=stack.observed,
         )
+        coasts = scheme.is_exact_without_load and not self.parts.dead
+        self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
+        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
+        self.loads, self.count = NOTHING, 1
+        self.begin(stack)
 
     def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
         """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
@@ -159,8 +141,8 @@ class StackMarch:
 
     def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
         """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""
-        found = steps - first
-        return found if self.has_dead else found - self.coasting.before(steps) + self.coasting.before(np.array([first]))
+        coasted = 0 if self.parts.dead else self.coasting.before(steps) - self.coasting.before(np.array([first]))
+        return steps - first - coasted
 
     @property
     def factors(self) -> Array:
@@ -250,7 +232,7 @@ class StackMarch:
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
         self.part, steps = part, np.arange(*part[:2])
-        if len(self.coasting) and not self.has_dead:
+        if len(self.coasting) and not self.parts.dead:
             steps = steps[self.coasting.stretch_of(steps) < 0]
         stack, self.count = self.stack, len(middles)
 

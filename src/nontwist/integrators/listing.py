@@ -82,7 +82,8 @@ def listed(
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        stages, within, size = march.stages_of_guess, march.scheme.within, march.shapes["states"][1]
+        within, size = march.scheme.within, march.shapes["states"][1]
+        stages = 0 if within is None else march.scheme.nodes  # that substeps are guessed from
         rows, reals, others = _with_outputs(march, form, first, last, coasting)
         side = march.kernel(form, width, observes=False, **changes).address
         stride = 2 * size + 2 * SUMS.size + 2 * COMPONENTS * stages + EIGHT

@@ -40,7 +40,8 @@ def march(problem: Problem, threads: int, scheme: Compiled) -> Outcome:
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
             failures[i, 0] = Status.LOAD if len(problem) == 1 else alone(i).failures[0, 0]
-        if todo.goes_too_far(i):
+        is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
+        if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
             is_one = len(problem) == 1

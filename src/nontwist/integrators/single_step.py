@@ -51,7 +51,7 @@ class SingleStep:
         self._middles, self._called = march.stages[form][1], march.called
         count = self._count = march.count
         nodes = np.zeros((2, count, 3))  # moments in the body and in space
-        varies = system.spin is not None and not system.spin.is_constant
+        varies = march.parts.spin
         self._is_loaded = bool(march.load.terms) or varies
         own = {"times": np.zeros(count), "moving": nodes[0], "space": nodes[1], "forces": march.loads[3]}
         own |= {"rotor": np.zeros((count, 6)) if load.rotors else None, "spin": np.zeros(count) if varies else None}

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from itertools import chain
-from math import frexp, isnan
+from math import frexp
 from typing import Any
 
 import numpy as np
@@ -39,10 +39,6 @@ NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; whe
 SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
 SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
 NEVER = np.array([0, 2**62])  # steps at which a march stores a state by itself
-
-
-def nobody(members: int) -> None:
-    """Report to nobody."""
 
 
 class StackMarch:
@@ -191,7 +187,7 @@ class StackMarch:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
                     run = partial(self._run, listed(self, form, width, first, last), width)
-                    in_threads(run, span, size, threads, report if len(stack) > 1 else nobody)
+                    in_threads(run, span, size, threads, report if len(stack) > 1 else lambda members: None)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
@@ -299,19 +295,9 @@ class StackMarch:
         return int(np.searchsorted(self.stack.output, self.stack.times(step), side="right"))
 
     @property
-    def stages_of_guess(self) -> int:
-        """How many stages a step has whose substeps are guessed from them; 0: they are not."""
-        return 0 if self.scheme.within is None else self.scheme.nodes
-
-    @property
     def skipped(self) -> int:
         """1 where the start is no output, else 0."""
         return int(self.outputs is not None and not self.outputs.has_start)
-
-    def goes_too_far(self, member: int) -> bool:
-        """Whether the motion without load at the end of a member is so long that no digit of it is left."""
-        status, _, _, turn = self.arrays["failures"][member].tolist()
-        return self.scheme.is_exact_without_load and status == Status.TURN and isnan(turn)
 
     def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members."""

@@ -35,6 +35,7 @@ from nontwist.geometry import values
 from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_solution
 from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
+from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
 from nontwist.runfile.forecast import forecast
 
@@ -68,8 +69,7 @@ def told(path):
 
 
 def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
-    v = np.cross(W, np.eye(3))
-    return Problem.of(system, np.eye(3), v, load, 0.0, span, steps, np.array([0, steps]))
+    return Problem(stacked(system), np.eye(4)[3:], np.array([W]), load, 0.0, span, steps, np.array([0, steps]))
 
 
 # exact

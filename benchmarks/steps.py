@@ -23,6 +23,7 @@ from nontwist.geometry.attitudes import director_velocities
 from nontwist.geometry.attitudes import directors as directors_of
 from nontwist.integrators import Problem
 from nontwist.loads import Load
+from nontwist.models.stack import stacked
 
 from .rows import Row
 from .timing import kernel_calls, shuffled
@@ -84,8 +85,8 @@ def rows() -> list[Row]:
 
 def problem(w: Workload) -> Problem:
     """Return the prepared problem, all steps stored."""
-    q, v = np.eye(3), np.cross(w.velocity, np.eye(3))
-    return Problem.of(w.system, q, v, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1), intervals=True)
+    start = np.eye(4)[3:], np.array([w.velocity], dtype=float)
+    return Problem(stacked(w.system), *start, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1), intervals=True)
 
 
 def marching(name: str, key: str) -> Callable[[], Any]:

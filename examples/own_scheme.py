@@ -13,18 +13,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nontwist import INTEGRATORS, Load, damping, integrate, sensitivities, simulate_ensemble, standard
+from nontwist import INTEGRATORS, damping, integrate, sensitivities, simulate_ensemble, standard
 from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.engine.sampling import Nodes
 from nontwist.integrators.base import Problem
-from nontwist.integrators.compiled import Compiled
-from nontwist.integrators.lie_midpoint import velocity
-from nontwist.integrators.scheme import Scheme
+from nontwist.integrators.compiled import Compiled, velocity_of
 from nontwist.kernels.elements import sqrt
 from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads.terms import Damping
-from nontwist.models.stack import SystemStack
 
 
 def step(acting: Nodes, state: State, is_open: Any) -> Step:
@@ -60,22 +57,16 @@ class LieEuler(Compiled):
     orders: ClassVar[tuple[int, ...]] = (1,)
     order: int = 1
 
-    def require(self, systems: SystemStack, load: Load) -> None:
-        """Raise a ValueError for bodies and loads that the step has no term for."""
-        is_free = systems.axis is None and not np.any(systems.dead_force)
-        if not (is_free and all(isinstance(term, Damping) for term in load.terms)):
-            raise ValueError("lie-euler takes free bodies, with damping or without; use lie-midpoint")
-
     def refusal(self, problem: Problem) -> str | None:
-        """Return why a problem is not accepted, None if it is."""
-        try:
-            self.require(problem.systems, problem.load)
-        except ValueError as error:
-            return str(error)
-        return None
+        """Return why a problem is not accepted that the step has no term for, None if it is."""
+        is_free = problem.systems.axis is None and not problem.systems.has_dead_force
+        if is_free and all(isinstance(term, Damping) for term in problem.load.terms):
+            return None
+        return "lie-euler takes free bodies, with damping or without; use lie-midpoint"
 
-    def _scheme(self, constrained: bool) -> Scheme:
-        return Scheme(text=Text(step, velocity))
+    def text(self, form: int) -> Text:
+        """Return the text of the step."""
+        return Text(step, velocity_of)
 
 
 INTEGRATORS["lie-euler"] = LieEuler

@@ -32,9 +32,10 @@ from nontwist import (
 from nontwist.driver import costs, grid
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
-from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_march
+from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_solution
 from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
+from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
 from nontwist.runfile.forecast import forecast
 
@@ -68,8 +69,7 @@ def told(path):
 
 
 def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
-    v = np.cross(W, np.eye(3))
-    return Problem.of(system, np.eye(3), v, load, 0.0, span, steps, np.array([0, steps]))
+    return Problem(stacked(system), np.eye(4)[3:], np.array([W]), load, 0.0, span, steps, np.array([0, steps]))
 
 
 # exact
@@ -123,7 +123,7 @@ def test_an_integrator_is_asked_without_running_it(case, monkeypatch):
     with pytest.raises(ValueError, match=reason) as info:
         scheme.march(task)
     for kernel in ("free_members", "pieces_of"):
-        monkeypatch.setattr(exact_march, kernel, None)
+        monkeypatch.setattr(exact_solution, kernel, None)
     assert scheme.refusal(task) == str(info.value)
 
 
@@ -232,7 +232,7 @@ def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_doe
 
 
 def test_check_refuses_a_sine_of_1e8_hz_at_once(written, monkeypatch):
-    monkeypatch.setattr(exact_march, "free_members", None)
+    monkeypatch.setattr(exact_solution, "free_members", None)
     written(BODY + EXACT + SINE)
     result = nontwist("check", "run.toml")
     assert (result.exit_code, result.stdout) == (3, "")

@@ -84,12 +84,12 @@ def test_a_member_has_the_bits_of_a_run_of_its_own(scheme, body, load):
     bodies = [DirectorSystem((1 + 0.1 * i) * own.euler_inertia, own.axis, own.dead_force) for i in range(m)]
     W, scales = starts(own, m), np.linspace(0, 2.1, m)
     for order in SCHEMES[scheme].orders[:2]:
-        compiled = SCHEMES[scheme](order=order)._scheme(own.axis is not None)
-        together = StackMarch(stack(bodies, W, LOADS[load], scales), order, compiled)
+        compiled = SCHEMES[scheme](order=order)
+        together = StackMarch(stack(bodies, W, LOADS[load], scales), compiled)
         together.run(threads=2)
         for i in (0, 4, m - 1):
             alone = stack(bodies[i : i + 1], W[i : i + 1], LOADS[load], scales[i : i + 1])
-            alone = StackMarch(alone, order, compiled)
+            alone = StackMarch(alone, compiled)
             alone.run()
             for name in ("quaternions", "velocities", "normals", "intervals", "states", "failures"):
                 one, many = alone.arrays[name], together.arrays[name]
@@ -103,11 +103,11 @@ def test_members_of_any_form_have_the_bits_of_a_run_of_their_own(load, order):
     held, m = nontwisting([3, 4, 5]), 6
     heavy = with_gravity(held, 0.5, [0.1, 0.2, 0.3])
     bodies, W, scales = [held, heavy] * (m // 2), starts(held, m), np.linspace(0, 2, m)
-    together = StackMarch(stack(bodies, W, LOADS[load], scales), order, SCHEMES["split"](order=order)._scheme(True))
+    together = StackMarch(stack(bodies, W, LOADS[load], scales), SCHEMES["split"](order=order))
     together.run(threads=2)
     for i in range(m):
         alone = stack(bodies[i : i + 1], W[i : i + 1], LOADS[load], scales[i : i + 1])
-        alone = StackMarch(alone, order, SCHEMES["split"](order=order)._scheme(True))
+        alone = StackMarch(alone, SCHEMES["split"](order=order))
         alone.run()
         for name in ("quaternions", "velocities", "intervals", "states"):
             assert np.array_equal(alone.arrays[name][0], together.arrays[name][i]), (name, i)

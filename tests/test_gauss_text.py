@@ -10,9 +10,8 @@ import pytest
 import nontwist as nt
 import texts_rule
 from nontwist.engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED, PUSHED, STEADY
-from nontwist.integrators import gauss
-from nontwist.integrators.gauss import text_of
-from nontwist.integrators.gauss_stages import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
+from nontwist.integrators import gauss_newton
+from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
 from test_marching import START, loaded, on_floats
 
 __all__ = ["on_floats"]
@@ -44,8 +43,8 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request, mo
     body, load, start = CASES[case]
     about = {**start, "load": load or nt.Load(), "integrator": nt.Gauss(order)}
     machine = nt.simulate(body, **about)
-    solved, own = [], gauss.newton
-    monkeypatch.setattr(gauss, "newton", lambda *args: solved.append(1) or own(*args))
+    solved, own = [], gauss_newton.newton
+    monkeypatch.setattr(gauss_newton, "newton", lambda *args: solved.append(1) or own(*args))
     count = request.getfixturevalue("on_floats")
     floats = nt.simulate(body, **about)
     assert count
@@ -56,9 +55,9 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request, mo
 
 
 def test_each_form_has_a_text():
-    texts = {form: text_of(8, form) for form in (STEADY, DRIVEN, FREE, MOVED, HEAVY, PUSHED, ANY)}
-    assert text_of(8, FREE) is texts[FREE]
-    assert text_of(4, FREE) is not texts[FREE]
+    texts = {form: nt.Gauss(8).text(form) for form in (STEADY, DRIVEN, FREE, MOVED, HEAVY, PUSHED, ANY)}
+    assert nt.Gauss(8).text(FREE) is texts[FREE]
+    assert nt.Gauss(4).text(FREE) is not texts[FREE]
 
 
 def test_rows_that_turn_with_the_body():
@@ -78,6 +77,6 @@ def test_rows_that_turn_with_the_body():
         assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", ["gauss", "gauss_stages"])
+@pytest.mark.parametrize("name", ["gauss", "gauss_stages", "gauss_newton"])
 def test_nothing_changes_behind_the_back_of_a_trace(name):
     assert not texts_rule.faults((SOURCE / f"integrators/{name}.py").read_text(encoding="utf-8"))

@@ -293,13 +293,12 @@ def test_a_load_that_fails_in_a_later_block_is_a_failure_of_the_run(monkeypatch)
 def test_progress_counts_steps(monkeypatch):
     from nontwist.integrators import LieMidpoint, Problem
     from nontwist.loads import Load
+    from nontwist.models.stack import stacked
 
     monkeypatch.setattr(stack_march, "NODES", 4)
     seen = []
-    v = np.cross(np.array([1.0, 0, 0]), np.eye(3))
-    LieMidpoint().march(
-        Problem.of(standard([1, 1, 1]), np.eye(3), v, Load(), 0, 1, 10, np.array([0, 10]), progress=seen.append)
-    )
+    start, grid = (np.eye(4)[3:], np.eye(3)[:1]), (0, 1, 10, np.array([0, 10]))
+    LieMidpoint().march(Problem(stacked(standard([1, 1, 1])), *start, Load(), *grid, progress=seen.append))
     assert seen == pytest.approx([1 / 3, 2 / 3, 1])
 
 

@@ -17,6 +17,7 @@ from nontwist.engine.outputs import CALL, IN_BLOCK
 from nontwist.engine.records import BLOCK
 from nontwist.integrators import Problem
 from nontwist.integrators.stack_march import StackMarch
+from nontwist.models.stack import stacked
 
 AT, PAGE = 0x2000_0000_0000, 4096
 HARNESS = r"""
@@ -50,8 +51,8 @@ def prepared(name, order, body, load):
     system, W = BODIES[body], np.array([6.0, -8.0, 0.0 if body == "non-twisting" else 1.0])
     if system.axis is not None:
         W -= (system.axis @ W) * system.axis
-    start = np.eye(3), np.cross(W, np.eye(3))
-    problem = Problem.of(system, *start, LOADS[load], 0.0, 1.0, 20, np.arange(21), intervals=True)
+    start = np.eye(4)[3:], W[None]
+    problem = Problem(stacked(system), *start, LOADS[load], 0.0, 1.0, 20, np.arange(21), intervals=True)
     sound = StackMarch._run
 
     def record(self, todo, width, first, last):

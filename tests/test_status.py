@@ -35,7 +35,7 @@ ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (0.1, 3
 
 
 def grid(t_start, t_end, N):
-    return Problem.of(BODY, np.eye(3), np.zeros((3, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
+    return Problem(stacked(BODY), np.eye(4)[3:], np.zeros((1, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
 
 
 def test_grids_begin_and_end_exactly():

@@ -199,10 +199,9 @@ class Stepper:
 
     def __init__(self, system: DirectorSystem, step: float, integrator: Compiled, load: Load) -> None:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
-        integrator.require(stacked(system), load)
         axis = None if system.axis is None else system.axis.tobytes()
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
-        self._single = SingleStep(system, load, step, integrator.order, integrator._scheme(system.axis is not None))
+        self._single = SingleStep(system, load, step, integrator)
         self.reset()
 
     def reset(

@@ -14,8 +14,8 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES, Described, assembled, coordinates
 from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
+from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
-from ..integrators.scheme import Scheme
 from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
@@ -239,10 +239,9 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
     return plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
 
 
-def linearised_by(plan: Plan) -> Scheme:
+def linearised_by(plan: Plan) -> Compiled:
     """Return what linearises the steps of a plan."""
-    scheme: Scheme = scheme_of(plan.scheme, plan.systems.axis is not None)
-    return scheme
+    return scheme_of(plan.scheme)
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:

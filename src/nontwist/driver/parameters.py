@@ -11,11 +11,11 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown
 from ..integrators.called_loads import is_called
+from ..integrators.compiled import Compiled
 from ..integrators.linear_inputs import Entries, Nodes
 from ..integrators.linearised import is_seen_from_orbit
 from ..integrators.load_samples import as_marched
 from ..integrators.problem import Problem
-from ..integrators.scheme import Scheme
 from ..loads.base import with_moments
 from ..loads.derivatives import (
     Slopes,
@@ -65,7 +65,7 @@ class Parameters:
     ----------
     problem : Problem
     names : list of str
-    scheme : Scheme
+    scheme : Compiled
     given : str
         The argument that has the names.
 
@@ -75,7 +75,7 @@ class Parameters:
         A name is unknown, or has no derivatives.
     """
 
-    def __init__(self, problem: Problem, names: Any, scheme: Scheme, given: str = "wrt") -> None:
+    def __init__(self, problem: Problem, names: Any, scheme: Compiled, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
@@ -97,7 +97,7 @@ class Parameters:
                     self.all.append(Parameter(name, tuple(labels), unit, first, term, field))
                     first += len(labels)
         self.count = first
-        if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
+        if scheme.is_director_scheme and scheme.chi and any(one.name == "inertia" for one in self.all):
             raise ValueError(
                 "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
                 "principal axes that its equations are written in; use principal_inertia"

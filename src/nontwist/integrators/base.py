@@ -19,7 +19,6 @@ from .problem import Failure, March, Outcome, Problem, Status
 
 if TYPE_CHECKING:
     from ..loads import Load
-    from ..models.stack import SystemStack
 
 __all__ = [
     "Failure",
@@ -209,10 +208,6 @@ class Integrator:
         """Integrate a problem of one body. Integrators that do not define `march` define this method."""
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
 
-    def require(self, systems: SystemStack, load: Load) -> None:
-        """Raise a ValueError for bodies and loads that the integrator does not accept."""
-        return
-
     def can_prepare(self, load: Load) -> bool:
         """Return whether `prepared` accepts problems under this load."""
         return False
@@ -222,8 +217,13 @@ class Integrator:
         raise NotImplementedError
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why `march` does not accept this body, start or load, without running it; None if it does."""
+        """Return why `march` does not accept these bodies, start or load, without running it; None if it does."""
         return None
+
+    def require(self, problem: Problem) -> None:
+        """Raise what `refusal` returns as a ValueError."""
+        if (reason := self.refusal(problem)) is not None:
+            raise ValueError(reason)
 
     def remark(self, problem: Problem) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
@@ -233,6 +233,11 @@ class Integrator:
     def automatic(self) -> float | None:
         """The tolerance of a run if neither step nor tolerance is given; None: at most 0.05 rad per step."""
         return None
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the load in a step."""
+        return 1
 
     @property
     def effort(self) -> float:
@@ -254,7 +259,7 @@ class Integrator:
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march` if this number of `states` is stored; `problem.stored` is ignored."""
-        return steps_cost(problem, problem.steps, 1, self.substep_ns)
+        return steps_cost(problem, problem.steps, self.nodes, self.substep_ns)
 
 
 def unregistrable(name: str, cls: type[Integrator]) -> str | None:

@@ -6,12 +6,12 @@ import numpy as np
 
 from ..engine.records import BODY, STATE
 from ..geometry.arrays import Array
-from .scheme import Scheme
+from .compiled import Compiled
 
 EPS, SAME = 2.0**-52, 1e-12
 
 
-def factors(scheme: Scheme, bodies: Array, unit: float, size: int) -> Array:
+def factors(scheme: Compiled, bodies: Array, unit: float, size: int) -> Array:
     """Return what `size` carried numbers are multiplied by to have the units of the caller, (m or 1, size)."""
     found = np.ones((len(bodies), size))
     moment = bodies[:, BODY.unit, None]
@@ -25,7 +25,7 @@ def factors(scheme: Scheme, bodies: Array, unit: float, size: int) -> Array:
     return found
 
 
-def is_start(scheme: Scheme, carried: Array, states: Array) -> bool:
+def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
     """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
     sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
     apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]

@@ -1,49 +1,110 @@
-"""The base of integrators with compiled steps."""
+"""The base of integrators with compiled steps: what a scheme says of its step, and the marches that take it."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import atan
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.generalised import MOMENT
+from ..geometry.arrays import Array
 from .base import Integrator, Outcome, Prepared, Problem
-from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
+    from ..engine.marching import Text
+    from ..engine.records import Body
+    from ..kernels.vectors import Vector
     from ..loads import Load
-    from .scheme import Scheme
+
+ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
+
+
+def velocity_of(body: Body, P: Vector) -> Vector:
+    """Return W of a step that carries the momentum."""
+    return body.velocity_of(P)
 
 
 @dataclass(frozen=True)
 class Compiled(Integrator):
-    """A compiled step, by default a midpoint step of order 2, for one body and for stacks."""
+    """A compiled step, by default a midpoint step of order 2, for one body and for stacks.
+
+    The text of the step may be another one for each form of a step (`engine.bodies`).
+    """
 
     is_compiled: ClassVar[bool] = True
     has_derivatives: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
     observes: ClassVar[bool] = True
+    is_director_scheme: ClassVar[bool] = False  # carries W and N, gives λ; else it carries the momentum
+    in_lanes: ClassVar[bool] = True  # whether bodies are marched side by side
+    # What linearises steps, of a form, what there is, and the inputs asked for; None: the text itself.
+    linear: ClassVar[Any] = None
     order: int = 2
 
+    @abstractmethod
+    def text(self, form: int) -> Text:
+        """Return the text of the step (`engine.marching`)."""
+
+    def stages(self, form: int) -> tuple[Array, Array]:
+        """Return the fractions of a step that are taken at once, and its nodes of the load; by default the middle."""
+        return ONCE, MIDDLE
+
+    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+        """Return the forms of the steps, given those that the engine finds."""
+        return found
+
+    def is_explicit(self, form: int, is_held: bool) -> bool:
+        """Whether nothing is to be solved in steps of a form unless a moment in space acts."""
+        return False
+
+    def room(self, lanes: int) -> int:
+        """Return how many numbers a march needs beside the workspace."""
+        return 0
+
     @property
-    def nodes(self) -> int:
-        """Nodes of the load in a step."""
-        return 1
+    def carried(self) -> int:
+        """How many numbers a member carries beside `State`."""
+        return 0
+
+    @property
+    def table(self) -> Array | None:
+        """Coefficients of the scheme."""
+        return None
+
+    @property
+    def within(self) -> Array | None:
+        """c, b, polynomials, for guesses of substeps."""
+        return None
+
+    @property
+    def action(self) -> int:
+        """What director forces and potentials are for it (`engine.generalised`)."""
+        return MOMENT
+
+    @property
+    def chi(self) -> float:
+        """The degree of dissipation."""
+        return 0.0
+
+    @property
+    def effort(self) -> float:
+        """The cost of a step, relative to that of a step of order 2: as measured, proportional to its nodes."""
+        return float(self.nodes)
 
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
         return abs(2 * atan(theta / 2) - theta)
 
-    @abstractmethod
-    def _scheme(self, constrained: bool) -> Scheme:
-        """Return the compiled marches of the step, for bodies with a constrained axis or without."""
-
     def march(self, problem: Problem, threads: int = 1) -> Outcome:
         """Integrate all members, in lanes where there are many."""
         from .marching import march
 
-        self.require(problem.systems, problem.load)
-        return march(problem, self.order, threads, self._scheme(problem.systems.axis is not None))
+        self.require(problem)
+        return march(problem, threads, self)
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
@@ -53,8 +114,5 @@ class Compiled(Integrator):
         """Return the march of a problem of one body laid out once, for any start."""
         from .prepared_march import PreparedMarch
 
+        self.require(problem)
         return PreparedMarch(problem, self)
-
-    def cost(self, problem: Problem, states: int) -> Cost:
-        """Return the estimated cost of `march`."""
-        return steps_cost(problem, problem.steps, self.nodes, self.substep_ns)

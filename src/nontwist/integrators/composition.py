@@ -46,8 +46,3 @@ def nodes(order: int) -> Array:
     """Return where the middles of the substeps lie, as fractions of the step, (s,); one array for all callers."""
     gamma = fractions(order)
     return np.cumsum(gamma) - gamma / 2
-
-
-def substeps(order: int, form: int) -> tuple[Array, Array]:
-    """Return the fractions of a step that its substeps take, and where the nodes of the load lie: their middles."""
-    return fractions(order), nodes(order)

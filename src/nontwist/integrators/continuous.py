@@ -13,7 +13,7 @@ eigenvalue of J⁻¹C, without n where the body may not turn about it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count, pairwise
 from typing import Any, ClassVar, Literal, Self
@@ -114,6 +114,8 @@ class Continuous(Integrator):
 
     def march_one(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""
+        from scipy import integrate
+
         system = problem.system
         if system.spin is not None and self.form == "director":
             raise ValueError("form='director' has no prescribed spin; Continuous(form='split') has")
@@ -127,37 +129,16 @@ class Continuous(Integrator):
         if self.method in STABLE and 0 < (rate := _damping_rate(problem)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
         taken, kept = count(1), [y] if problem.output[0] == problem.t_start else []
-        failure = None
-        try:
-            for a, b in pairwise(_limits(problem)):
-                rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
-                y, failure = self._between(problem, rates, a, b, y, how, kept, taken)
-                if failure:
-                    break
-        except KeyboardInterrupt as stop:
-            failure = Failure(Status.INTERRUPTED, _steps(problem, len(kept) - 1), np.nan, np.nan, str(stop))
-        return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
 
-    @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
-    def _between(
-        self,
-        problem: Problem,
-        rates: Callable[[float, Array], Array],
-        a: float,
-        b: float,
-        y: Array,
-        how: dict[str, Any],
-        kept: list[Array],
-        taken: Iterator[int],
-    ) -> tuple[Array, Failure | None]:
-        """Integrate from a to b, append the states at the output times, return the last one and the failure."""
-        from scipy import integrate
+        def failure_of(status: Status, reason: str) -> Failure:
+            return Failure(status, _steps(problem, len(kept) - 1), np.nan, np.nan, reason)
 
-        def failed(status: Status, reason: str) -> tuple[Array, Failure]:
-            return y, Failure(status, _steps(problem, len(kept) - 1), np.nan, np.nan, reason)
-
-        times = problem.output[len(kept) : np.searchsorted(problem.output, b, side="right")]
-        try:
+        @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
+        def failure_between(a: float, b: float) -> Failure | None:
+            """Integrate from a to b and keep the states at the output times; return the failure."""
+            nonlocal y
+            rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
+            times = problem.output[len(kept) : np.searchsorted(problem.output, b, side="right")]
             solver = getattr(integrate, self.method)(rates, a, y, b, **how)
             done = steps = 0
             while solver.status == "running":
@@ -166,16 +147,23 @@ class Continuous(Integrator):
                 expected = steps * min(1, steps / PATIENCE) * (b - a)  # steps to b at the pace so far, times t - a
                 if next(taken) > MOST or (steps % CHECK_EVERY == 0 and expected > MOST * (solver.t - a)):
                     remedy = AGAINST_DAMPING * (self.method in STABLE)
-                    return failed(Status.SOLVER, TOO_FAST.format(self.method, MOST, steps, solver.t - a) + remedy)
+                    return failure_of(Status.SOLVER, TOO_FAST.format(self.method, MOST, steps, solver.t - a) + remedy)
                 if solver.status == "failed":
-                    return failed(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
+                    return failure_of(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))
                 if until > done:
-                    kept += list(solver.dense_output()(times[done:until]).T)
+                    kept.extend(solver.dense_output()(times[done:until]).T)
                     done = until
+            y = solver.y
+            return None
+
+        try:
+            failure = next(filter(None, (failure_between(a, b) for a, b in pairwise(_limits(problem)))), None)
         except ValueError as error:
-            return failed(Status.LOAD, str(error))
-        return solver.y, None
+            failure = failure_of(Status.LOAD, str(error))
+        except KeyboardInterrupt as stop:
+            failure = failure_of(Status.INTERRUPTED, str(stop))
+        return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
 
 
 @np.errstate(all="ignore")
@@ -219,7 +207,7 @@ class _Split:
         dy[self.size + 4 :] = mu
 
 
-class _Spun:
+class _Spun(_Split):
     """State (q, W) of a body with a prescribed spin; `rate` is that of the spin between two of its kinks."""
 
     size = 12
@@ -237,10 +225,6 @@ class _Spun:
         """Take the rate of the spin between two times."""
         at_first, at_last = self.system.spin.at([first, last])
         self.rate = float((at_last - at_first) / (last - first))
-
-    def velocities(self, y: Array) -> tuple[Array, Array]:
-        q, w = self.motion(y)
-        return q, q @ turning(w).T
 
     def motion(self, y: Array) -> tuple[Array, Array]:
         q = y[:9].reshape(3, 3)
@@ -324,7 +308,7 @@ def _sizes(problem: Problem, form: Any) -> Array:
     driven = any(not isinstance(term, Damping) for term in problem.load.terms)
     if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
-    moving = [momentum] * 4 if isinstance(form, _Split) else [speed] * (3 if isinstance(form, _Spun) else 9)
+    moving = [momentum] * 4 if type(form) is _Split else [speed] * (form.size - 9)
     return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers)
 
 

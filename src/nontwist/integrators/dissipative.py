@@ -13,16 +13,11 @@ keeps.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ..geometry.arrays import as_number
 from ..geometry.values import among
-from ..models.stack import SystemStack
 from .base import Problem
 from .compiled import Compiled
-
-if TYPE_CHECKING:
-    from ..loads import Load
 
 ORDERS = (1, 2)  # with dissipation
 REFUSAL = (
@@ -47,14 +42,11 @@ class Dissipative(Compiled):
         if not (chi > 0 and among(self.order, ORDERS)):
             super().__post_init__()
 
-    def require(self, systems: SystemStack, load: Load) -> None:
-        """Raise a ValueError for bodies with a constrained axis that are to lose energy."""
-        if (reason := self._reason(systems)) is not None:
-            raise ValueError(reason)
+    @property
+    def chi(self) -> float:
+        """The degree of dissipation."""
+        return self.dissipation
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why the body is not accepted, None where it is."""
-        return self._reason(problem.systems)
-
-    def _reason(self, systems: SystemStack) -> str | None:
-        return REFUSAL.format(self.name) if self.dissipation and systems.axis is not None else None
+        """Return why bodies with a constrained axis that are to lose energy are not accepted."""
+        return REFUSAL.format(self.name) if self.dissipation and problem.systems.axis is not None else None

@@ -87,26 +87,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.generalised import EXACT, PAPER
 from ..engine.marching import PI, Step, Text, turned_by_half
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import mean
+from ..geometry.arrays import Array
 from ..geometry.values import among, shown
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
-from ..models.stack import SystemStack
+from ..loads import Load
+from .base import Problem
 from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
-
-if TYPE_CHECKING:
-    from .scheme import Scheme
-
 
 MOMENTS = ("paper", "exact")
 
@@ -147,6 +149,7 @@ class EnergyMomentum(Dissipative):
     """
 
     name: ClassVar[str] = "energy-momentum"
+    is_director_scheme: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     substep_ns: ClassVar[float] = 400.0
     sources: ClassVar[Mapping[str, str]] = {
@@ -164,21 +167,22 @@ class EnergyMomentum(Dissipative):
         if not among(self.moments, MOMENTS):
             raise ValueError(f"moments must be 'paper' or 'exact', got {shown(self.moments)}")
 
-    def _reason(self, systems: SystemStack) -> str | None:
-        return SPIN.format(self.name) if systems.spin is not None else super()._reason(systems)
+    def refusal(self, problem: Problem) -> str | None:
+        """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
+        return SPIN.format(self.name) if problem.systems.spin is not None else super().refusal(problem)
 
-    def _scheme(self, constrained: bool) -> Scheme:
-        """Return the step and what it is marched with."""
-        from ..engine.generalised import EXACT, PAPER
-        from .scheme import Scheme, alike
+    def text(self, form: int) -> Text:
+        """Return the text of the step."""
+        return TEXT
 
-        return Scheme(
-            text=TEXT,
-            forms=alike,
-            is_director_scheme=True,
-            dissipation=self.dissipation,
-            action=PAPER if self.moments == "paper" else EXACT,
-        )
+    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+        """Return one form for all bodies."""
+        return np.zeros_like(found)
+
+    @property
+    def action(self) -> int:
+        """What director forces and potentials are for it."""
+        return PAPER if self.moments == "paper" else EXACT
 
 
 LENGTHS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1

@@ -11,15 +11,54 @@ integral over the length; so are the mean moment Λ M and the work M·W. A stand
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from math import inf
+from struct import Struct
+from threading import local
+from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exact.free_bodies import TOO_FAR
+from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
+from ..exact.free_kernels import PRINCIPAL, free_members, turns
+from ..exact.gyrostats import gyrostat_motion
+from ..exact.loaded_body import (
+    MOST,
+    Pieces,
+    Turning,
+    edges_of,
+    gauss,
+    halved_pieces,
+    pieces_of,
+    too_many,
+    turning,
+    unrefined,
+)
+from ..geometry.arrays import Array, sum_of_squares
+from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
+from ..loads import Load
 from ..loads.base import with_moments as moments_of
-from .base import Integrator, Outcome, Prepared, Problem
+from ..models.catalogue import D3
+from ..models.stack import SystemStack
+from ..models.system import DirectorSystem
+from .base import Integrator
 from .costs import Cost
+from .members import in_threads, one_by_one, outcome_of, progress
+from .problem import Intervals, March, Outcome, Problem, room
 
-if TYPE_CHECKING:
-    from ..loads import Load
+BLOCK = 4096  # members, or pieces of a load
+GLANCE = 128  # pieces of a load that are enough for a refusal
+STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
+GYROSTAT_NS = 1_500_000  # of the constants of a gyrostat
+FORCES, DEPENDENT = "gravity and other dead forces", "a load that depends on the state"
+SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
+ROTORS = "a body with rotors, unless it is a standard one, their momentum is constant, and nothing else acts"
+SPIN = "a prescribed spin"
+MOVING = "a load that moves the axis of rotation in the body"
+INERTIA = "exact does not support this body: its inertia is too close to the limit of the triangle inequality"
 
 
 @dataclass(frozen=True)
@@ -48,34 +87,250 @@ class Exact(Integrator):
 
     def march(self, problem: Problem, threads: int = 1) -> Outcome:
         """Evaluate the solutions at the output times; under a load, one body after the other."""
-        from .exact_march import march
+        if (m := len(problem)) == 1:
+            problem = problem.member(0)
+        problem = with_moments(problem)
+        self.require(problem)
+        systems, load, times = problem.systems, problem.load, problem.output
+        is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
+        if is_gyrostat or _acts(load, _edges(load, problem.t_start, float(times[-1]))):
+            if m > 1:
+                return one_by_one(self.march, problem, threads)
+            return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
+        out, since = room(problem), times - problem.t_start
+        place = int(since[0] == 0.0)  # the start is there already
+        since = since[place:].copy()
 
-        return march(with_moments(problem), threads)
+        def block(first: int, last: int) -> None:
+            status, member = free_members(*_bodies(systems), since, place, first, last, *out.states[:2])
+            if status != OK:
+                reason = {NOT_PRINCIPAL: _no_solution(SUSLOV), BAD_TIME: TOO_FAR}.get(status, INERTIA)
+                raise ValueError(f"member {member}: {reason}" if m > 1 else reason)
+
+        in_threads(block, (0, m), BLOCK, threads, progress(problem))
+        if not problem.intervals:
+            return out
+        return out._replace(intervals=free_intervals(systems, problem.velocity, len(times) - 1))
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` supports problems under this load: free motion only."""
         return not load.terms
 
-    def prepared(self, problem: Problem) -> Prepared:
+    def prepared(self, problem: Problem) -> PreparedSolution:
         """Return the solution of the free motion of one body, prepared once for any start."""
-        from .prepared_solution import PreparedSolution
-
+        self.require(problem)
         return PreparedSolution(problem)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why there is no closed-form solution, as far as that is quick to decide."""
-        from .exact_march import refusal
+        """Return why there is no closed-form solution, as far as that is quick to decide.
 
-        return refusal(with_moments(problem))
+        Of a stack that is what its members share.
+        """
+        systems, load, n = problem.systems, with_moments(problem).load, problem.systems.axis
+        if load.rotors and not _is_gyrostat(problem):
+            return _no_solution(ROTORS)
+        if systems.spin is not None:
+            return _no_solution(SPIN)
+        if systems.has_dead_force:
+            return _no_solution(FORCES)
+        if n is not None and len(problem) == 1:
+            across = np.cross(n[0], systems[0].convected_inertia @ n[0])
+            if abs(across).max() > PRINCIPAL * np.trace(systems[0].euler_inertia):
+                return _no_solution(SUSLOV)
+        if load.rotors:
+            return None
+        if load.depends_on_state:
+            return _no_solution(DEPENDENT)
+        if not load.terms or len(problem) > 1:
+            return None
+        edges = _edges(load, problem.t_start, problem.t_end)
+        edges = edges[np.unique(np.linspace(0, len(edges) - 1, GLANCE + 1).astype(np.int64))]
+        if not _acts(load, edges):
+            return None
+        if reason := _unsolved(systems[0], load):
+            return reason
+        motion = _turning(systems[0], problem.velocity[0], unrefined(load, edges[:-1], edges[1:]))[-1]
+        return _no_solution(MOVING) if motion is None else too_many(load, problem.output)
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`."""
-        from .exact_march import cost
-
-        return cost(with_moments(problem), states)
+        load, pieces = with_moments(problem).load, 0
+        if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
+            waves = halved_pieces(load, problem.t_start, problem.t_end)
+            pieces = states + len(load.breakpoints) + int(min(waves, MOST))
+        own = GYROSTAT_NS if load.rotors else 0
+        return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
 
 def with_moments(problem: Problem) -> Problem:
     """Return a problem with the moments of tables of forces along the directors in their place."""
     load = moments_of(problem.load)
     return problem if load == problem.load else replace(problem, load=load)
+
+
+def _bodies(systems: SystemStack) -> tuple[Array, Array]:
+    """Return inertias and constrained axes as `free_members` takes them."""
+    return systems.convected_inertia, np.zeros((0, 3)) if systems.axis is None else systems.axis
+
+
+class PreparedSolution:
+    """The solution of a problem of one free body whose start is left open, from many threads."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._systems, since = problem.systems, problem.output - problem.t_start
+        self._place, self._count, self._threads = int(since[0] == 0.0), len(since), local()
+        self._since = since[self._place :].copy()
+        self._empty = np.full(7 * self._count, np.nan)
+        self._start = Struct(f"=4d{8 * (4 * self._count - 4)}x3d")
+
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
+        """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`.
+
+        There is no load, so no factor, and no step that a velocity could be too large for.
+        """
+        try:
+            memory, solve = self._threads.own
+        except AttributeError:
+            memory, solve = self._threads.own = self._workspace()
+        memory[:] = self._empty
+        self._start.pack_into(memory, 0, *p, *W)
+        status, _ = solve()
+        return memory.copy(), sum_of_squares(memory) if status == OK else inf, 0.0
+
+    def read(self, found: Array) -> dict[str, Any]:
+        """Return fields of a run from the numbers found."""
+        p, W = self._states(found)
+        means = free_intervals(self._systems, W[:1], self._count - 1)
+        return {"states": States(p, W), **means.of_one, "memory": None}
+
+    def _states(self, found: Array) -> tuple[Array, Array]:
+        """Return views of the quaternions and of W."""
+        k = self._count
+        return found[: 4 * k].reshape(k, 4), found[4 * k :].reshape(k, 3)
+
+    def _workspace(self) -> tuple[Array, Callable[[], Any]]:
+        """Return memory for one thread, and the kernel that works on it."""
+        memory = self._empty.copy()
+        p, W = self._states(memory)
+        given = self._since, self._place, 0, 1, p[None], W[None]
+        return memory, free_members.bound(*_bodies(self._systems), *given)
+
+
+def free_intervals(systems: SystemStack, W: Array, n: int) -> Intervals:
+    """Return the means over n intervals of free bodies: μ = n·(J W × W), and no moment."""
+    m, mu = len(W), np.zeros((len(W), 0))
+    if systems.axis is not None:
+        JW = (systems.convected_inertia @ W[:, :, None])[:, :, 0]
+        mu = np.sum(systems.axis * np.cross(JW, W), axis=1, keepdims=True)
+    none = np.zeros((m, n, 3))
+    return Intervals(np.repeat(mu[:, None], n, axis=1), none, np.zeros((m, n)), None, none)
+
+
+def _is_gyrostat(problem: Problem) -> bool:
+    """Whether standard bodies carry rotors of constant momentum, and nothing else acts."""
+    load, t0, t1 = problem.load, problem.t_start, problem.t_end
+    if problem.systems.axis is not None or problem.systems.has_dead_force or len(load.rotors) < len(load.terms):
+        return False
+    c = load.rotor_momentum([t0, t1, *(t for t in load.breakpoints if t0 < t < t1)])
+    return bool((c == c[0]).all())
+
+
+def _no_solution(what: str) -> str:
+    return f"exact has no closed-form solution for {what}; use the integrator gauss"
+
+
+def _unsolved(system: DirectorSystem, load: Load) -> str | None:
+    """Return why there is no closed-form solution for this body under this load, which acts."""
+    if system.axis is None:
+        return _no_solution("a standard body under load")
+    if any(term.kind != "body" for term in load.terms):
+        return _no_solution("a moment along fixed directions")
+    return None
+
+
+def _edges(load: Load, t_start: float, t_end: float) -> Array:
+    return edges_of(load, np.array([t_start, t_end]))
+
+
+def _acts(load: Load, edges: Array) -> bool:
+    """Whether a term of `load` is not zero somewhere, seen at 16 points between any two `edges`."""
+    if not load.terms:
+        return False
+    for first in range(0, len(edges) - 1, BLOCK):
+        a, b = edges[first : first + BLOCK + 1][:-1, None], edges[first : first + BLOCK + 1][1:, None]
+        at = ((b + a) / 2 + (b - a) / 2 * gauss()[0]).ravel()
+        if load.sample(at, "body").any() or load.sample(at, "space").any():
+            return True
+    return False
+
+
+def _turning(system: DirectorSystem, W: Array, pieces: Pieces) -> tuple[Array, Array, Pieces, Turning | None]:
+    """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
+    assert system.axis is not None
+    V = _frame(system.axis)
+    J = V @ system.convected_inertia @ V.T
+    pieces = pieces._replace(moment=pieces.moment @ V.T)
+    return V, J, pieces, turning(J, J @ (V @ W), pieces)
+
+
+def _loaded(problem: Problem) -> March:
+    system, times = problem.system, problem.output
+    if reason := _unsolved(system, problem.load):
+        raise ValueError(reason)
+    assert system.axis is not None
+    R, W = attitudes(problem.quaternion[0]), problem.velocity[0]
+    W = W - (system.axis @ W) * system.axis
+    pieces = pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
+    V, J, pieces, motion = _turning(system, W, pieces)
+    if motion is None:
+        raise ValueError(_no_solution(MOVING))
+    at = np.searchsorted(np.append(pieces.a, pieces.b[-1]), times)
+    q = turns(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
+    v = director_velocities(q, np.outer(motion.rate[at], motion.axis @ V), None)
+    return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
+
+
+def _gyrostat(problem: Problem) -> Outcome:
+    """Return the motion of a standard body with rotors of constant momentum; they act with -(Λ c)'."""
+    out, times = room(problem), problem.output
+    place = int(times[0] == problem.t_start)
+    c = problem.load.rotor_momentum(times[:1])[0]
+    turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
+    start = problem.quaternion
+    p, velocity, _, _ = out.states
+    p[0, place:], velocity[0, place:] = product(start, turn), W
+    p[0] = without_jumps(np.concatenate([start, p[0]]))[1:]
+    if not problem.intervals:
+        return out
+    n = len(times) - 1
+    moment = -np.diff(attitudes(p[0]) @ c, axis=0) / np.diff(times)[:, None]
+    none = np.zeros((1, n, 3))
+    return out._replace(intervals=Intervals(np.zeros((1, n, 0)), moment[None], np.zeros((1, n)), None, none))
+
+
+def _frame(axis: Array) -> Array:
+    """Return a rotation with the third row `axis`; the identity for D3."""
+    if np.array_equal(axis, D3):
+        return np.eye(3)
+    V: Array = np.roll(np.linalg.svd(axis[None])[2], -1, axis=0)
+    V[2] = axis
+    V[0] *= np.sign(np.linalg.det(V))
+    return V
+
+
+def _means(
+    J: Array, R: Array, pieces: Pieces, motion: Turning, at: NDArray[np.intp], times: Array
+) -> tuple[Array, Array, Array]:
+    """Return the means of μ and of the spatial moment and the work, between the output times."""
+    half, weights = (pieces.b - pieces.a) / 2, gauss()[1]
+    shape = motion.angle_inside.shape
+    inside = turns(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
+    m = np.einsum("pnab,pnb->pna", inside, pieces.moment)
+    mu = motion.rate_inside**2 * np.cross(J @ motion.axis, motion.axis)[2] + pieces.moment[..., 2]
+    power = motion.rate_inside * (pieces.moment @ motion.axis)
+    values = np.concatenate([mu[..., None], m, power[..., None]], axis=2)
+    sums = half[:, None] * np.einsum("n,pnc->pc", weights, values)
+    total = np.concatenate([np.zeros((1, 5)), np.cumsum(sums, axis=0)])
+    between = np.diff(total[at], axis=0)
+    length = np.diff(times)[:, None]
+    return between[:, :1] / length, between[:, 1:4] / length, between[:, 4]

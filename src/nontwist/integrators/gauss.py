@@ -85,15 +85,14 @@ from ..engine.generalised import STAGE
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
-from ..engine.records import BODY, Body, Parts, State
+from ..engine.records import BODY, Parts, State
 from ..engine.sampling import Nodes
 from ..engine.turning import turned_on
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import any_of, cos, larger, real, select, sin, smaller, sqrt, without
+from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, without
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, size_of
-from ..kernels.memory import room as memory_of
 from ..kernels.tracing import tracer
 from ..kernels.vectors import (
     AXES,
@@ -109,29 +108,11 @@ from ..kernels.vectors import (
 )
 from ..loads import Load
 from .base import Problem
-from .compiled import Compiled
+from .compiled import ONCE, Compiled, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
-from .gauss_stages import (
-    LOST,
-    ROUGH,
-    SEEN,
-    SHY,
-    TINY,
-    TURN,
-    VECTOR,
-    ZEROS,
-    Equations,
-    Stage,
-    Stages,
-    ahead,
-    iterated,
-    lanes_where,
-    newton,
-    rows_by_elimination,
-    rows_of,
-)
-from .scheme import ONCE, Scheme
+from .gauss_newton import lanes_where, rows_by_elimination, solve
+from .gauss_stages import LOST, ROUGH, SEEN, SHY, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, iterated, rows_of
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -185,11 +166,6 @@ class Gauss(Compiled):
         return 1e-8 if self.order > 2 else None
 
     @property
-    def effort(self) -> float:
-        """The cost of a step relative to order 2; as measured, it is proportional to the number of stages."""
-        return float(self.nodes)
-
-    @property
     def largest_turn(self) -> float:
         """The turn per step up to which fixed-point iterations contract and stages are nearly orthonormal, rad.
 
@@ -219,42 +195,49 @@ class Gauss(Compiled):
         """Nodes of the load in a step."""
         return self.order // 2
 
-    def _scheme(self, constrained: bool) -> Scheme:
-        """Return the step and what it is marched with."""
-        return Scheme(
-            texts=text_of,
-            stages=stages,
-            forms=forms,
-            table=table,
-            carried=carried,
-            action=STAGE,
-            room=room,
-            within=within,
-            linear=linear,
-        )
+    def text(self, form: int) -> Text:
+        """Return the text of the step."""
+        return text_of(self.nodes, MOTIONS.get(form, "rows"))
 
+    def stages(self, form: int) -> tuple[Array, Array]:
+        """Return the one fraction of a step that is taken at once, and the nodes of the load."""
+        return ONCE, nodes(self.order)
 
-def stages(order: int, form: int) -> tuple[Array, Array]:
-    """Return the one fraction of a step that is taken at once, and the nodes of the load."""
-    return ONCE, nodes(order)
+    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+        """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
+        several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
+        return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
 
+    def linear(self, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+        """Return what linearises the steps of a form."""
+        from .gauss_derivatives import linearised
 
-def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-    """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
-    several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
-    return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
+        return linearised(self.nodes, MOTIONS.get(form, "rows"), parts, wanted)
 
+    def room(self, lanes: int) -> int:
+        """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
+        m = 3 * WIDTH
+        return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
 
-def linear(order: int, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
-    """Return what linearises the steps of a form."""
-    from .gauss_derivatives import linearised
+    @property
+    def carried(self) -> int:
+        """How many numbers a body carries beside its state: the increments of its last step."""
+        return COMPONENTS * self.nodes
 
-    return linearised(order // 2, MOTIONS.get(form, "rows"), parts, wanted)
+    @property
+    def table(self) -> Array:
+        """The coefficients of the collocation."""
+        return table(self.order)
 
+    @property
+    def within(self) -> Array:
+        """What guesses of substeps are made of."""
+        return within(self.order)
 
-def carried(order: int) -> int:
-    """Return how many numbers a body carries beside its state: the increments of its last step."""
-    return COMPONENTS * (order // 2)
+    @property
+    def action(self) -> int:
+        """What director forces and potentials are for it: torques at the stages."""
+        return STAGE
 
 
 def unresolved(problem: Problem, s: int) -> str | None:
@@ -268,12 +251,6 @@ def unresolved(problem: Problem, s: int) -> str | None:
     )
 
 
-def room(lanes: int) -> int:
-    """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
-    m = 3 * WIDTH
-    return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
-
-
 # The step.
 
 FAINT = 1e-280  # square of a vector that has no direction any more
@@ -283,24 +260,15 @@ MOTIONS = {STEADY_FORM: "steady", DRIVEN: "moved", FREE: "free", MOVED: "moved",
 
 
 @lru_cache
-def text_of(order: int, form: int) -> Text:
-    """Return the text of the steps of an order and a form."""
-    s, motion = order // 2, MOTIONS.get(form, "rows")
+def text_of(s: int, motion: str) -> Text:
+    """Return the text of the steps of s stages for a motion."""
 
     def step(acting: Nodes, state: State, alive: Any) -> Step:
-        y = stages_of(acting.parts, acting.memory, acting.table, s)
+        n = acting.parts.lanes  # of one body all stages are evaluated at once, but in texts that compute
+        y = Stages(acting.memory, acting.table, s, n, n, n == 1 and tracer() is not None)
         return steady_step(acting, state, y) if motion == "steady" else collocated(acting, state, alive, y, motion)
 
-    def velocity(body: Body, P: Vector) -> Vector:
-        return body.k * P
-
-    return Text(step, velocity, extra=1, integrates=True, carry=carry)
-
-
-def stages_of(parts: Parts, memory: Any, table: Any, s: int) -> Stages:
-    """Return the stages in the memory of the scheme: of one body at once, but for texts that compute."""
-    n = parts.lanes
-    return Stages(memory, table, s, n, n, n == 1 and tracer() is not None)
+    return Text(step, velocity_of, extra=1, integrates=True, carry=carry)
 
 
 def carry(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:
@@ -325,22 +293,12 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         y.put(e.names[1:], [ZEROS] * 3)
     is_eager = s > SHY and not e.has_rows
     unseen = state.extra[0] if is_eager else 0.0
-    hard, used = iterated(
-        y,
-        e.names,
-        lambda i, stage, matrix: e.follow(i, stage, matrix),
-        alive,
-        ROUGH * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2])),
-        TABLE.guess,
-        k,
-        taxicab(k * P),
-        unseen,
-        state.carry,
-    )
+    rough = ROUGH * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
+    hard, used = iterated(y, e.names, e.follow, alive, rough, TABLE.guess, k, taxicab(k * P), unseen, state.carry)
     v = Variables(hard=hard, used=used, residual=zero)
     for _ in when(any_of(hard)):
         solve(acting, y, state, motion, hard, v)
-    least = ended(e, y, without(alive, hard))
+    least = e.ended(without(alive, hard))
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_carry = compensated(P, state.carry, dP)
     if e.has_rows:
@@ -407,48 +365,6 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
     if parts.observes:
         observe_stages(acting, y)
     return found
-
-
-def solve(acting: Nodes, y: Stages, state: State, motion: str, hard: Any, v: Variables) -> None:
-    """Solve the stages of bodies whose mask is set by Newton's iteration."""
-    n = y.lanes
-    acting.x.state.p, acting.x.state.s, found = state.p, state.s, memory_of(3 * n)
-    for k in range(3):
-        found.store(k * n, 0.0, n)
-    for l in lanes_where(hard, n):
-        x, memory = acting.x.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * n)
-        where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
-        is_found, count, residual = newton(motion, acting.parts, *where)
-        found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
-    v.hard = found.load(0, n) > 0.0
-    v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)
-
-
-def ended(e: Equations, y: Stages, takes: Any) -> Any:
-    """Evaluate the stages that are found, keep P, W, g and sums; return the smallest determinant of the rows, negative.
-
-    Bodies whose mask is set take the increments that come out, which are nearer to the solution.
-    """
-    v = Variables(least=0.0 * e.P[0] - 1.0)
-    for i, stage in y.each():
-        b = e.acting.h * y.coefficient(TABLE.weights, i)
-        stage.P, g, now = e.evaluated(i, stage)
-        W, power = now.W, 0.0 * now.W[0]
-        stage.W = W
-        for name, c in zip(VECTOR, g, strict=False):
-            setattr(stage, name, c)
-        if now.push is not None:
-            power = W @ now.push
-        if now.own is not None:
-            power = power + W @ now.own
-            stage.own = now.own
-        if e.has_rows:
-            v.least = larger(v.least, y.largest(-(g[0] @ cross(g[1], g[2]))))
-        for name, x in zip(e.names, e.increments(i, stage, g, now), strict=True):
-            setattr(stage, ahead(name), x)
-        stage.sum, stage.angle = Vector(b * now.torque[2], b * power, b * sqrt(W @ W)), b * W
-    y.take(e.names, takes)
-    return v.least
 
 
 def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:

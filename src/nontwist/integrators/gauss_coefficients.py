@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from decimal import Decimal, localcontext
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -58,17 +59,9 @@ def table(order: int) -> Array:
         slopes = [[(k + 1) * x for k, x in enumerate(l[j])] for j in range(s)]
         inverse = [[_value(slopes[j], c[i]) / c[j] for j in range(s)] for i in range(s)]
         sums = [sum(row) for row in inverse]
-    found = np.zeros(TABLE.size)
     symplectic, rounded = _symplectic(np.array(mu, dtype=np.float64)), np.array(b, dtype=np.float64)
-    vectors = {"nodes": c, "weights": b, "sums": sums}
-    matrices = {"mu": symplectic, "guess": guess, "a": rounded * symplectic, "inverse": inverse}
-    for name, vector in vectors.items():
-        found[getattr(TABLE, name) :][:s] = vector
-    for name, matrix in matrices.items():
-        padded = found[getattr(TABLE, name) :][: WIDTH * WIDTH].reshape(WIDTH, WIDTH)
-        padded[:s, :s] = np.array(matrix, dtype=np.float64).T
-    found.flags.writeable = False
-    return found
+    columns: Any = (zip(*matrix, strict=True) for matrix in (symplectic, guess, rounded * symplectic, inverse))
+    return _packed(_padded([c, b], 2), *(_padded(list(matrix), WIDTH) for matrix in columns), _padded([sums], 1))
 
 
 @cache
@@ -82,9 +75,18 @@ def within(order: int) -> Array:
         both = [*(x - 1 for x in c), *c]
         one = [[x / b[j] for x in l[j]] for j in range(s)]
         two = [[x / b[j % s] for x in _lagrange(both, j)] for j in range(2 * s)]
-    padded = np.zeros((2 + s, WIDTH))
-    padded[:, :s] = np.array([c, b, *back], dtype=np.float64)
-    parts = padded, np.array(one, dtype=np.float64), np.array(two, dtype=np.float64)
+    return _packed(_padded([c, b, *back], 2 + s), np.array(one, dtype=np.float64), np.array(two, dtype=np.float64))
+
+
+def _padded(rows: Any, count: int) -> Array:
+    """Return rows of numbers, with zeros so many rows of `WIDTH`."""
+    found = np.zeros((count, WIDTH))
+    found[: len(rows), : len(rows[0])] = np.array(rows, dtype=np.float64)
+    return found
+
+
+def _packed(*parts: Array) -> Array:
+    """Return the numbers of arrays one after the other, which nobody writes to."""
     found: Array = np.concatenate([part.ravel() for part in parts])
     found.flags.writeable = False
     return found

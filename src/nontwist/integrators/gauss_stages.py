@@ -1,4 +1,4 @@
-"""The stages of a step of `gauss`: their equations, solved by fixed points or, where these do not contract, by Newton.
+"""The stages of a step of `gauss`: their equations, solved by fixed points, or by Newton where these do not contract.
 
 The unknowns of a step are the increments ``L_j = h b_j F_j`` of the momentum P at its s stages, and those of vectors g
 that stand still in space, ``g' = g × W``, seen from the body: none, the vertical, or all three axes of b at the
@@ -22,24 +22,6 @@ way. What is one iteration away from an L that did not come about so has no such
 of a body that was not done quickly is changed by some round-off, and iterated once or twice more. What is added is
 without a preference itself, and known to a run that resumes: what the compensated sums of the other components of P
 have left over. Needles are left alone, as what is added would be their spin.
-
-Newton. The vectors g of the stages follow from the velocities by one linear system of 3s equations,
-
-    g_i - Σ a_ij g_j × W_j = g_0,        a_ij = μ_ij h b_j,
-
-and so do, with the same matrix, the turns θ_i of the body that changes of the velocities make, g_0 = Σ a_ij δW_j. With
-B = ∂f/∂P and H = ∂f/∂θ, where a vector of space v changes by v × θ, an increment solves
-
-    δP_i - Σ a_ij (B_j δP_j + H_j θ_j) = Σ μ_ij ρ_j,        δL_i = ρ_i + h b_i (B_i δP_i + H_i θ_i),
-
-ρ the residuals of L. B and H come from the equations themselves, on dual numbers; those of functions of the state are
-differences. L and not P is the unknown since P = P_n + Σ μ L then has L to its last digits, however large h B is.
-Vectors of the stages change by v × θ only to the order of the collocation. So without them the iteration converges
-quadratically, with them linearly, by some percent a step at low orders and by next to nothing at high ones.
-
-It ends where changes of the velocities are round-off, or what is left of the equations is. Moments that cancel, of
-springs at an equilibrium, have the round-off ε |H| of a turn by ε: a residual of ``ε h b_i |H|`` cannot be made
-smaller, however slow the body is.
 """
 
 from __future__ import annotations
@@ -47,14 +29,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from ..engine.records import Parts
 from ..engine.sampling import Nodes
-from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.dual import Dual, plain, tangent
-from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, without
-from ..kernels.memory import View, room
-from ..kernels.parts import part, rare
+from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, sqrt, without
+from ..kernels.memory import View
 from ..kernels.vectors import AXES, Matrix, Vector, cross, sum_of, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 
@@ -65,7 +43,7 @@ FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now 
 SEEN = 4.0  # last iterations that are looked at
 SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, ROUGH, NEEDLE, LOST, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
-NEWTON, NEAR, FAR, ROUND_OFF = 50, 4.0, 1e5, 16.0 * EPS
+ROUND_OFF = 16.0 * EPS
 INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
 
@@ -180,30 +158,11 @@ def rows_of(stage: View) -> Matrix:
     return Matrix(stage.g0, stage.g1, stage.g2)
 
 
-def turned(v: Vector) -> Vector:
-    """Return a vector of space as dual numbers: behind three directions that leave it alone the turns of the body."""
-    x, y, z = v
-    tangents = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
-    return Vector(*(Dual(a, [0.0, 0.0, 0.0, *turns]) for a, turns in zip(v, tangents, strict=True)))
-
-
 def drawn(C: Matrix, f: Vector) -> Vector:
     """Return ``C⁻¹ f``."""
     n = cross(C[1], C[2])
     inner = fma(f[1], cross(C[2], C[0]), f[2] * cross(C[0], C[1]))
     return (1.0 / (C[0] @ n)) * fma(f[0], n, inner)
-
-
-def drawn_of_duals(C: Any, f: Vector) -> Vector:
-    """Return ``C⁻¹ f`` of rows that turn with the body, which therefore turns like a vector of space."""
-    C = plain(Matrix(*C))
-    v = turned(drawn(C, plain(f)))
-    if not isinstance(f[0], Dual):
-        return v
-    changes = [drawn(C, tangent(f, j)) for j in range(6)]
-    return Vector(
-        *(Dual(x.value, [t + d[i] for t, d in zip(x.tangents, changes, strict=True)]) for i, x in enumerate(v))
-    )
 
 
 class Now(NamedTuple):
@@ -322,11 +281,6 @@ class Equations:
             return functions.found("total") @ acting.R, None
         return functions.found("load") @ acting.R, functions.found("held") @ acting.body.basis
 
-    def note_call(self, is_sound: Any) -> None:
-        """Let it be known that a function has given what is no number."""
-        for _ in when(logical_not(is_sound)):
-            self.acting.x.found.total = (float("nan"),) * 3
-
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
         if self.orbit is None:
@@ -346,6 +300,32 @@ class Equations:
         if self.parts.spin:
             dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
         return [dP, *(b * cross(v, V) for v in g)]
+
+    def ended(self, takes: Any) -> Any:
+        """Evaluate the stages found, keep P, W, g and sums; return the smallest determinant of the rows, negative.
+
+        Bodies whose mask is set take the increments that come out, which are nearer to the solution.
+        """
+        v, stages = Variables(least=0.0 * self.P[0] - 1.0), self.stages
+        for i, stage in stages.each():
+            b = self.acting.h * stages.coefficient(TABLE.weights, i)
+            stage.P, g, now = self.evaluated(i, stage)
+            W, power = now.W, 0.0 * now.W[0]
+            stage.W = W
+            for name, c in zip(VECTOR, g, strict=False):
+                setattr(stage, name, c)
+            if now.push is not None:
+                power = W @ now.push
+            if now.own is not None:
+                power = power + W @ now.own
+                stage.own = now.own
+            if self.has_rows:
+                v.least = larger(v.least, stages.largest(-(g[0] @ cross(g[1], g[2]))))
+            for name, x in zip(self.names, self.increments(i, stage, g, now), strict=True):
+                setattr(stage, ahead(name), x)
+            stage.sum, stage.angle = Vector(b * now.torque[2], b * power, b * sqrt(W @ W)), b * W
+        stages.take(self.names, takes)
+        return v.least
 
 
 def iterated(
@@ -463,275 +443,3 @@ def shake(stages: Stages, carry: Vector, mask: Any) -> None:
     d = select(mask, SHAKEN * Vector(carry[1], carry[2], carry[0]), 0.0 * carry)
     for _, stage in stages.each():
         stage.dp = stage.dp + d
-
-
-def eliminate(a: Any, m: int, width: int) -> None:
-    """Let `eliminated` stand once in the code, whatever the sizes."""
-    v = Variables(m=m, width=width)
-    eliminated(a, v.m, v.width)
-
-
-@part
-def eliminated(a: Any, m: Any, width: Any) -> None:
-    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; partial pivots."""
-
-    def subtract(i: Any, k: Any, g: Any, first: Any) -> None:
-        for _ in when(g != 0.0):
-            for j in loop(first, width):
-                a[i * width + j] = a[i * width + j] - g * a[k * width + j]
-
-    for k in loop(m):
-        v = Variables(pivot=k, largest=abs(a[k * width + k]))
-        for i in loop(k + 1, m):
-            here = abs(a[i * width + k])
-            v.pivot, v.largest = select(here > v.largest, i, v.pivot), larger(here, v.largest)
-        pivot = v.pivot
-        for _ in when(pivot != k):
-            for j in loop(k, width):
-                x, y = a[k * width + j], a[pivot * width + j]
-                a[k * width + j], a[pivot * width + j] = y, x
-        f = 1.0 / a[k * width + k]
-        for i in loop(k + 1, m):
-            subtract(i, k, f * a[i * width + k], k + 1)
-    for back in loop(m):
-        k = m - 1 - back
-        f = 1.0 / a[k * width + k]
-        for j in loop(m, width):
-            a[k * width + j] = f * a[k * width + j]
-        for i in loop(k):
-            subtract(i, k, a[i * width + k], m)
-
-
-def vectors_of_space(
-    stages: Stages, a: Any, h: Any, starts: Sequence[Vector], turning: str, names: Sequence[str], k: Any = None
-) -> int:
-    """Solve for the vectors of space at the stages, which turn with the velocities there, and set their increments.
-
-    The room `a` then holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
-    given, and the vectors. Returns the width of its rows.
-    """
-    s, m = stages.number, 3 * stages.number
-    side = m if k is None else 2 * m
-    width = side + len(starts)
-    for i in loop(m * width):
-        a[i] = 0.0
-    for i in loop(s):
-        row = 3 * i * width
-        for j in loop(s):
-            f = h * stages.table[TABLE.weights + j] * stages.table[TABLE.mu + WIDTH * j + i]
-            x, y, z = f * getattr(stages.one(j), turning)
-            for r, entries in enumerate(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))):
-                for c, entry in enumerate(entries):
-                    a[row + r * width + 3 * j + c] = 0.0 * f + entry
-                if k is not None:
-                    a[row + r * width + m + 3 * j + r] = f * k[r]
-        for r in range(3):
-            at = row + r * width
-            a[at + 3 * i + r] = a[at + 3 * i + r] + 1.0
-            for c, g in enumerate(starts):
-                a[at + side + c] = g[r]
-    eliminate(a, m, width)
-    for i in loop(s):
-        stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
-        for c, name in enumerate(names):
-            at = 3 * i * width + side + c
-            g = Vector(a[at], a[at + width], a[at + 2 * width])
-            setattr(stage, name, b * cross(g, getattr(stage, turning)))
-            if k is not None:
-                setattr(stage, VECTOR[c], g)
-    return width
-
-
-@rare
-def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
-    """Set the increments of the axes by the velocities of the stages."""
-    vectors_of_space(stages, a, h, AXES, "W", TURN)
-
-
-@part
-def combine(momenta: Any, slopes: Any, mu: Any, s: int) -> None:
-    """Set the equations for the changes of P."""
-    m = 3 * s
-    for i in loop(s):
-        for c in loop(3):
-            p = 3 * i + c
-            for q in loop(m + 1):
-                x = Variables(entry=0.0 * mu[0])
-                for j in loop(s):
-                    x.entry = fma(mu[WIDTH * j + i], slopes[(3 * j + c) * (m + 1) + q], x.entry)
-                momenta[p * (m + 1) + q] = select(q == m, x.entry, select(p == q, 1.0, 0.0) - x.entry)
-
-
-class Residuals:
-    """The equations of Newton's iteration for the stages of one body, linearised: matrices of m = 3 s rows in memory.
-
-    Attributes
-    ----------
-    turns : (m, width), behind m columns the turns by changes of the momenta, then the vectors
-    slopes : (m, m + 1), h b times the derivatives of the rates by the momenta, by way of turns as well; the residuals
-    momenta : (m, m + 1), the equations for the changes of the momenta, and these changes
-    stiffness : (s,), h b times the size of the derivatives by turns
-    """
-
-    def __init__(self, equations: Equations, memory: Any) -> None:
-        self.equations, self.stages, m = equations, equations.stages, 3 * equations.stages.number
-        self.m, self.width, self.h, self.turns = m, 2 * m + len(equations.start), equations.acting.h, memory
-        self.momenta = memory.shifted(m * (2 * m + 3))
-        self.slopes = self.momenta.shifted(m * (m + 1))
-        self.stiffness = self.slopes.shifted(m * (m + 1))
-
-    def place(self) -> None:
-        """Set P, W and the vectors of the stages from the increments of P."""
-        e, stages = self.equations, self.stages
-        for i in loop(stages.number):
-            stage = stages.one(i)
-            P = stages.collocated("dp", e.P, i)
-            stage.P, stage.W = P, e.k * P
-            stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
-        if e.start:
-            vectors_of_space(stages, self.turns, self.h, e.start, "V", e.names[1:], e.k)
-
-    def differentiate(self, v: Variables) -> None:
-        """Set residuals and slopes at the stages, while all numbers are fine."""
-        e, stages, m, h = self.equations, self.stages, self.m, self.h
-        for i in loop(stages.number, whilst=lambda: v.is_fine):
-            stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
-            g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called, held = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
-            P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
-            for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, held, drawn_of_duals).rate
-                dP = b * plain(rate)
-                if e.parts.spin:
-                    dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
-                rest, stiff = dP - stage.dp, 0.0 * b
-                for c in range(3):
-                    row, H = self.slopes.shifted((3 * i + c) * (m + 1)), b * tangents(rate[c], 3)
-                    for q in loop(m):
-                        row[q] = H @ self.turn(i, q) if g else 0.0
-                    for d, B in enumerate(tangents(rate[c], 0)):
-                        row[3 * i + d] = row[3 * i + d] + b * B
-                    row[m], stiff = rest[c], stiff + taxicab(H)
-                self.stiffness[i] = stiff
-
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Vector, Any]:
-        """Return what functions say, with their derivatives as differences; one call stands in the code."""
-        e, W, found = self.equations, stage.W, room(7 * 6)
-        v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= LOST)
-        change = DIFFERENCE * taxicab(W)
-        change = select(change > 0.0, change, DIFFERENCE)
-        for q in loop(7, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns
-            w = Vector(*(x + select(q == j + 1, change, 0.0) for j, x in enumerate(W)))
-            a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
-            rows = Matrix(*(c + cross(c, a) for c in C))
-            f, held = e.called(i, rows, rows @ w)
-            for j, x in enumerate((*f, *(held or ()))):
-                found[6 * q + j] = x
-            is_sound = (q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST)
-            e.note_call(is_sound)
-            v.is_fine = v.is_fine & is_sound
-
-        def dual(j: int, by_velocity: bool) -> Dual:
-            d = [found[6 * q + j] - found[j] for q in range(1, 7)]
-            by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
-            return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
-
-        stage.called = Vector(found[0], found[1], found[2])
-        called = Vector(*(dual(j, True) for j in range(3)))
-        if not e.parts.generalised:
-            return called, None
-        stage.held = Vector(found[3], found[4], found[5])
-        return called, Vector(*(dual(j + 3, False) for j in range(3)))
-
-    def turn(self, i: Any, q: Any) -> Vector:
-        """Return the turn at a stage by a momentum."""
-        at, width = 3 * i * self.width + self.m + q, self.width
-        return Vector(self.turns[at], self.turns[at + width], self.turns[at + 2 * width])
-
-    def solve(self) -> None:
-        """Find the changes of P at the stages."""
-        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.number)
-        eliminate(self.momenta, self.m, self.m + 1)
-
-    def correct(self, v: Variables) -> None:
-        """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.
-
-        That is relative to the velocity and what a turn by one radian would add to it. Infinite if one is lost.
-        """
-        e, m, k = self.equations, self.m, self.equations.k
-        v.worst, v.left, fastest = 0.0 * self.h, 0.0 * self.h, larger(larger(k[0], k[1]), k[2])
-        for i in loop(self.stages.number, whilst=lambda: v.is_fine):
-            stage, at, n = self.stages.one(i), 3 * i * (m + 1), m + 1
-            x = Variables(change=0.0 * e.P, turn=0.0 * e.P)
-            for q in loop(m):
-                dP, slope = self.momenta[q * n + m], self.slopes.shifted(at + q)
-                x.change = x.change + dP * Vector(slope[0], slope[n], slope[2 * n])
-                if e.start:
-                    x.turn = x.turn + dP * self.turn(i, q)
-            rest, dP = self.column(self.slopes, i), self.column(self.momenta, i)
-            dL = rest + x.change
-            stage.dp, change = stage.dp + dL, taxicab(k * dP)
-            speed = taxicab(k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
-            v.worst = larger(larger(change / speed, taxicab(x.turn)), v.worst)
-            v.left = larger(taxicab(k * rest) / (speed + self.stiffness[i] * fastest), v.left)
-            v.is_fine = taxicab(dL) <= LOST
-        v.worst = select(v.is_fine, v.worst, INFINITE)
-
-    def column(self, a: Any, i: Any) -> Vector:
-        """Return what the last column of a matrix says of a stage."""
-        at, n = 3 * i * (self.m + 1) + self.m, self.m + 1
-        return Vector(a[at], a[at + n], a[at + 2 * n])
-
-
-def tangents(x: Dual, first: int) -> Vector:
-    """Return three derivatives."""
-    found = [*x.tangents[first : first + 3], 0.0, 0.0, 0.0]
-    return Vector(*found[:3])
-
-
-@rare
-def newton(
-    motion: str, parts: Parts, b: View, x: View, stages: Stages, memory: Any, buffer: Any, node: Any
-) -> tuple[Any, Any, Any]:
-    """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
-    acting = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
-    acting.begin(node, x.state.p)
-    e = Equations(motion, acting, stages, x.state.s)
-    r, zero = Residuals(e, memory), 0.0 * e.P[0]
-    v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
-    v.before = zero + LOST
-    if e.parts.calls:
-        for i in loop(stages.number):
-            v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
-        e.note_call(v.is_fine)
-        v.goes = v.is_fine
-    if e.has_rows:
-        stages.put(VECTOR, AXES)
-    rough = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
-    for _ in whilst(lambda: v.goes):
-        r.place()
-        v.goes = False
-        for _ in when(logical_not(v.is_found)):
-            v.count = v.count + 1
-            r.differentiate(v)
-            for _ in when(v.is_fine):
-                r.solve()
-                r.correct(v)
-                now = v.worst * (1.0 / EPS)
-                is_done = (now <= NEAR) | (v.left <= ROUND_OFF) | ((now <= rough) & (now >= v.before))
-                v.is_fine, v.before = now <= LOST, now
-                v.is_found = v.is_fine & is_done
-                # the last change is round-off of velocities, but more than the vectors may be off
-                v.goes = v.is_fine & select(v.is_found, now > NEAR, v.count < NEWTON)
-    for _ in when(logical_not(v.is_found)):
-        stages.put(UNKNOWNS, [ZEROS] * 4)
-    return v.is_found, v.count, v.worst
-
-
-def lanes_where(mask: Any, lanes: int) -> Iterator[Any]:
-    """Yield the bodies whose mask is set, in a loop of the machine."""
-    flags = room(lanes)
-    flags.store(0, select(mask, 1.0, 0.0), lanes)
-    for l in loop(lanes):
-        for _ in when(flags[l] > 0.0):
-            yield l

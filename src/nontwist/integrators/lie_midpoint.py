@@ -66,7 +66,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import DRIVEN, STEADY
 from ..engine.marching import PI, Step, Text, turned_by_half
 from ..engine.newton import EPS, solve
-from ..engine.records import Body, State
+from ..engine.records import State
 from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import mean
 from ..geometry.arrays import Array
@@ -83,10 +83,8 @@ from ..kernels.dual import Dual, plain, tangents_of
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
 from ..loads import Load
+from .compiled import velocity_of
 from .dissipative import Dissipative
-
-if TYPE_CHECKING:
-    from .scheme import Scheme
 
 
 @dataclass(frozen=True)
@@ -138,11 +136,17 @@ class LieMidpoint(Dissipative):
         "invariant": "Simo & Wong 1991; nontwist.integrators.lie_midpoint",
     }
 
-    def _scheme(self, constrained: bool) -> Scheme:
-        """Return the step and what it is marched with."""
-        from .scheme import Scheme
+    def text(self, form: int) -> Text:
+        """Return the text of the step."""
+        return TEXT
 
-        return Scheme(text=TEXT, forms=is_implicit, explicit=(0,), dissipation=self.dissipation)
+    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+        """Return 0 for bodies whose step is explicit, else 1."""
+        return np.asarray(~np.isin(found, (STEADY, DRIVEN)), dtype=np.int64)
+
+    def is_explicit(self, form: int, is_held: bool) -> bool:
+        """Whether nothing is to be solved unless a moment in space acts."""
+        return form == 0
 
 
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
@@ -268,19 +272,9 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
     return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
 
 
-def velocity(body: Body, P: Vector) -> Vector:
-    """Return W of the momentum."""
-    return body.velocity_of(P)
-
-
 def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
     """Return the rates of a step whose end is known, for the first guess."""
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, velocity, extra=9, remembered=remembered)
-
-
-def is_implicit(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-    """Return 0 for bodies whose step is explicit, else 1."""
-    return np.asarray(~np.isin(forms, (STEADY, DRIVEN)), dtype=np.int64)
+TEXT = Text(step, velocity_of, extra=9, remembered=remembered)

@@ -1,6 +1,6 @@
 """The steps of a run, linearised: from a problem and its states at all nodes to the matrices of its steps.
 
-Their scheme is a `Scheme`; `tangents` chains them. All is done some steps at a time, so that what is in use is little,
+`tangents` chains them. All is done some steps at a time, so that what is in use is little,
 whatever the length of the run.
 """
 
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
 from ..engine.chained import CHAIN, LANES
-from ..engine.generalised import EXACT, STAGE
+from ..engine.generalised import STAGE
 from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import BODY, Parts
+from ..engine.records import BODY
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States, attitudes, product
 from ..geometry.tensors import BASIS, ENTRIES
@@ -32,29 +32,27 @@ from .compiled import Compiled
 from .gauss_coefficients import matrix, weights
 from .gauss_derivatives import room_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .load_samples import as_marched, orbit_of
+from .load_samples import as_marched, orbit_of, parts_of
 from .problem import Problem
 from .rotors import at_nodes
-from .scheme import Scheme
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
 LARGEST, LONGEST = 2**14, 2048
 
 
-def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Scheme) -> bool:
+def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
     """Whether steps under a load, as it is marched, turn with an orbit."""
     return scheme.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
-def scheme_of(integrator: Integrator, constrained: bool) -> Any:
-    """Return the scheme of an integrator; a ValueError where it has no derivatives."""
+def scheme_of(integrator: Integrator) -> Compiled:
+    """Return an integrator that has derivatives; a ValueError where it has none."""
     from . import INTEGRATORS
 
-    scheme = integrator._scheme(constrained) if isinstance(integrator, Compiled) else None
-    if scheme is None or not integrator.has_derivatives:
+    if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
-    return scheme
+    return integrator
 
 
 class Linearised:
@@ -78,23 +76,28 @@ class Linearised:
     """
 
     def __init__(self, problem: Problem, integrator: Integrator, wanted: Iterable[str]) -> None:
-        self.problem, constrained = problem, problem.systems.axis is not None
-        scheme = scheme_of(integrator, constrained)
+        self.problem, scheme = problem, scheme_of(integrator)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
-        order, scale = getattr(integrator, "order", 2), float(problem.load_scale[0])
+        order, scale = scheme.order, float(problem.load_scale[0])
         bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
         form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
-        _, self.middles = scheme.stages(order, form)
+        _, self.middles = scheme.stages(form)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         s, wanted, self._factor, self._order = len(self.middles), set(wanted), np.array([scale]), order
         terms = tuple(term for term in self.load.terms if is_called(term))
         self._fixed = bodies[0]
-        if scheme.dissipation:
-            self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
+        if scheme.chi:
+            self._fixed[BODY.dissipation + order - 1] = scheme.chi
         names = tuple(name for name in INPUTS if name in wanted)
         about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
-        parts = parts_of(problem, self.load, scheme, self._fixed, wanted)._replace(orbit=about is not None)
+        parts = parts_of(systems, self.load, self._fixed[None], scheme)._replace(
+            lanes=machine_code.lanes(),
+            function=bool(terms),
+            forces=False,
+            orbit=about is not None,
+            **dict.fromkeys(wanted & {"moving", "space", "damping", "dead", "spin"}, True),
+        )
         self._orbit = about
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
@@ -102,13 +105,13 @@ class Linearised:
         for name in names:
             self.offsets[name] = self.width
             self.width += INPUTS[name] * (s if name in NODAL else 1)
-        table, self._has_stages = scheme.table(order), scheme.linear is not None
+        table, self._has_stages = scheme.table, scheme.linear is not None
         if scheme.linear is None:
-            self._kernel: Any = linearised(scheme.text, parts, names)
+            self._kernel: Any = linearised(scheme.text(form), parts, names)
             self._room = LANES * size_of(Step)
-            self.carried = partial(carried, scheme.text, parts._replace(lanes=1), names)
+            self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), names)
         else:
-            self._kernel = scheme.linear(order, form, parts, names)
+            self._kernel = scheme.linear(form, parts, names)
             self._room = LANES * room_of(s, self.width)
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
@@ -255,25 +258,6 @@ def _turned(x: Array, B: Array) -> Array:
     found = x.copy()
     found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
     return found
-
-
-def parts_of(problem: Problem, load: Load, scheme: Scheme, body: Array, wanted: set[str]) -> Parts:
-    """Return what there is in the steps of a body, values or derivatives."""
-    kinds, spin = {term.kind for term in load.terms}, problem.systems.spin
-    return Parts(
-        lanes=machine_code.lanes(),
-        is_director_scheme=scheme.is_director_scheme,
-        is_held=problem.systems.axis is not None,
-        dissipates=bool(scheme.dissipation),
-        moving="body" in kinds or "moving" in wanted,
-        space="space" in kinds or "space" in wanted,
-        damping=bool(body[BODY.damping : BODY.axis].any()) or "damping" in wanted,
-        dead=bool(body[BODY.dead : BODY.damping].any()) or "dead" in wanted,
-        rotor=bool(load.rotors),
-        spin=(spin is not None and not spin.is_constant) or "spin" in wanted,
-        function=any(map(is_called, load.terms)),
-        is_exact=scheme.action == EXACT,
-    )
 
 
 def turns_of(body: Array) -> dict[str, Array]:

@@ -43,9 +43,7 @@ class Outputs:
     def __init__(self, problem: Problem) -> None:
         assert problem.asked is not None
         times, last = problem.asked, problem.steps
-        borders, numbers, sizes = (np.array(part) for part in problem.grid)
-        j = np.searchsorted(borders[1:-1], times, side="right")
-        node = np.clip(np.floor(numbers[j] + (times - borders[j]) / sizes[j]).astype(np.int64), 0, last - 1)
+        node = np.clip(problem.steps_ended(times), 0, last - 1)
         rounding = RESOLVED * np.spacing(max(abs(problem.t_start), abs(problem.t_end)))
         node -= problem.times(node) > times + rounding
         node += problem.times(np.minimum(node + 1, last)) <= times + rounding
@@ -84,7 +82,8 @@ def listed(
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        stages, within, size = march.stages_of_guess, march.scheme.within(march.order), march.shapes["states"][1]
+        within, size = march.scheme.within, march.shapes["states"][1]
+        stages = 0 if within is None else march.scheme.nodes  # that substeps are guessed from
         rows, reals, others = _with_outputs(march, form, first, last, coasting)
         side = march.kernel(form, width, observes=False, **changes).address
         stride = 2 * size + 2 * SUMS.size + 2 * COMPONENTS * stages + EIGHT

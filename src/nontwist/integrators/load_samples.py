@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.generalised import EXACT
 from ..engine.layout import address_of
-from ..engine.records import FORCES
+from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import forces_sampled, with_moments
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
+from .compiled import Compiled
 from .problem import Problem
 from .rotors import at_nodes
 from .spins import at_nodes as spin_at_nodes
@@ -63,6 +65,24 @@ def sampled(
 def has_table(load: Load) -> bool:
     """Whether a load has tables of forces on the directors."""
     return any(isinstance(term, ForceTable) for term in load.terms)
+
+
+def parts_of(systems: SystemStack, load: Load, bodies: Array, scheme: Compiled) -> Parts:
+    """Return what there is in the march of bodies under a load, as they are marched."""
+    kinds, spin = {term.kind for term in load.terms}, systems.spin
+    return Parts(
+        is_director_scheme=scheme.is_director_scheme,
+        is_held=systems.axis is not None,
+        dissipates=bool(scheme.chi),
+        moving="body" in kinds,
+        space="space" in kinds,
+        damping=bool(bodies[:, BODY.damping : BODY.axis].any()),
+        dead=bool(bodies[:, BODY.dead : BODY.damping].any()),
+        rotor=bool(load.rotors),
+        spin=spin is not None and not spin.is_constant,
+        forces=has_table(load),
+        is_exact=scheme.action == EXACT,
+    )
 
 
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:

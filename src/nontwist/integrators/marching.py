@@ -11,16 +11,16 @@ from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .carried import SAME
+from .compiled import Compiled
 from .problem import Intervals, Outcome, Problem, Status
-from .scheme import Scheme
 from .stack_march import StackMarch
 
 
-def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome:
+def march(problem: Problem, threads: int, scheme: Compiled) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
         problem = tangent(problem)
-    todo = StackMarch(problem, order, scheme)
+    todo = StackMarch(problem, scheme)
     if problem.memory is not None:
         todo.remember(problem.memory)
     common, end = todo.run(threads)
@@ -30,7 +30,7 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
 
     def alone(i: int) -> Outcome:
         """Return how a member ends that is marched once more, by itself: its load fails."""
-        return march(problem.member(i), order, 1, scheme)
+        return march(problem.member(i), 1, scheme)
 
     if common is not None:
         running = failures[:, 0] == Status.OK
@@ -40,7 +40,8 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
             failures[i, 0] = Status.LOAD if len(problem) == 1 else alone(i).failures[0, 0]
-        if todo.goes_too_far(i):
+        is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
+        if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
             is_one = len(problem) == 1
@@ -90,7 +91,7 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array]) -> Intervals:
         sums[..., SUMS.work],
         sums[..., SUMS.iterations].astype(np.int64),
         None if is_held and todo.load.potentials else sums[..., SUMS.dead : SUMS.work],
-        sums[..., SUMS.twist] if is_held or not todo.scheme.is_exact else None,
+        sums[..., SUMS.twist] if is_held or not todo.scheme.is_exact_without_load else None,
     )
 
 

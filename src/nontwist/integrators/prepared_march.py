@@ -31,10 +31,8 @@ START, FOUND = Struct("=8d"), Struct("=2d")
 class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
 
-    def __init__(self, problem: Problem, integrator: Compiled) -> None:
-        integrator.require(problem.systems, problem.load)
-        scheme = integrator._scheme(problem.systems.axis is not None)
-        march = self._march = StackMarch(problem, integrator.order, scheme)
+    def __init__(self, problem: Problem, scheme: Compiled) -> None:
+        march = self._march = StackMarch(problem, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, problem.steps)
         self._todo = listed(march, form, 1, 0, problem.steps)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.attitudes import States, director_velocities, directors, states_of
+from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
 from ..models.stack import SystemStack, part_of, stacked
 from ..models.system import DirectorSystem
@@ -91,24 +91,6 @@ class Problem(OnGrid):
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
     stretches: Stretches | None = None
-
-    @classmethod
-    def of(
-        cls,
-        system: DirectorSystem,
-        directors: Array,
-        velocities: Array,
-        load: Load,
-        t_start: float,
-        t_end: float,
-        steps: int,
-        stored: NDArray[np.int64],
-        **options: Any,
-    ) -> Problem:
-        """Return the problem of one body with these directors and their velocities, rows of (3, 3)."""
-        p, W, N = states_of(directors, velocities)
-        grid = t_start, t_end, steps, stored
-        return cls(stacked(system), p[None], W[None], load, *grid, **{"normal": N[None], **options})
 
     def __len__(self) -> int:
         return len(self.quaternion)

@@ -23,10 +23,10 @@ from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .base import Failure, Problem, Status
+from .compiled import Compiled
 from .listing import listed
 from .load_samples import WIDTHS
 from .marching import tangent
-from .scheme import Scheme
 from .stack_march import StackMarch
 
 Numbers = tuple[float, ...]
@@ -40,22 +40,23 @@ ENDS = np.array([0, 1])
 class SingleStep:
     """The step of a scheme for one body, with memory of its own: one thread at a time may call it."""
 
-    def __init__(self, system: DirectorSystem, load: Load, step: float, order: int, scheme: Scheme) -> None:
+    def __init__(self, system: DirectorSystem, load: Load, step: float, scheme: Compiled) -> None:
         self.system, self.load, self.step, self.scheme = system, load, step, scheme
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
-        march = self._march = StackMarch(self.stack, order, scheme)
+        scheme.require(self.stack)
+        march = self._march = StackMarch(self.stack, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, 1)
         self._middles, self._called = march.stages[form][1], march.called
         count = self._count = march.count
         nodes = np.zeros((2, count, 3))  # moments in the body and in space
-        varies = system.spin is not None and not system.spin.is_constant
+        varies = march.parts.spin
         self._is_loaded = bool(march.load.terms) or varies
         own = {"times": np.zeros(count), "moving": nodes[0], "space": nodes[1], "forces": march.loads[3]}
         own |= {"rotor": np.zeros((count, 6)) if load.rotors else None, "spin": np.zeros(count) if varies else None}
         march.loads = tuple(own.values())
-        todo = listed(march, form if scheme.text else ANY, 1, 0, 1, moving=True, space=True)
+        todo = listed(march, ANY, 1, 0, 1, moving=True, space=True)
         block, self._workspace, alive = march.laid(todo)
         self._alive = block, alive
         self._run, self._address = march.driver(todo).function, block.ctypes.data

@@ -55,9 +55,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from math import sqrt
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -87,22 +86,21 @@ from ..kernels.vectors import (
     sum_of,
     taxicab,
 )
-from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
-from ..models.system import DirectorSystem
+from ..models.stack import is_principal, transverse_momentum
 from .base import Problem
 from .coasting import Coasting
-from .compiled import Compiled
-from .composition import fractions, substeps
+from .compiled import ONCE, Compiled, velocity_of
+from .composition import fractions, nodes
 from .costs import Cost, steps_cost
 from .spins import REFUSAL as SPIN
-
-if TYPE_CHECKING:
-    from ..loads import Load
-    from .scheme import Scheme
 
 ROTORS = (
     "split does not accept rotors: its free motion between the kicks is that of the body without them; use "
     "the integrator gauss"
+)
+NOT_PRINCIPAL = (
+    "split needs a constrained axis that is principal, but J n differs from its part along n by {:.3g} kg m²; use the "
+    "integrator gauss"
 )
 CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 
@@ -135,6 +133,7 @@ class Split(Compiled):
     has_derivatives: ClassVar[bool] = False
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6)
     together: ClassVar[float] = 1.0
+    in_lanes: ClassVar[bool] = False
     substep_ns: ClassVar[float] = 550.0
     is_exact_without_load: ClassVar[bool] = True
     removed: ClassVar[Mapping[int, str]] = {
@@ -153,11 +152,6 @@ class Split(Compiled):
         return len(fractions(self.order))
 
     @property
-    def effort(self) -> float:
-        """The cost of a step, relative to that of a step of order 2."""
-        return float(self.nodes)
-
-    @property
     def largest_turn(self) -> float:
         """The turn per step up to which no substep turns the body by more than 60°, rad."""
         return float(np.pi / 3 / abs(fractions(self.order)).max())
@@ -172,18 +166,33 @@ class Split(Compiled):
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
-    def _scheme(self, constrained: bool) -> Scheme:
-        """Return the step and what it is marched with."""
-        from .scheme import Scheme
+    def text(self, form: int) -> Text:
+        """Return the text of the step."""
+        return TEXT
 
-        explicit = (STEADY, DRIVEN) if constrained else (FREE, MOVED, HEAVY)
-        return Scheme(text=TEXT, is_exact=True, stages=stages, explicit=explicit, in_lanes=False)
+    def stages(self, form: int) -> tuple[Array, Array]:
+        """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame.
+
+        Nodes of substeps are their middles.
+        """
+        if form in (STEADY, DRIVEN):
+            return ONCE, GAUSS[self.order].nodes
+        return fractions(self.order), nodes(self.order)
+
+    def is_explicit(self, form: int, is_held: bool) -> bool:
+        """Whether nothing is to be solved unless a moment in space acts."""
+        return form in ((STEADY, DRIVEN) if is_held else (FREE, MOVED, HEAVY))
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why the constrained axis or the load is not accepted, or None if both are."""
-        if problem.load.rotors or problem.systems.spin is not None:
-            return ROTORS if problem.load.rotors else SPIN.format(self.name)
-        return _refusal(problem.system) if problem.system.axis is not None else None
+        """Return why rotors, a prescribed spin, or a constrained axis that is not principal are not accepted."""
+        systems, rotors = problem.systems, problem.load.rotors
+        if rotors or systems.spin is not None:
+            return ROTORS if rotors else SPIN.format(self.name)
+        if systems.axis is None or is_principal(systems).all():
+            return None
+        i = int(np.argmin(is_principal(systems)))
+        reason = NOT_PRINCIPAL.format(np.linalg.norm(transverse_momentum(systems)[i]))
+        return f"member {i}: {reason}" if len(systems) > 1 else reason
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`: that of the steps while moments act."""
@@ -192,30 +201,6 @@ class Split(Compiled):
         steps = problem.steps - int(Coasting(problem, coasting).before(np.array([problem.steps]))[0])
         is_quadrature = coasting is not None and self.turns_exactly(problem) and problem.system.axis is not None
         return steps_cost(problem, steps, 1 if is_quadrature else self.nodes, ns)
-
-    def require(self, systems: SystemStack, load: Load) -> None:
-        """Raise a ValueError for rotors, a prescribed spin, and a constrained axis that is not principal."""
-        if load.rotors or systems.spin is not None:
-            raise ValueError(ROTORS if load.rotors else SPIN.format(self.name))
-        for i, reason in _not_principal(systems).items():
-            raise ValueError(f"member {i}: {reason}" if len(systems) > 1 else reason)
-
-
-@lru_cache(maxsize=64)
-def _refusal(system: DirectorSystem) -> str | None:
-    return next(iter(_not_principal(stacked(system)).values()), None)
-
-
-def _not_principal(systems: SystemStack) -> dict[int, str]:
-    """Return why constrained axes of members are not accepted, by member."""
-    if systems.axis is None:
-        return {}
-    across = transverse_momentum(systems)
-    return {
-        i: f"split needs a constrained axis that is principal, but J n differs from its part along n by "
-        f"{np.linalg.norm(across[i]):.3g} kg m²; use the integrator gauss"
-        for i in np.flatnonzero(~is_principal(systems)).tolist()
-    }
 
 
 # The step.
@@ -248,16 +233,6 @@ def gauss(s: int) -> Gauss:
 
 
 GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
-
-
-def stages(order: int, form: int) -> tuple[Array, Array]:
-    """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame."""
-    return (np.ones(1), GAUSS[order].nodes) if form in (STEADY, DRIVEN) else substeps(order, form)
-
-
-def velocity(body: Body, P: Vector) -> Vector:
-    """Return W of the momentum."""
-    return body.k * P
 
 
 def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
@@ -316,12 +291,8 @@ class Given:
         """Add what a substep gives, the means times its part of the step."""
         s = self.sums
         if self.acting.parts.tells:
-            s.mu, s.work, s.moment, s.dead = (
-                s.mu + part * mu,
-                s.work + work,
-                s.moment + part * moment,
-                s.dead + part * dead,
-            )
+            s.mu, s.work = s.mu + part * mu, s.work + work
+            s.moment, s.dead = s.moment + part * moment, s.dead + part * dead
 
     def told(self, found: Step) -> Step:
         """Return the step with what it gives."""
@@ -475,4 +446,4 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
     return logical_not(v.found), real(v.count), v.residual, v.moments
 
 
-TEXT = Text(step, velocity, extra=2, integrates=True, flow=flow)
+TEXT = Text(step, velocity_of, extra=2, integrates=True, flow=flow)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from itertools import chain
-from math import frexp, isnan
+from math import frexp
 from typing import Any
 
 import numpy as np
@@ -19,21 +19,21 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
-from ..engine.generalised import EXACT, STAGE
+from ..engine.generalised import STAGE
 from ..engine.layout import put, slab, spans
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
 from .carried import factors, is_start
 from .coasting import Coasting
+from .compiled import Compiled
 from .listing import Listed, Outputs, legs, listed
-from .load_samples import NOTHING, Samples, as_marched, has_table, orbit_of, sampled
+from .load_samples import NOTHING, Samples, as_marched, orbit_of, parts_of, sampled
 from .members import in_threads, progress
 from .problem import Failure, Problem, Status
-from .scheme import Scheme
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
@@ -41,15 +41,11 @@ SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
 NEVER = np.array([0, 2**62])  # steps at which a march stores a state by itself
 
 
-def nobody(members: int) -> None:
-    """Report to nobody."""
-
-
 class StackMarch:
     """A march of a stack: its arrays, laid out for the kernels."""
 
-    def __init__(self, stack: Problem, order: int, scheme: Scheme) -> None:
-        self.stack, self.scheme, self.order = stack, scheme, order
+    def __init__(self, stack: Problem, scheme: Compiled) -> None:
+        self.stack, self.scheme = stack, scheme
         self.outputs = None if stack.asked is None else Outputs(stack)
         m, director = len(stack), scheme.is_director_scheme
         count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
@@ -61,16 +57,16 @@ class StackMarch:
         self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
         systems, self.load = as_marched(stack, director)
         self.about = orbit_of(systems, self.load, self.unit) if scheme.action == STAGE else None
-        self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact)
-        if scheme.dissipation:
-            self.bodies[:, BODY.dissipation + order - 1] = scheme.dissipation
+        self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
+        if scheme.chi:
+            self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.chi
         forms = scheme.forms(forms, self.bodies, self.load)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
-        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], scheme.table(order)
-        self.stages = {form: scheme.stages(order, form) for form in set(self.forms.tolist())}
-        self.coasting = Coasting(stack, self.load if scheme.is_exact else None)
-        size, none = STATE.size + scheme.carried(order), (0,)
+        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], scheme.table
+        self.stages = {form: scheme.stages(form) for form in set(self.forms.tolist())}
+        self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
+        size, none = STATE.size + scheme.carried, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),
@@ -96,45 +92,26 @@ class StackMarch:
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
-        self.has_dead = bool(self.bodies[:, BODY.dead : BODY.damping].any())
-        coasts = scheme.is_exact and not self.has_dead
-        self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
-        self.parts = self._parts_of_load()
-        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
-        self.loads, self.count = NOTHING, 1
-        self.begin(stack)
-
-    def _parts_of_load(self) -> Parts:
-        """Return what there is in this march."""
-        stack, scheme, kinds = self.stack, self.scheme, {term.kind for term in self.load.terms}
-        spin = stack.systems.spin
-        return Parts(
-            is_director_scheme=scheme.is_director_scheme,
-            is_held=stack.systems.axis is not None,
-            dissipates=bool(scheme.dissipation),
-            moving="body" in kinds,
-            space="space" in kinds,
-            damping=bool(self.bodies[:, BODY.damping : BODY.axis].any()),
-            dead=self.has_dead,
-            rotor=bool(self.load.rotors),
-            spin=spin is not None and not spin.is_constant,
+        self.parts = parts_of(systems, self.load, self.bodies, scheme)._replace(
             function=bool(self.called.address),
             generalised=bool(self.called.generalised),
-            forces=has_table(self.load),
-            is_exact=scheme.action == EXACT,
             orbit=self.about is not None,
             reports=stack.intervals,
             observes=stack.observed,
         )
+        coasts = scheme.is_exact_without_load and not self.parts.dead
+        self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
+        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
+        self.loads, self.count = NOTHING, 1
+        self.begin(stack)
 
     def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
         """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
         scheme = self.scheme
-        parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(self.order, form)[1]), **changes)
-        is_explicit = form in scheme.explicit and not parts.space
+        parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(form)[1]), **changes)
+        is_explicit = scheme.is_explicit(form, parts.is_held) and not parts.space
         coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
-        text = scheme.text_of(self.order, form)
-        return kernel_of(text, parts._replace(is_explicit=is_explicit, coasts=coasts))
+        return kernel_of(scheme.text(form), parts._replace(is_explicit=is_explicit, coasts=coasts))
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -160,8 +137,8 @@ class StackMarch:
 
     def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
         """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""
-        found = steps - first
-        return found if self.has_dead else found - self.coasting.before(steps) + self.coasting.before(np.array([first]))
+        coasted = 0 if self.parts.dead else self.coasting.before(steps) - self.coasting.before(np.array([first]))
+        return steps - first - coasted
 
     @property
     def factors(self) -> Array:
@@ -174,7 +151,7 @@ class StackMarch:
         if memory.shape != states.shape or not is_start(self.scheme, known := memory / self.factors, states):
             return
         states[:] = known
-        if self.scheme.is_exact:
+        if self.scheme.is_exact_without_load:
             return
         for form, _, span, _ in self._tasks(1):  # the first node has the bits of the last before
             self._leave(form, span, 0, 0)
@@ -210,7 +187,7 @@ class StackMarch:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
                     run = partial(self._run, listed(self, form, width, first, last), width)
-                    in_threads(run, span, size, threads, report if len(stack) > 1 else nobody)
+                    in_threads(run, span, size, threads, report if len(stack) > 1 else lambda members: None)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
@@ -251,7 +228,7 @@ class StackMarch:
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
         self.part, steps = part, np.arange(*part[:2])
-        if len(self.coasting) and not self.has_dead:
+        if len(self.coasting) and not self.parts.dead:
             steps = steps[self.coasting.stretch_of(steps) < 0]
         stack, self.count = self.stack, len(middles)
 
@@ -318,19 +295,9 @@ class StackMarch:
         return int(np.searchsorted(self.stack.output, self.stack.times(step), side="right"))
 
     @property
-    def stages_of_guess(self) -> int:
-        """How many stages a step has whose substeps are guessed from them; 0: they are not."""
-        return 0 if self.scheme.within(self.order) is None else self.order // 2
-
-    @property
     def skipped(self) -> int:
         """1 where the start is no output, else 0."""
         return int(self.outputs is not None and not self.outputs.has_start)
-
-    def goes_too_far(self, member: int) -> bool:
-        """Whether the motion without load at the end of a member is so long that no digit of it is left."""
-        status, _, _, turn = self.arrays["failures"][member].tolist()
-        return self.scheme.is_exact and status == Status.TURN and isnan(turn)
 
     def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members."""

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States, states_of
 from .listing import Outputs
-from .problem import Failure, March, Problem, Status
+from .problem import Failure, March, Problem, Status, started
 
 ORTHONORMAL = 1e-9
 ENDS = np.array([0, 1])
@@ -43,40 +44,28 @@ def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array]
         Of the states.
     """
     q, v, stored = problem.directors.astype(precision), problem.velocities.astype(precision), problem.stored
-    directors, velocities = np.empty((len(stored), 3, 3)), np.empty((len(stored), 3, 3))
-    directors[0], velocities[0] = q, v
-    n = len(stored) - 1
-    multipliers, moment = np.zeros((n, constraints)), np.zeros((n, 3))
-    work, iterations, lengths = np.zeros(n), np.zeros(n, dtype=np.int64), np.diff(problem.output)
-    done, failure = 0, None
+    states, n, lengths, failure = [(q, v)], len(stored) - 1, np.diff(problem.output), None
+    multipliers, moment, work = np.zeros((n, constraints)), np.zeros((n, 3)), np.zeros(n)
+    iterations = np.zeros(n, dtype=np.int64)
     try:
         for k in range(problem.steps):
-            one = step(k, q, v)
-            failure = one.failure or _broken(k, one.directors)
-            if failure:
+            one, done = step(k, q, v), len(states) - 1
+            if failure := one.failure or _broken(k, one.directors):
                 break
-            q, v = one.directors, one.velocities
-            part = problem.step_at(k) / lengths[done]
+            q, v, part = one.directors, one.velocities, problem.step_at(k) / lengths[done]
             multipliers[done] += part * one.multipliers
             moment[done] += part * one.moment
             work[done] += one.load_work
             iterations[done] = max(iterations[done], one.newton_iterations)
             if k + 1 == stored[done + 1]:
-                directors[done + 1], velocities[done + 1] = q, v
-                done += 1
+                states.append((q, v))
             if problem.progress:
                 problem.progress((k + 1) / problem.steps)
     except KeyboardInterrupt as stop:
-        failure = Failure(Status.INTERRUPTED, int(stored[done]), np.nan, np.nan, str(stop))
-    return March(
-        directors[: done + 1],
-        velocities[: done + 1],
-        multipliers[:done],
-        moment[:done],
-        work[:done],
-        iterations[:done],
-        failure,
-    )
+        failure = Failure(Status.INTERRUPTED, int(stored[len(states) - 1]), np.nan, np.nan, str(stop))
+    directors, velocities = (np.array(part, dtype=np.float64) for part in zip(*states, strict=True))
+    n = len(states) - 1
+    return March(directors, velocities, multipliers[:n], moment[:n], work[:n], iterations[:n], failure)
 
 
 def _broken(k: int, q: Array) -> Failure | None:
@@ -103,6 +92,7 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
     outputs, N = Outputs(problem), problem.steps
     nodes = np.unique(np.concatenate([[0], outputs.node, [N]]))
     whole = march_one(replace(problem, asked=None, stored=nodes, intervals=True))
+    once = replace(problem, asked=None, steps=1, stored=ENDS, intervals=True, progress=None)
     reached, counts = problem.times(nodes)[: len(whole.directors)], whole.newton_iterations
     passed = whole.means.integrals(np.diff(reached))
     total = np.concatenate([np.zeros((1, passed.shape[1])), np.cumsum(passed, axis=0)])
@@ -113,8 +103,8 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
             break
         q, v, integral, used = whole.directors[k], whole.velocities[k], total[k], 0
         if since > 0:
-            ends = reached[k], reached[k] + since
-            part = march_one(Problem.of(problem.system, q, v, problem.load, *ends, 1, ENDS, intervals=True))
+            span: dict[str, Any] = {"t_start": reached[k], "t_end": reached[k] + since, "stretches": None}
+            part = march_one(replace(once, **started(States(*states_of(q, v))), **span))
             if part.failure is not None:
                 failure = failure or part.failure._replace(step=int(nodes[k]))
                 break

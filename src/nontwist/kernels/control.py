@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from .elements import Element, Mask, Traced, Whole, kind_of, mask_with, operand, remade, whole
+from .elements import Element, Mask, Traced, Whole, kind_of, remade
 from .tracing import TraceError, Tracer, tracer, writer
 
 
@@ -26,11 +26,11 @@ def loop(first: Any, last: Any = None, step: int = 1, whilst: Callable[[], Any] 
         return
     t, slot = writer(), writer().slot("i64")
     head, body, end = _labels(t, "head", "body", "end")
-    t.line(f"store i64 {whole(first)}, ptr {slot}")
+    t.line(f"store i64 {Whole.named(first)}, ptr {slot}")
     t.label(head)
     with t.within("loop"):
         now = Whole(t.value(f"load i64, ptr {slot}", is_pure=False))
-        goes = Mask(t.value(f"icmp slt i64 {now.used()}, {whole(last)}"))
+        goes = Mask(t.value(f"icmp slt i64 {now.used()}, {Whole.named(last)}"))
         if whilst is not None:
             goes = goes & whilst()
         t.line(f"br i1 {goes.used()}, label %{body}, label %{end}\n{body}:")
@@ -133,7 +133,7 @@ def _put(slot: Any, x: Any, name: str) -> None:
         if slot is not x:
             raise TraceError(f"{name} was None first, or is now")
     else:
-        value = operand(x, slot.n) if slot.of is Element else mask_with(x, slot.n) if slot.of is Mask else whole(x)
+        value = slot.of.named(x, slot.n)
         writer().put(slot.kind, value, slot.name)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from . import elements
 from .control import Variables, whilst
 from .dual import Dual, plain
-from .elements import Mask, Traced, Whole, c_function, intrinsic, select
+from .elements import Mask, Traced, Whole, c_function, select
 from .memory import doubles
 from .tracing import TraceError, writer
 
@@ -96,7 +96,13 @@ def _sign(x: Any) -> Any:
 
 
 def _copysign(a: Any, b: Any) -> Any:
+    b = plain(b)
     return select((a < 0.0) ^ (b < 0.0), -a, a) if isinstance(a, Dual) else elements.copysign(a, b)
+
+
+def _hypot(x: Any, y: Any) -> Any:
+    has_dual = isinstance(x, Dual) or isinstance(y, Dual)
+    return elements.sqrt(x * x + y * y) if has_dual else c_function("hypot", x, y)
 
 
 def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
@@ -110,7 +116,7 @@ TRACED: dict[str, Callable[..., Any]] = {
     "bitwise_and": lambda a, b: a & b,
     "bitwise_or": lambda a, b: a | b,
     "clip": _clip,
-    "copysign": lambda a, b: _copysign(a, plain(b)),
+    "copysign": _copysign,
     "deg2rad": lambda x: x * (math.pi / 180.0),
     "degrees": lambda x: x * (180.0 / math.pi),
     "fabs": abs,
@@ -119,7 +125,7 @@ TRACED: dict[str, Callable[..., Any]] = {
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
     "fmod": elements.fmod,
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
-    "hypot": lambda x, y: elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y),
+    "hypot": _hypot,
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
     "isfinite": lambda x: abs(x) < math.inf,
     "isinf": lambda x: abs(x) == math.inf,
@@ -138,45 +144,11 @@ TRACED: dict[str, Callable[..., Any]] = {
     "sign": _sign,
     "square": lambda x: x * x,
 }
-IN_C = {"arccosh": "acosh", "arcsinh": "asinh", "arctanh": "atanh"}
-IN_C |= {name: name for name in ("cbrt", "exp2", "expm1", "log10", "log1p", "log2")}
-IN_LLVM = ("ceil", "rint", "trunc")
-TRACED |= {name: getattr(elements, name) for name in elements.FUNCTIONS}
-SLOPES: dict[str, Callable[[Any, Any], Any]] = {  # of x and f(x)
-    "arccosh": lambda x, y: 1.0 / elements.sqrt(x * x - 1.0),
-    "arcsinh": lambda x, y: 1.0 / elements.sqrt(x * x + 1.0),
-    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
-    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
-    "exp2": lambda x, y: math.log(2.0) * y,
-    "expm1": lambda x, y: y + 1.0,
-    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
-    "log1p": lambda x, y: 1.0 / (1.0 + x),
-    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
-    **dict.fromkeys(IN_LLVM, lambda x, y: 0.0),
-}
-
-
-def _of_one(name: str, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def of_number(x: Any) -> Any:
-        if not isinstance(x, Dual):
-            return function(x)
-        value = of_number(x.value)
-        return x.chain(value, SLOPES[name](x.value, value))
-
-    return of_number
-
-
-def _has_dual(*x: Any) -> bool:
-    return any(isinstance(y, Dual) for y in x)
-
-
-TRACED |= {name: _of_one(name, partial(c_function, c)) for name, c in IN_C.items()}
-TRACED |= {name: _of_one(name, partial(intrinsic, name)) for name in IN_LLVM}
+TRACED |= elements.FUNCTIONS
 OPERATORS = {"less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne"}
-SAME = "cbrt ceil copysign degrees exp2 expm1 fabs floor fmod isfinite isinf isnan log1p log2 log10 radians trunc"
-IN_MATH = {name: name for name in (*SAME.split(), *elements.FUNCTIONS) if hasattr(math, name)}
-IN_MATH |= elements.C_NAMES | {"arccosh": "acosh", "arcsinh": "asinh", "arctanh": "atanh", "arctan2": "atan2"}
-IN_MATH |= {"power": "pow"}
+IN_MATH = {name: name.replace("arc", "a") for name in elements.FUNCTIONS if name != "rint"}
+IN_MATH |= {name: name for name in ("copysign", "degrees", "fabs", "fmod", "isfinite", "isinf", "isnan", "radians")}
+IN_MATH |= {"arctan2": "atan2", "power": "pow"}
 
 
 @lru_cache

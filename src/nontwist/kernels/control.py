@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from .elements import Element, Mask, Traced, Whole, kind_of, remade
+from .elements import Element, Mask, Traced, Whole, kind_of, mapped
 from .tracing import TraceError, Tracer, tracer, writer
 
 
@@ -29,7 +29,7 @@ def loop(first: Any, last: Any = None, step: int = 1, whilst: Callable[[], Any] 
     t.line(f"store i64 {Whole.named(first)}, ptr {slot}")
     t.label(head)
     with t.within("loop"):
-        now = Whole(t.value(f"load i64, ptr {slot}", is_pure=False))
+        now: Any = Whole(t.value(f"load i64, ptr {slot}", is_pure=False))
         goes = Mask(t.value(f"icmp slt i64 {now.used()}, {Whole.named(last)}"))
         if whilst is not None:
             goes = goes & whilst()
@@ -93,13 +93,13 @@ class Variables:
             self._slots[name] = value
             return
         if name not in self._slots:
-            self._slots[name] = _slots_of(value, name)
-        _put(self._slots[name], value, name)
+            self._slots[name] = mapped(lambda x: _slot(x, name), value)
+        mapped(lambda slot, x: _put(slot, x, name), self._slots[name], value)
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._slots:
             raise AttributeError(f"there is no variable {name}")
-        return self._slots[name] if tracer() is None else _get(self._slots[name])
+        return self._slots[name] if tracer() is None else mapped(_get, self._slots[name])
 
 
 class Slot:
@@ -112,9 +112,7 @@ class Slot:
         self.name = writer().slot(self.kind)
 
 
-def _slots_of(x: Any, name: str) -> Any:
-    if isinstance(x, tuple):
-        return remade(x, [_slots_of(y, name) for y in x])
+def _slot(x: Any, name: str) -> Slot | None:
     if isinstance(x, Traced):
         return Slot(type(x), x.n)
     for kind, of, n in ((bool, Mask, 1), (int, Whole, 1), (float, Element, writer().lanes)):
@@ -125,19 +123,12 @@ def _slots_of(x: Any, name: str) -> Any:
     raise TraceError(f"{name} cannot be a variable: {type(x).__name__}")
 
 
-def _put(slot: Any, x: Any, name: str) -> None:
-    if isinstance(slot, tuple):
-        for own, y in zip(slot, x, strict=True):
-            _put(own, y, name)
-    elif slot is None or x is None:
-        if slot is not x:
-            raise TraceError(f"{name} was None first, or is now")
-    else:
-        value = slot.of.named(x, slot.n)
-        writer().put(slot.kind, value, slot.name)
+def _put(slot: Slot | None, x: Any, name: str) -> None:
+    if slot is not None and x is not None:
+        writer().put(slot.kind, slot.of.named(x, slot.n), slot.name)
+    elif slot is not x:
+        raise TraceError(f"{name} was None first, or is now")
 
 
-def _get(slot: Any) -> Any:
-    if isinstance(slot, tuple):
-        return remade(slot, [_get(own) for own in slot])
+def _get(slot: Slot | None) -> Any:
     return None if slot is None else slot.of(writer().get(slot.kind, slot.name), slot.n)

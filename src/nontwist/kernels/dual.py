@@ -6,7 +6,7 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .elements import BY_FUNCTIONS, ORDERS, Number, fma, remade, select
+from .elements import BY_FUNCTIONS, ORDERS, Number, fma, mapped, remade, select
 
 
 class Dual(Number):
@@ -128,14 +128,12 @@ def seeded(x: Sequence[Any], directions: Sequence[int] | None = None) -> Any:
 
 def plain(x: Any) -> Any:
     """Return the values without their tangents; of tuples entry by entry."""
-    return remade(x, [plain(y) for y in x]) if isinstance(x, tuple) else x.value if isinstance(x, Dual) else x
+    return mapped(lambda y: getattr(y, "value", y), x)
 
 
 def tangent(x: Any, j: int) -> Any:
     """Return the derivatives in direction j; of tuples entry by entry."""
-    if isinstance(x, tuple):
-        return remade(x, [tangent(y, j) for y in x])
-    return x.tangents[j] if isinstance(x, Dual) else 0.0
+    return mapped(lambda y: y.tangents[j] if isinstance(y, Dual) else 0.0, x)
 
 
 def tangents_of(x: Any) -> list[Any]:

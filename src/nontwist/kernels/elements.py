@@ -145,7 +145,7 @@ class Mask(Traced):
         return literal("i1", "true" if x else "false", n)
 
     def __invert__(self) -> Any:
-        return self ^ True
+        return written("xor", Mask, self, True)
 
 
 class Element(Traced):
@@ -253,37 +253,11 @@ def c_function(name: str, *args: Any) -> Element:
     return Element(found, n)
 
 
-# Derivatives of the functions of one number, given x and f(x). At 0 the square root has tangents 0 where those of x
-# are, and stays finite. NumPy calls the functions by these names on arrays of numbers, as methods.
+# Functions of one number. NumPy calls them by these names on arrays of numbers, as methods.
 
+NAMES = "sqrt floor sin cos tan exp log sinh cosh tanh arcsin arccos arctan"
+MORE_NAMES = "arcsinh arccosh arctanh cbrt ceil exp2 expm1 log10 log1p log2 rint trunc"
 IN_LLVM = ("sqrt", "floor", "ceil", "rint", "trunc")
-SLOPES: dict[str, Callable[[Any, Any], Any]] = {
-    "sqrt": lambda x, y: 0.5 / (y + 1e-140),
-    "floor": lambda x, y: 0.0,
-    "sin": lambda x, y: cos(x),
-    "cos": lambda x, y: -sin(x),
-    "tan": lambda x, y: 1.0 + y * y,
-    "exp": lambda x, y: y,
-    "log": lambda x, y: 1.0 / x,
-    "sinh": lambda x, y: cosh(x),
-    "cosh": lambda x, y: sinh(x),
-    "tanh": lambda x, y: 1.0 - y * y,
-    "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
-    "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
-    "arctan": lambda x, y: 1.0 / (1.0 + x * x),
-    "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
-    "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
-    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
-    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
-    "ceil": lambda x, y: 0.0,
-    "exp2": lambda x, y: math.log(2.0) * y,
-    "expm1": lambda x, y: y + 1.0,
-    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
-    "log1p": lambda x, y: 1.0 / (1.0 + x),
-    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
-    "rint": lambda x, y: 0.0,
-    "trunc": lambda x, y: 0.0,
-}
 
 
 def _of_one(name: str) -> Callable[[Any], Any]:
@@ -311,11 +285,38 @@ def _of_one(name: str) -> Callable[[Any], Any]:
     return function
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {name: _of_one(name) for name in SLOPES}
+FUNCTIONS: dict[str, Callable[..., Any]] = {name: _of_one(name) for name in [*NAMES.split(), *MORE_NAMES.split()]}
 sqrt, floor, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan, *_ = FUNCTIONS.values()
 
+# Their derivatives, given x and f(x). At 0 the square root has tangents 0 where those of x are, and stays finite.
+SLOPES: dict[str, Callable[[Any, Any], Any]] = {
+    "sqrt": lambda x, y: 0.5 / (y + 1e-140),
+    "sin": lambda x, y: cos(x),
+    "cos": lambda x, y: -sin(x),
+    "tan": lambda x, y: 1.0 + y * y,
+    "exp": lambda x, y: y,
+    "log": lambda x, y: 1.0 / x,
+    "sinh": lambda x, y: cosh(x),
+    "cosh": lambda x, y: sinh(x),
+    "tanh": lambda x, y: 1.0 - y * y,
+    "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
+    "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
+    "arctan": lambda x, y: 1.0 / (1.0 + x * x),
+    "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
+    "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
+    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
+    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
+    "exp2": lambda x, y: math.log(2.0) * y,
+    "expm1": lambda x, y: y + 1.0,
+    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
+    "log1p": lambda x, y: 1.0 / (1.0 + x),
+    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
+    **dict.fromkeys(("floor", "ceil", "rint", "trunc"), lambda x, y: 0.0),
+}
 
-# Functions of two numbers, and their derivatives by both, given a, b and f(a, b).
+
+# Functions of two numbers, and their derivatives by both, given a, b and f(a, b): the angle of the point (x, y), of y
+# and x; the remainder with the sign of a; powers.
 
 
 def _of_two(name: str, in_c: str, slopes: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -337,8 +338,8 @@ def _slopes_of_angle(y: Any, x: Any, _: Any) -> Any:
     return x * over, -y * over
 
 
-arctan2 = _of_two("arctan2", "atan2", _slopes_of_angle)  # the angle of the point (x, y), of y and x
-fmod = _of_two("fmod", "fmod", lambda a, b, r: (1.0, -(a - r) / b))  # the remainder with the sign of a
+FUNCTIONS["arctan2"] = arctan2 = _of_two("arctan2", "atan2", _slopes_of_angle)
+FUNCTIONS["fmod"] = fmod = _of_two("fmod", "fmod", lambda a, b, r: (1.0, -(a - r) / b))
 _raised = _of_two("power", "pow", lambda x, k, y: (k * y / x, y * log(x)))
 
 
@@ -375,7 +376,7 @@ BY_FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {"pow": power, "mod": remai
 def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once where the processor can; of tuples b and c entry by entry."""
     if isinstance(b, tuple):
-        return b._make(fma(a, x, y) for x, y in zip(b, c, strict=True))  # type: ignore[attr-defined]
+        return mapped(lambda x, y: fma(a, x, y), b, c)
     for x in (a, b, c):
         if hasattr(x, "tangents"):
             return x.fused(a, b, c)
@@ -396,7 +397,7 @@ def select(mask: Any, a: Any, b: Any) -> Any:
         found = a if mask else b
         return np.float64(found) if type(found) is float else found  # which divides by 0 as IEEE does
     if isinstance(a, tuple):
-        return remade(a, [select(mask, x, y) for x, y in zip(a, b, strict=True)])
+        return mapped(lambda x, y: select(mask, x, y), a, b)
     if a is b or a is None:
         return a
     for x in (a, b):
@@ -413,6 +414,13 @@ def select(mask: Any, a: Any, b: Any) -> Any:
 def remade(like: Any, parts: Any) -> Any:
     """Return a tuple of the type of another one."""
     return like._make(parts) if hasattr(like, "_make") else tuple(parts)
+
+
+def mapped(function: Callable[..., Any], x: Any, *others: Any) -> Any:
+    """Return a function of numbers; of tuples and records entry by entry."""
+    if isinstance(x, tuple):
+        return remade(x, [mapped(function, *each) for each in zip(x, *others, strict=True)])
+    return function(x, *others)
 
 
 def larger(a: Any, b: Any) -> Any:
@@ -450,33 +458,26 @@ def copysign(a: Any, b: Any) -> Any:
     return intrinsic("copysign", a, b) if isinstance(a, Element) or isinstance(b, Element) else math.copysign(a, b)
 
 
-def splat(x: Any, like: Any) -> Any:
-    """Return x with as many lanes as another number has; an array of its shape."""
-    if isinstance(like, Element):
-        return Element(Element.named(x, like.n), like.n)
-    return x + np.zeros(np.shape(like)) if np.ndim(like) else x
-
-
-def lanes_of(x: Element, first: int, count: int) -> Element:
-    """Return some of the lanes of a number."""
-    t, name = writer(), x.used(x.n)
-    if count == 1:
-        return Element(t.value(f"extractelement {x.kind} {name}, i32 {first}"))
-    order = ", ".join(f"i32 {first + k}" for k in range(count))
-    return Element(t.value(f"shufflevector {x.kind} {name}, {x.kind} undef, <{count} x i32> <{order}>"), count)
-
-
 def sum_of_lanes(x: Any) -> Any:
     """Return the sum of all lanes."""
-    if tracer() is None or x.n == 1:
-        return x
-    half = x.n // 2
-    return sum_of_lanes(lanes_of(x, 0, half) + lanes_of(x, half, half))
+    return _of_lanes(operator.add, x)
 
 
 def largest_of(x: Any) -> Any:
     """Return the largest of all lanes."""
+    return _of_lanes(larger, x)
+
+
+def _of_lanes(joined: Callable[[Any, Any], Any], x: Any) -> Any:
+    """Return what comes of joining the halves of the lanes, until one is left."""
     if tracer() is None or x.n == 1:
         return x
     half = x.n // 2
-    return largest_of(larger(lanes_of(x, 0, half), lanes_of(x, half, half)))
+    return _of_lanes(joined, joined(lanes_of(x, 0, half), lanes_of(x, half, half)))
+
+
+def lanes_of(x: Any, first: int, count: int) -> Any:
+    """Return some of the lanes of a number."""
+    order = ", ".join(f"i32 {first + k}" for k in range(count))
+    line = f"shufflevector {x.kind} {x.used(x.n)}, {x.kind} undef, <{count} x i32> <{order}>"
+    return Element(writer().value(line if count > 1 else f"extractelement {x.kind} {x.used(x.n)}, {order}"), count)

@@ -97,12 +97,15 @@ def _sign(x: Any) -> Any:
 
 def _copysign(a: Any, b: Any) -> Any:
     b = plain(b)
-    return select((a < 0.0) ^ (b < 0.0), -a, a) if isinstance(a, Dual) else elements.copysign(a, b)
+    return select((a < 0.0) ^ (b < 0.0), -a, a) if _has_dual(a) else elements.copysign(a, b)
 
 
 def _hypot(x: Any, y: Any) -> Any:
-    has_dual = isinstance(x, Dual) or isinstance(y, Dual)
-    return elements.sqrt(x * x + y * y) if has_dual else c_function("hypot", x, y)
+    return elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y)
+
+
+def _has_dual(*x: Any) -> bool:
+    return any(isinstance(y, Dual) for y in x)
 
 
 def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
@@ -111,19 +114,13 @@ def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
 
 
 TRACED: dict[str, Callable[..., Any]] = {
-    "absolute": abs,
-    "arctan2": elements.arctan2,
     "bitwise_and": lambda a, b: a & b,
     "bitwise_or": lambda a, b: a | b,
     "clip": _clip,
     "copysign": _copysign,
-    "deg2rad": lambda x: x * (math.pi / 180.0),
-    "degrees": lambda x: x * (180.0 / math.pi),
-    "fabs": abs,
     "float_power": elements.power,
     "floor_divide": elements.whole_quotient,
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
-    "fmod": elements.fmod,
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
     "hypot": _hypot,
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
@@ -137,18 +134,19 @@ TRACED: dict[str, Callable[..., Any]] = {
     "maximum": _maximum,
     "minimum": _minimum,
     "power": lambda x, k: x**k,
-    "rad2deg": lambda x: x * (180.0 / math.pi),
-    "radians": lambda x: x * (math.pi / 180.0),
     "reciprocal": lambda x: 1.0 / x,
     "remainder": elements.remainder,
     "sign": _sign,
     "square": lambda x: x * x,
+    **elements.FUNCTIONS,
+    **dict.fromkeys(("absolute", "fabs"), abs),
+    **dict.fromkeys(("deg2rad", "radians"), lambda x: x * (math.pi / 180.0)),
+    **dict.fromkeys(("rad2deg", "degrees"), lambda x: x * (180.0 / math.pi)),
 }
-TRACED |= elements.FUNCTIONS
 OPERATORS = {"less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne"}
-IN_MATH = {name: name.replace("arc", "a") for name in elements.FUNCTIONS if name != "rint"}
-IN_MATH |= {name: name for name in ("copysign", "degrees", "fabs", "fmod", "isfinite", "isinf", "isnan", "radians")}
-IN_MATH |= {"arctan2": "atan2", "power": "pow"}
+IN_MATH = {name: name.replace("arc", "a") for name in elements.FUNCTIONS if name != "rint"} | {"power": "pow"}
+IN_MATH |= {name: name for name in ("copysign", "degrees", "fabs", "isfinite", "isinf", "isnan", "radians")}
+IN_MATH["arctan2"] = "atan2"
 
 
 @lru_cache
@@ -173,11 +171,16 @@ def applied(ufunc: Any, *arguments: Any, **options: Any) -> Any:
 # ---- functions of arrays
 
 
+def _each(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return a function of numbers, entry by entry."""
+    return numbers(np.frompyfunc(function, len(arguments), 1)(*map(_bare, arguments)))
+
+
 def where(condition: Any, a: Any = None, b: Any = None) -> Any:
     """Return a where the condition holds, else b, entry by entry."""
     if a is None or b is None:
         raise TraceError("np.where takes three arguments here: np.where(condition, a, b)")
-    return numbers(np.frompyfunc(lambda c, x, y: select(_truth(c), x, y), 3, 1)(*map(_bare, (condition, a, b))))
+    return _each(lambda c, x, y: select(_truth(c), x, y), condition, a, b)
 
 
 def choose(conditions: Any, values: Any, default: Any = 0.0) -> Any:
@@ -190,7 +193,7 @@ def choose(conditions: Any, values: Any, default: Any = 0.0) -> Any:
 
 def clip(x: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
     """Return x within bounds, entry by entry."""
-    return numbers(np.frompyfunc(_clip, 3, 1)(_bare(x), low, high))
+    return _each(_clip, x, low, high)
 
 
 def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
@@ -211,7 +214,7 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
     ends = [float(end if given is None else given) for given, end in ((left, values[0]), (right, values[-1]))]
     table = np.stack([known, values, np.append(np.diff(values) / np.diff(known), 0.0)], axis=1)
     writer().kept.append(table)
-    return numbers(np.frompyfunc(lambda y: _interpolated(y, table, *ends), 1, 1)(_bare(x)))
+    return _each(lambda y: _interpolated(y, table, *ends), x)
 
 
 def _interpolated(x: Any, table: Any, left: float, right: float) -> Any:
@@ -224,7 +227,7 @@ def _value_and_slope(x: Any, table: Any, left: float, right: float) -> tuple[Any
     x, memory, count = x + 0.0, doubles(Whole(str(table.ctypes.data))), len(table)
     v = Variables(first=0, last=count)
     for _ in whilst(lambda: v.last - v.first > 1):
-        middle = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
+        middle: Any = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
         is_behind = x >= memory[3 * middle]
         v.first, v.last = select(is_behind, middle, v.first), select(is_behind, v.last, middle)
     place, is_outside = 3 * v.first, (x < table[0, 0]) | (x > table[-1, 0])

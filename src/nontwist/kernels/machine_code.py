@@ -121,7 +121,8 @@ def function_of(code: str, entry: str, features: str | None = None, kind: Any = 
         _optimise(module, target)
         symbol = f"{entry}{next(_numbers)}"
         module.get_function(entry).name = symbol
-        builder = llvm.JITLibraryBuilder().add_ir(module).export_symbol(symbol).add_current_process()
+        code = target.emit_object(module)
+        builder = llvm.JITLibraryBuilder().add_object_img(code).export_symbol(symbol).add_current_process()
         owner = builder.link(_engine(features), symbol)
         function: Any = kind(owner[symbol])
         function.owner = owner  # which frees the code when it goes

@@ -1,6 +1,6 @@
 """From the LLVM code of a text to machine code, in memory: a few passes, the processor at hand, one engine.
 
-Traced code is clean: it needs four passes, where LLVM's own pipelines would take five times as long for the same speed.
+Traced code is clean: it needs three passes, where LLVM's own pipelines would take many times as long for the same speed.
 Nothing is kept on disk. LLVM is imported by the first kernel.
 """
 
@@ -14,7 +14,7 @@ import threading
 from functools import lru_cache
 from typing import Any
 
-PASSES = ("sroa", "simplify_cfg", "instruction_combine", "aggressive_dce")
+PASSES = ("sroa", "simplify_cfg", "aggressive_dce")
 LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
 KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 _numbers = itertools.count()

@@ -14,31 +14,6 @@ from .elements import Element, Mask, Traced, Whole, kind_of, mapped
 from .tracing import TraceError, Tracer, tracer, writer
 
 
-def loop(first: Any, last: Any = None, step: int = 1, whilst: Callable[[], Any] | None = None) -> Iterator[Any]:
-    """Count from `first`, 0 unless told, up to `last`, without it; stop where a condition does not hold."""
-    if last is None:
-        first, last = 0, first
-    if tracer() is None:
-        for i in range(first, last, step):
-            if whilst is not None and not whilst():
-                return
-            yield i
-        return
-    t, slot = writer(), writer().slot("i64")
-    head, body, end = _labels(t, "head", "body", "end")
-    t.line(f"store i64 {Whole.named(first)}, ptr {slot}")
-    t.label(head)
-    with t.within("loop"):
-        now: Any = Whole(t.value(f"load i64, ptr {slot}", is_pure=False))
-        goes = Mask(t.value(f"icmp slt i64 {now.used()}, {Whole.named(last)}"))
-        if whilst is not None:
-            goes = goes & whilst()
-        t.line(f"br i1 {goes.used()}, label %{body}, label %{end}\n{body}:")
-        yield now
-        t.line(f"store i64 {(now + step).used()}, ptr {slot}")
-    t.line(f"br label %{head}\n{end}:")
-
-
 def whilst(condition: Callable[[], Any]) -> Iterator[None]:
     """Repeat while a condition, a function without arguments, holds."""
     t = tracer()
@@ -52,6 +27,21 @@ def whilst(condition: Callable[[], Any]) -> Iterator[None]:
         t.line(f"br i1 {condition().used()}, label %{body}, label %{end}\n{body}:")
         yield
     t.line(f"br label %{head}\n{end}:")
+
+
+_repeated = whilst  # a loop has a condition of this name
+
+
+def loop(first: Any, last: Any = None, step: int = 1, whilst: Callable[[], Any] | None = None) -> Iterator[Any]:
+    """Count from `first`, 0 unless told, up to `last`, without it; stop where a condition does not hold."""
+    if last is None:
+        first, last = 0, first
+    if tracer() is not None:
+        Whole.named(last)  # which refuses another number
+    v = Variables(at=first)
+    for _ in _repeated(lambda: v.at < last if whilst is None else (v.at < last) & whilst()):
+        yield v.at
+        v.at = v.at + step
 
 
 def when(condition: Any) -> Iterator[None]:

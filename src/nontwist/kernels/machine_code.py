@@ -1,7 +1,7 @@
 """From the LLVM code of a text to machine code, in memory: a few passes, the processor at hand, one engine.
 
-Traced code is clean: it needs three passes, where LLVM's own pipelines would take many times as long for the same speed.
-Nothing is kept on disk. LLVM is imported by the first kernel.
+Traced code is clean: it needs three passes, where LLVM's own pipelines would take many times as long for the same
+speed. Nothing is kept on disk. LLVM is imported by the first kernel.
 """
 
 from __future__ import annotations

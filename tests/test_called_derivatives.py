@@ -15,6 +15,7 @@ from nontwist import (
     EnergyMomentum,
     LieMidpoint,
     Load,
+    SimulationError,
     damping,
     director_forces,
     euler_inertia,
@@ -572,3 +573,11 @@ def test_a_load_with_its_own_derivative_is_a_value():
     assert one != other
     assert "derivative" not in other.description[0]
     assert one.description[0]["derivative"] == f"{__name__}.push_slope"
+
+
+def test_another_solution_of_a_large_step_is_refused():
+    """The equations of this step have two solutions; the first guess leads to the one that was not taken."""
+    body = standard(np.diag([2.52322427, 2.59698229, 3.62845148]) + 0.1)
+    how = {"load": spring(20.0, POINT, ANCHOR, 0.8), "integrator": "gauss", "order": 4, "t_end": 4.0, "step": 2.0}
+    with pytest.raises(SimulationError, match="not solved again; try a smaller step"):
+        sensitivities(body, **how, material_angular_velocity=[1.44486174, 0.42114362, 0.56807629], wrt=["load_scale"])

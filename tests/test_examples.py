@@ -162,6 +162,14 @@ def test_an_integrator_of_ones_own_has_its_order_on_every_body(printed):
         assert defect < 1e-13
 
 
+def test_a_compiled_scheme_of_ones_own_has_its_order_and_derivatives(printed):
+    coarse, fine, derivative = printed("own_scheme.py").splitlines()
+    errors = [numbers(line)[-1] for line in (coarse, fine)]
+    assert errors[0] / errors[1] == pytest.approx(2, abs=0.05)
+    assert 0 < errors[1] < 2e-3
+    assert numbers(derivative)[-1] < 1e-8
+
+
 def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula(printed):
     first, *lines = printed("own_body.py").splitlines()
     rate = 2 * 9.81 * 0.2 / (2 * 0.3**2 / 2 * 60)

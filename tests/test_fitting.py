@@ -29,9 +29,9 @@ from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one
 from nontwist.fitting.estimating import estimate, short, whole
 from nontwist.fitting.linear import pencil, weak_form
+from nontwist.fitting.motions import Motion, responses
 from nontwist.fitting.quality import correlation, noise_of
-from nontwist.fitting.series import responses
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
 from nontwist.recordings.headers import rate_unit
@@ -96,12 +96,12 @@ def csv(path, time, rates, header="time (s),gyr_x (deg/s),gyr_y (deg/s),gyr_z (d
 
 
 def test_the_series_is_the_motion_that_scipy_finds():
-    (found,), _ = responses(FREE_BODY.motion(J, np.zeros(0)), W[None], [TIMES])
+    (found,), _ = responses(Motion(FREE_BODY, J, np.zeros(0)), W[None], [TIMES])
     assert abs(found - rates_by_scipy(J, W, TIMES)).max() < 1e-10 * np.linalg.norm(W)
 
 
 def test_the_derivatives_are_those_of_complex_steps():
-    _, (found,) = responses(FREE_BODY.motion(J, np.zeros(0)), W[None], [TIMES])
+    _, (found,) = responses(Motion(FREE_BODY, J, np.zeros(0)), W[None], [TIMES])
     h = 1e-30
     for k in range(3):
         true = rates_by_scipy(J.astype(complex), W + 1j * h * np.eye(3)[k], TIMES).imag / h
@@ -115,16 +115,16 @@ def test_the_derivatives_are_those_of_complex_steps():
 
 def test_the_series_keeps_energy_and_momentum_over_many_turns():
     times = np.linspace(0, 60, 50)
-    (found,), _ = responses(FREE_BODY.motion(J, np.zeros(0)), W[None], [times])
+    (found,), _ = responses(Motion(FREE_BODY, J, np.zeros(0)), W[None], [times])
     for value in (np.einsum("ni,ij,nj->n", found, J, found), np.linalg.norm(found @ J, axis=1)):
         assert abs(value / value[0] - 1).max() < 1e-9
 
 
 def test_lanes_do_not_know_of_each_other():
     starts, times = np.array([W, [0.1, 0, 0.3], -3 * W]), [TIMES, TIMES[:7], np.array([0.0])]
-    together = responses(FREE_BODY.motion(J, np.zeros(0)), starts, times)
+    together = responses(Motion(FREE_BODY, J, np.zeros(0)), starts, times)
     for k in range(3):
-        alone = responses(FREE_BODY.motion(J, np.zeros(0)), starts[k : k + 1], [times[k]])
+        alone = responses(Motion(FREE_BODY, J, np.zeros(0)), starts[k : k + 1], [times[k]])
         for both, one in zip(together, alone, strict=True):
             np.testing.assert_allclose(both[k], one[0], rtol=1e-9, atol=1e-9)
 
@@ -169,10 +169,11 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
     at = Unknowns(J, np.array([0.01, 0, 0.02]), 1.01, starts)
 
     def of(x):
-        return residuals(problem, Unknowns(symmetric(x[:6]), x[6:9], x[9], x[10:].reshape(-1, 3)))[0]
+        at = Unknowns(symmetric(x[:6]), x[6:9], x[9], x[10:].reshape(-1, 3))
+        return stacked(residuals(problem, at).rows, problem.columns)[0]
 
     x = np.concatenate([entries(J), at.bias, [at.scale], starts.ravel()])
-    A = residuals(problem, at)[1]
+    A = stacked(residuals(problem, at).rows, problem.columns)[1]
     for k in range(len(x)):
         e = 1e-6 * np.eye(len(x))[k]
         assert abs((of(x + e) - of(x - e)) / 2e-6 - A[:, k]).max() < 1e-6 * abs(A).max()
@@ -182,7 +183,8 @@ def test_the_covariance_is_the_inverse_of_all_information():
     _, recording = throw(3)
     stretch = Stretch(recording.time.values, recording.gyroscope.values)
     found = estimate([stretch], PRIORS, 2e-3)
-    A = np.concatenate([found.slope[:, :6] @ TRACELESS, found.slope[:, 6:]], axis=1)
+    _, slope = stacked(found.residuals.rows, found.problem.columns)
+    A = np.concatenate([slope[:, :6] @ TRACELESS, slope[:, 6:]], axis=1)
     scale = np.linalg.norm(A, axis=0)
     full = np.linalg.inv((A / scale).T @ (A / scale)) / np.outer(scale, scale)
     np.testing.assert_allclose(np.linalg.inv(found.information), full[:5, :5], rtol=1e-4)

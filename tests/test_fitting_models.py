@@ -31,8 +31,8 @@ from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.chart import Weighed, of_a_body
 from nontwist.fitting.estimating import short
 from nontwist.fitting.linear import with_moments
-from nontwist.fitting.series import responses
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.motions import Motion, responses
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import as_speed, refined
 from nontwist.fitting.telling import covariance, quantile
 from nontwist.fitting.walled import walled
@@ -101,7 +101,7 @@ def test_motions_and_their_derivatives_are_those_of_scipy():
     model = Model(Pivot(MASS, FAR, None, 9.81), damping=3, unit=0.05)
     n, drag, unit = CENTRE / FAR, C / 0.05, 0.05
     start = np.concatenate([[2.0, -3.0, 6.0], [0.6, 0.0, -0.8]])
-    (found,), (D,) = responses(model.motion(J / unit, np.concatenate([n, drag])), start[None], [TIMES])
+    (found,), (D,) = responses(Motion(model, J / unit, np.concatenate([n, drag])), start[None], [TIMES])
     arm = MASS * 9.81 * FAR / unit
     assert abs(found - by_scipy(J / unit, arm * n, drag, start, TIMES)).max() < 1e-9 * 7
     h = 1e-30
@@ -149,7 +149,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
 
     def of(x):
         at = Unknowns(symmetric(x[:6]), x[10:13], x[13], x[14:].reshape(-1, 6), x[6:10])
-        return residuals(problem, at)
+        return stacked(residuals(problem, at).rows, problem.columns)
 
     x = np.concatenate([entries(J / 0.05), CENTRE / FAR, [0.02], [0.01, 0, 0.02, 1.01], starts.ravel()])
     A = of(x)[1]
@@ -171,9 +171,8 @@ def test_the_derivatives_with_a_rotor_and_a_constraint_are_those_of_differences(
     size = 12 + starts.size
 
     def of(x):
-        return residuals(
-            problem, Unknowns(symmetric(x[:6]), x[8:11], x[11], x[12:size].reshape(-1, 6), x[6:8], x[size:])
-        )
+        at = Unknowns(symmetric(x[:6]), x[8:11], x[11], x[12:size].reshape(-1, 6), x[6:8], x[size:])
+        return stacked(residuals(problem, at).rows, problem.columns)
 
     ends = [entries(SAT / 6e-4), [1.01, 0.02], [0.01, 0, 0.02, 1.01], starts.ravel(), stretch.speed.values]
     x = np.concatenate(ends)

@@ -15,10 +15,10 @@ from nontwist import fit_inertia, heavy_top, read_motion, read_run_file, rotatio
 from nontwist.cli import app
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short
+from nontwist.fitting.motions import Motion, responses
 from nontwist.fitting.orienting import continuous, derived_rates, noise_of_attitudes, scatter_of_attitudes
 from nontwist.fitting.result import Part
-from nontwist.fitting.series import responses
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import constant
 from nontwist.fitting.telling import quantile
 
@@ -67,7 +67,7 @@ def table(path, time, rates, read, header="time (s),gx (rad/s),gy (rad/s),gz (ra
 
 def test_the_series_turns_the_body_as_scipy_does():
     begin, times = Rotation.from_rotvec([0.4, -1.0, 2.0]), np.linspace(0.01, 0.6, 25)
-    motion = Model(oriented=True).motion(J, np.zeros(0))
+    motion = Motion(Model(oriented=True), J, np.zeros(0))
     (found,), _ = responses(motion, np.concatenate([W, begin.as_quat()])[None], [times])
     true = by_scipy(J, W, begin, times)
     assert abs(Rotation.from_quat(found[:, 3:]).as_matrix() - true).max() < 1e-9
@@ -116,10 +116,10 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(model, has_gy
         unknowns = Unknowns(
             symmetric(x[:6]), x[count : count + 3], x[count + 3], begun, x[6:count], rest[starts.size :]
         )
-        return residuals(problem, unknowns)[0]
+        return stacked(residuals(problem, unknowns).rows, problem.columns)[0]
 
     x = np.concatenate([entries(J), more, at.bias, [at.scale], starts.ravel(), spun])
-    _, A = residuals(problem, at)
+    _, A = stacked(residuals(problem, at).rows, problem.columns)
     assert len(problem) == 3 * (len(time) * has_gyroscope + len(time) - 1)
     rows = np.linalg.norm(A, axis=1)
     for k in range(len(x)):

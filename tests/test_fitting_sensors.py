@@ -16,7 +16,7 @@ from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short
 from nontwist.fitting.orienting import continuous
 from nontwist.fitting.sensing import Sensor
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import constant
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
@@ -91,10 +91,10 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(model, places
         bias, scale, own, rest = np.split(x[count:], np.cumsum([3, 1, len(errors)]))
         begun = rest[: starts.size].reshape(starts.shape)
         unknowns = Unknowns(symmetric(x[:6]), bias, float(scale[0]), begun, x[6:count], rest[starts.size :], own)
-        return residuals(problem, unknowns)[0]
+        return stacked(residuals(problem, unknowns).rows, problem.columns)[0]
 
     x = np.concatenate([entries(J), more, at.bias, [at.scale], errors, starts.ravel(), spun])
-    _, A = residuals(problem, at)
+    _, A = stacked(residuals(problem, at).rows, problem.columns)
     of_data = np.r_[: 3 * len(time), -(4 + len(errors)) : 0]  # of attitudes the gaps are large
     for k in range(len(x)):
         e = 1e-6 * np.eye(len(x))[k]

@@ -1,21 +1,15 @@
-r"""The equations of the bodies that are fitted, as data for `series`.
+r"""The bodies that are fitted: what acts on them, what is fitted, and in which unit.
 
-About a fixed point the angular velocity W of a body, with the direction γ of gravity in body components, obeys
-
-    J W' = J W × W + m g c × γ - C W + I Ω a × W - I Ω' a ,     γ' = γ × W ,
-
-with the centre of mass c, a damping C, one number or three along the axes, and a rotor of inertia I that turns at the
-speed Ω about the axis a of the body; J is that with the rotor held. Every term is quadratic in (W, γ, Ω, Ω'). The speed
-is linear between knots (`speeds`), so Ω'' = 0 but at these.
+Their equations are those of `motions`, with a damping of one number or three, and a rotor of inertia I at the speed Ω,
+I Ω its momentum.
 
 **The unit.** Multiply J, m c, C and I by one number and the motion is the same. So J is fitted in a unit u. In free
 motion nothing fixes it: u is tr J, and J has trace 1, five numbers. With a known moment m g |c|, or a rotor of known
 momentum, J has six numbers, and u is any constant near tr J. Where m |c| is not known, u and J are in units of it, and
 J/(m|c|) is a length.
 
-**A constraint.** A body that may not turn about its axis n has ``n·W = 0``, and the moment μ n that this takes. With
-the impulse ``p' = μ`` in the state the equations are of the same kind: ``J W' - n p' = ...``, ``n·W' = 0``. Then
-``n·J n`` has no part in the motion, and is no direction in which J is fitted.
+**A constraint.** Where a body may not turn about its axis n, ``n·J n`` has no part in the motion, and is no direction
+in which J is fitted.
 
 **Orientation.** Where attitudes are recorded their quaternion is part of the state (`orienting`).
 
@@ -27,12 +21,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import BASIS, ENTRIES, LEVI
-from .series import QuadraticMotion
+from ..geometry.tensors import BASIS, ENTRIES
 
 # Six entries of symmetric matrices without a trace, of Frobenius norm 1, orthogonal to each other: (6, 5).
 TRACELESS = np.zeros((6, 5))
@@ -49,12 +43,6 @@ def entries(J: Array) -> Array:
 def symmetric(v: Array) -> Array:
     """Return the symmetric matrix of six entries."""
     return np.tensordot(v, BASIS, axes=(-1, 0))
-
-
-def _turning(J: Array) -> Array:
-    """Return B with ``B(W, W) = J W × W`` for one matrix or many."""
-    T = np.einsum("abc,...bd->...adc", LEVI, J)
-    return np.asarray((T + np.swapaxes(T, -1, -2)) / 2)
 
 
 @dataclass(frozen=True)
@@ -84,6 +72,34 @@ class Wheel:
     error: float
 
 
+class Kind(NamedTuple):
+    """Which terms the equations of a body have, and which of their numbers are fitted."""
+
+    has_pivot: bool
+    points: bool
+    oriented: bool
+    has_wheel: bool
+    has_factor: bool
+    damping: int
+    is_damped: bool
+    is_constrained: bool
+
+    @property
+    def size(self) -> int:
+        """How many numbers of a state are fitted where it starts: W, γ about a pivot, the quaternion of an attitude."""
+        return 3 + 3 * self.has_pivot + 4 * self.oriented
+
+    @property
+    def hidden(self) -> int:
+        """How many numbers of a state are not fitted: the speed and its rate."""
+        return 2 * self.has_wheel
+
+    @property
+    def more(self) -> int:
+        """How many numbers are fitted beside J: n, the factor of the speed, and the damping over the unit."""
+        return 3 * self.points + self.has_factor + self.damping
+
+
 @dataclass(frozen=True)
 class Model:
     """What acts on the body, and the unit of its inertia.
@@ -98,6 +114,24 @@ class Model:
     constraint: Array | None = None
     unit: float = 1.0
     oriented: bool = False
+
+    @cached_property
+    def kind(self) -> Kind:
+        """Which terms there are."""
+        is_damped = self.damping > 0 or self.damped is not None
+        has_wheel, is_constrained = self.wheel is not None, self.constraint is not None
+        has = self.pivot is not None, self.points, self.oriented, has_wheel, self.has_factor
+        return Kind(*has, self.damping, is_damped, is_constrained)
+
+    @property
+    def size(self) -> int:
+        """How many numbers of a state are fitted where it starts."""
+        return self.kind.size
+
+    @property
+    def more(self) -> int:
+        """How many numbers are fitted beside J."""
+        return self.kind.more
 
     @property
     def is_absolute(self) -> bool:
@@ -120,20 +154,10 @@ class Model:
         return self.pivot is not None and self.pivot.direction is None
 
     @property
-    def size(self) -> int:
-        """How many numbers of a state are fitted where it starts: W, γ about a pivot, the quaternion of an attitude."""
-        return 3 + 3 * (self.pivot is not None) + 4 * self.oriented
-
-    @property
     def directions(self) -> list[slice]:
         """Which numbers of a state have the length 1 together."""
         first = 3 + 3 * (self.pivot is not None)
         return [slice(3, 6)] * (self.pivot is not None) + [slice(first, first + 4)] * self.oriented
-
-    @property
-    def more(self) -> int:
-        """How many numbers are fitted beside J: n, the factor of the speed, and the damping over the unit."""
-        return 3 * self.points + self.has_factor + self.damping
 
     @property
     def has_factor(self) -> bool:
@@ -143,11 +167,6 @@ class Model:
     def factor(self, more: Array) -> float:
         """Return the factor of the rotor's momentum."""
         return float(more[3 * self.points]) if self.has_factor else 1.0
-
-    @property
-    def hidden(self) -> int:
-        """How many numbers of a state are not fitted: the speed and its rate, the impulse of a constraint."""
-        return 2 * (self.wheel is not None) + (self.constraint is not None)
 
     @cached_property
     def basis(self) -> Array:
@@ -197,45 +216,6 @@ class Model:
     def centred(self, more: Array) -> Array:
         """Return m c cᵀ over the unit, which the second moments about the pivot exceed; 0 where it is not known."""
         return self.weight * np.outer(*[self.direction(more)] * 2) if self.weight else np.zeros((3, 3))
-
-    def motion(self, J: Array, more: Array) -> QuadraticMotion:
-        """Return the equations, with their derivatives by the six entries of J and by `more`."""
-        s, p = self.size, 6 + self.more
-        d = s + self.hidden
-        mass, linear, quadratic = np.eye(d), np.zeros((d, d)), np.zeros((d, d, d))
-        mass_by, linear_by, quadratic_by = np.zeros((p, d, d)), np.zeros((p, d, d)), np.zeros((p, d, d, d))
-        mass[:3, :3], quadratic[:3, :3, :3] = J, _turning(J)
-        mass_by[:6, :3, :3], quadratic_by[:6, :3, :3, :3] = BASIS, _turning(BASIS)
-        linear[:3, :3] = -np.diag(self.damping_of(more))
-        for k in range(self.damping):
-            linear_by[p - self.damping + k, :3, :3] = -np.eye(3) if self.damping == 1 else -np.diag(np.eye(3)[k])
-        if self.pivot is not None:
-            arm = self.pivot.moment / self.unit
-            linear[:3, 3:6] = arm * np.einsum("ijk,j->ik", LEVI, self.direction(more))
-            quadratic[3:6, 3:6, :3] = LEVI / 2
-            quadratic[3:6, :3, 3:6] = np.swapaxes(LEVI, 1, 2) / 2
-            if self.points:
-                linear_by[6:9, :3, 3:6] = arm * np.swapaxes(LEVI, 0, 1)
-        if self.oriented:
-            v, w = slice(s - 4, s - 1), s - 1
-            quadratic[v, v, :3] = LEVI / 4
-            quadratic[v, :3, v] = np.swapaxes(LEVI, 1, 2) / 4
-            for i in range(3):
-                quadratic[s - 4 + i, w, i] = quadratic[s - 4 + i, i, w] = 1 / 4
-                quadratic[w, s - 4 + i, i] = quadratic[w, i, s - 4 + i] = -1 / 4
-        if self.wheel is not None:
-            h, by = self.wheel.inertia / self.unit, 6 + 3 * self.points
-            across = np.einsum("ijk,j->ik", LEVI, self.wheel.axis) * h / 2
-            wheel, spun_up = np.zeros((d, d, d)), np.zeros((d, d))
-            wheel[:3, :3, s], wheel[:3, s, :3], spun_up[:3, s + 1] = across, across, -h * self.wheel.axis
-            quadratic += self.factor(more) * wheel
-            linear += self.factor(more) * spun_up
-            linear[s, s + 1] = 1.0
-            if self.has_factor:
-                quadratic_by[by], linear_by[by] = wheel, spun_up
-        if self.constraint is not None:
-            mass[:3, -1], mass[-1, :3], mass[-1, -1] = -self.constraint, self.constraint, 0.0
-        return QuadraticMotion(mass, linear, quadratic, mass_by, linear_by, quadratic_by)
 
 
 FREE_BODY = Model()

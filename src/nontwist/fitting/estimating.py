@@ -19,8 +19,8 @@ import numpy as np
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, weak_form, with_moments
+from .motions import RunawayError
 from .quality import WHITE, correlation
-from .series import RunawayError
 from .shooting import Lane, Loss, Priors, Problem, Stretch, Unknowns
 from .solving import CALLS, Solution, nearest_body, solve
 from .speeds import refined

@@ -19,12 +19,12 @@ from .acting import as_model, as_orientation
 from .bodies import Model
 from .estimating import estimate, is_hopeless
 from .intervals import free_motion
+from .motions import RunawayError
 from .orienting import noise_of_attitudes
 from .quality import require_turning, require_unsaturated
 from .readings import as_readings, speed_of
 from .result import Fit, Part
 from .sensing import as_sensor, require_short
-from .series import RunawayError
 from .shooting import Loss, Priors, Stretch
 from .telling import beyond_the_wall
 

@@ -18,8 +18,8 @@ from ..geometry.arrays import Array
 from .bodies import FREE_BODY, TRACELESS
 from .estimating import estimate
 from .linear import Guess, weak_form
+from .motions import Motion, RunawayError, responses
 from .quality import noise_of
-from .series import RunawayError, responses
 from .shooting import Priors, Stretch
 from .solving import Solution
 
@@ -137,7 +137,7 @@ def _agrees(fit: Solution, time: Array, rates: Array, rows: NDArray[np.intp], fl
     at = abs(time[rows] - own[0])
     sign = -1.0 if back else 1.0
     try:
-        (W,), (D,) = responses(FREE_BODY.motion(fit.unknowns.inertia, np.zeros(0)), sign * start[None], [at])
+        (W,), (D,) = responses(Motion(FREE_BODY, fit.unknowns.inertia, np.zeros(0)), sign * start[None], [at])
     except RunawayError:
         return 0
     W = sign * W

@@ -14,17 +14,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
+from .motions import Kicks, Motion, responses
 from .orienting import gaps, gaps_by
 from .sensing import PLAIN, Sensor
-from .series import Kicks, responses
-from .speeds import Speed
+from .speeds import Speed, triangle
 
 COMMON = 4  # bias and scale, which the errors of the gyroscope that are fitted follow
 UNIT = 1e-6  # how closely directions have the length 1
@@ -142,18 +142,21 @@ class Problem:
 
     def states(self, at: Unknowns) -> tuple[Array, list[Kicks] | None]:
         """Return the states at the starts of lanes, with the speed of a rotor and its kicks where there is one."""
-        d, size = self.model.size, self.model.size + self.model.hidden
         if self.model.wheel is None:
-            return np.concatenate([at.starts, np.zeros((len(at.starts), size - d))], axis=1), None
-        starts, kicks = [], []
-        for lane, start in zip(self.lanes, at.starts, strict=True):
-            one, columns = self.stretches[lane.stretch], self.speed_columns[lane.stretch]
-            last = one.time[min(lane.last, len(one.time) - 1)]
-            values = at.speeds[columns]
-            found = one.speed.kicks(one.time[lane.first], last, size, d, columns, len(at.speeds), values)  # type: ignore[union-attr]
-            kicks.append(found)
-            starts.append(np.concatenate([start, (found.start_by @ at.speeds)[d:]]))
-        return np.array(starts), kicks
+            return at.starts, None
+        kicks, begin = [], []
+        for lane in self.lanes:
+            one = self.stretches[lane.stretch]
+            assert one.speed is not None
+            values, last = at.speeds[self.speed_columns[lane.stretch]], one.time[min(lane.last, len(one.time) - 1)]
+            kicks.append(one.speed.kicks(one.time[lane.first], last, values))
+            begin.append(kicks[-1].start_by @ values)
+        return np.concatenate([at.starts, begin], axis=1), kicks
+
+    @property
+    def columns(self) -> int:
+        """How many derivatives there are: by J, `more`, the gyroscope, starts and speeds."""
+        return 6 + self.model.more + self.common + self.model.size * len(self.lanes) + int(self.speed_columns[-1].stop)
 
     def __len__(self) -> int:
         return 3 * int(self.read.sum() + self.turned.sum())
@@ -172,90 +175,104 @@ class Unknowns:
     errors: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
-    """Return the residuals over the noise, and derivatives: by J, `more`, bias, scale, errors, starts, speeds."""
+class Rows(NamedTuple):
+    """Residuals over the noise, their derivatives by some of the unknowns, and which these are."""
+
+    r: Array  # (n,)
+    A: Array  # (n, k)
+    columns: NDArray[np.intp]  # (k,)
+
+
+class Residuals(NamedTuple):
+    """All residuals: of the gyroscope and of attitudes, lane after lane, and of what is known beside them."""
+
+    rates: list[Rows]
+    attitudes: list[Rows]
+    beside: list[Rows]
+
+    @property
+    def rows(self) -> list[Rows]:
+        """All of them."""
+        return [*self.rates, *self.attitudes, *self.beside]
+
+
+def stacked(rows: Sequence[Rows], columns: int) -> tuple[Array, Array]:
+    """Return the residuals of all rows, and their derivatives by all unknowns."""
+    A, first = np.zeros((sum(len(row.r) for row in rows), columns)), 0
+    for row in rows:
+        A[first : first + len(row.r), row.columns] = row.A
+        first += len(row.r)
+    return np.concatenate([row.r for row in rows]), A
+
+
+def reduced(row: Rows) -> Rows:
+    """Return as few rows as there are columns, with the same products of columns and residuals: R of a QR product."""
+    both = triangle(np.column_stack([row.A, row.r]))
+    return Rows(both[:, -1], both[:, :-1], row.columns)
+
+
+def residuals(problem: Problem, at: Unknowns) -> Residuals:
+    """Return the residuals, and their derivatives: by J, `more`, bias, scale, errors, starts, speeds."""
     model, d, sensor = problem.model, problem.model.size, problem.priors.sensor
     begin, kicks = problem.states(at)
-    counts, times = [lane.last - lane.first for lane in problem.lanes], problem.times
+    times = problem.times
     if sensor.is_late:  # what is read has been earlier
         delay = sensor.whole(at.errors)[6]
-        times = [np.concatenate([t, t[:n] - delay]) for t, n in zip(times, counts, strict=True)]
-    motion = model.motion(at.inertia, at.more)
+        times = [
+            np.concatenate([t, t[: len(t) - one.joined] - delay]) for t, one in zip(times, problem.lanes, strict=True)
+        ]
+    motion = Motion(model, at.inertia, at.more)
     values, derivatives = responses(motion, begin, times, kicks)
-    body, size, common = 6 + model.more, begin.shape[1], problem.common
+    body, size, common, first = 6 + model.more, begin.shape[1], problem.common, 0
     spun = body + common + at.starts.size
-    columns = spun + len(at.speeds)
-    states = np.concatenate([v[:n, :d] for v, n in zip(values, counts, strict=True)])
-    seen = np.concatenate([v[-n:] if sensor.is_late else v[:n] for v, n in zip(values, counts, strict=True)])
-    rates = motion.rate(seen)[:, :3] if sensor.is_late else None
-    y, by_W, by_errors = sensor.reads(seen[:, :3], rates, at.errors)
-    r = [((problem.data - at.scale * y - at.bias) / problem.noise)[problem.read].ravel()]
-    A = np.zeros((len(y), 3, columns))
-    Q = np.zeros((len(y), 4 * model.oriented, columns))
-    A[:, :, body : body + 3], A[:, :, body + 3] = -np.eye(3), -y
-    A[:, :, body + COMMON : body + common] = -at.scale * by_errors
-    row, more, of_W = 0, [], -at.scale * by_W
-    for k, (v, D, lane, n) in enumerate(zip(values, derivatives, problem.lanes, counts, strict=True)):
-        first = body + common + d * k
-        own, W_by = slice(first, first + d), of_W @ (D[-n:] if sensor.is_late else D[:n])[:, :3]
-        A[row : row + n, :, :body] = W_by[:, :, size : size + body]
-        A[row : row + n, :, spun:] = W_by[:, :, size + body :]
-        A[row : row + n, :, own] = W_by[:, :, :d]
+    found = Residuals([], [], [])
+    for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
+        stretch, n, start = problem.stretches[lane.stretch], lane.last - lane.first, body + common + d * k
+        own, speeds = np.arange(start, start + d), spun + np.arange(at.speeds.size)[problem.speed_columns[lane.stretch]]
+        D = np.concatenate([D[:, :d, size : size + body], D[:, :d, :d], D[:, :d, size + body :]], axis=2)
+        columns = np.concatenate([np.arange(body), own, speeds])
+        if stretch.has_gyroscope:
+            seen = slice(-n, None) if sensor.is_late else slice(n)
+            W, rates = v[seen, :3], motion.rate(v[seen]) if sensor.is_late else None
+            y, by_W, by_errors = sensor.reads(W, rates, at.errors)
+            by = [np.broadcast_to(-np.eye(3), (n, 3, 3)), -y[:, :, None], -at.scale * by_errors]
+            A = np.concatenate([-at.scale * by_W @ D[seen, :3], *by], axis=2) / problem.noise
+            r = (stretch.rates[lane.first : lane.last] - at.scale * y - at.bias) / problem.noise
+            all_columns = np.concatenate([columns, np.arange(body, body + common)])
+            found.rates.append(Rows(r.ravel(), A.reshape(3 * n, -1), all_columns))
         if model.oriented:
-            Q[row : row + n, :, :body] = D[:n, d - 4 : d, size : size + body]
-            Q[row : row + n, :, spun:] = D[:n, d - 4 : d, size + body :]
-            Q[row : row + n, :, own] = D[:n, d - 4 : d, :d]
-        row += n
+            there = problem.turned[first : first + n]
+            q, Q = v[:n, d - 4 : d][there], D[:n, d - 4 :][there]
+            gap = gaps(problem.attitudes[first : first + n][there], q)
+            A = gaps_by(gap, q, Q).reshape(-1, len(columns))
+            found.attitudes.append(Rows(gap.ravel() / problem.tilt, A / problem.tilt, columns))
+        first += n
         if lane.joined:
-            gap = np.zeros((d, columns))
-            gap[:, :body], gap[:, own] = D[n, :d, size : size + body], D[n, :d, :d]
-            gap[:, spun:] = D[n, :d, size + body :]
-            gap[:, own.stop : own.stop + d] = -np.eye(d)
-            r.append((v[n, :d] - at.starts[k + 1]) / problem.gap)
-            more.append(gap / problem.gap[:, None])
-        for part in model.directions:
-            _hold(r, more, columns, first + part.start, at.starts[k, part])
+            A = np.concatenate([D[n], -np.eye(d)], axis=1) / problem.gap[:, None]
+            gap = (v[n, :d] - at.starts[k + 1]) / problem.gap
+            found.beside.append(Rows(gap, A, np.concatenate([columns, own + d])))
+        found.beside.extend(_of_length_one(at.starts[k, part], own[part]) for part in model.directions)
         if model.constraint is not None:
-            r.append(np.array([model.constraint @ at.starts[k, :3]]) / problem.noise * CONSTRAINED)
-            held = np.zeros((1, columns))
-            held[0, first : first + 3] = model.constraint / problem.noise * CONSTRAINED
-            more.append(held)
+            A = model.constraint[None] / problem.noise * CONSTRAINED
+            found.beside.append(Rows(A @ at.starts[k, :3], A, own[:3]))
     if model.points:
-        _hold(r, more, columns, 6, at.more[:3])
+        found.beside.append(_of_length_one(at.more[:3], np.arange(6, 9)))
     if model.wheel is not None:
-        for one, own in zip(problem.stretches, problem.speed_columns, strict=True):
-            _read(r, more, columns, slice(spun + own.start, spun + own.stop), one.speed, at.speeds[own])  # type: ignore[arg-type]
+        for stretch, part in zip(problem.stretches, problem.speed_columns, strict=True):
+            assert stretch.speed is not None
+            hats, readings = stretch.speed.rows
+            found.beside.append(Rows(readings - hats @ at.speeds[part], -hats, spun + np.arange(at.speeds.size)[part]))
         if model.has_factor:
-            at_factor = 6 + 3 * model.points
-            r.append(np.array([(model.factor(at.more) - 1) / model.wheel.error]))
-            more.append(np.eye(1, columns, at_factor) / model.wheel.error)
+            r, A = np.array([model.factor(at.more) - 1]), np.ones((1, 1))
+            place = np.array([6 + 3 * model.points])
+            found.beside.append(Rows(r / model.wheel.error, A / model.wheel.error, place))
     free = sensor.free
     deviations = np.array([problem.priors.bias] * 3 + [problem.priors.scale, *sensor.deviation[free]])
-    prior = np.zeros((common, columns))
-    prior[:, body : body + common] = np.diag(1 / deviations)
-    r.append(np.concatenate([at.bias, [at.scale - 1], at.errors - sensor.mean[free]]) / deviations)
-    data = [A[problem.read].reshape(-1, columns) / problem.noise]
-    if model.oriented:
-        there = problem.turned
-        q = states[there, d - 4 :]
-        gap = gaps(problem.attitudes[there], q)
-        r.insert(1, gap.ravel() / problem.tilt)
-        data.append(gaps_by(gap, q, Q[there]).reshape(-1, columns) / problem.tilt)
-    return np.concatenate(r), np.concatenate([*data, *more, prior])
+    r = np.concatenate([at.bias, [at.scale - 1], at.errors - sensor.mean[free]]) / deviations
+    found.beside.append(Rows(r, np.diag(1 / deviations), np.arange(body, body + common)))
+    return found
 
 
-def _hold(r: list[Array], rows: list[Array], columns: int, first: int, direction: Array) -> None:
-    """Add a residual that keeps a direction at the length 1."""
-    row = np.zeros((1, columns))
-    row[0, first : first + len(direction)] = direction / UNIT
-    r.append(np.array([(direction @ direction - 1) / 2 / UNIT]))
-    rows.append(row)
-
-
-def _read(r: list[Array], rows: list[Array], columns: int, own: slice, speed: Speed, values: Array) -> None:
-    """Add the readings of a speed as residuals over their noise."""
-    hats = speed.at(speed.time) / speed.noise
-    row = np.zeros((len(hats), columns))
-    row[:, own] = -hats
-    r.append(speed.readings / speed.noise - hats @ values)
-    rows.append(row)
+def _of_length_one(direction: Array, columns: NDArray[np.intp]) -> Rows:
+    """Return a residual that keeps a direction at the length 1."""
+    return Rows(np.array([(direction @ direction - 1) / 2 / UNIT]), direction[None] / UNIT, columns)

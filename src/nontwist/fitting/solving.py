@@ -17,26 +17,27 @@ import numpy as np
 from ..geometry.arrays import Array
 from .bodies import Model
 from .chart import THINNEST, Chart, Weighed, of_a_body, of_trace_one
-from .series import RunawayError, responses
-from .shooting import COMMON, Problem, Unknowns, residuals
+from .motions import Motion, RunawayError, responses
+from .shooting import COMMON, Problem, Residuals, Rows, Unknowns, reduced, residuals, stacked
 
 FINE, CALLS = 1e-8, 40  # of cost and unknowns, relative; trials
 HELD = 1e6  # weight of what is held
 FAR = 1e6  # residual of a motion that is none
 
 
-def as_counted(problem: Problem, r: Array) -> tuple[Array, Array]:
-    """Return residuals whose squares add up to the loss, and their derivatives by the residuals.
+def counted(problem: Problem, found: Residuals) -> tuple[Array, Array]:
+    """Return residuals and derivatives, as few as there are columns, whose squares add up to the loss.
 
-    For soft_l1 these are ``sign(r) √(2 √(1 + r²) - 2)`` of the data; gaps and priors stay as they are.
+    For soft_l1 residuals of the data are ``sign(r) √(2 √(1 + r²) - 2)``; gaps and priors stay as they are.
     """
-    counted, factor = r.copy(), np.ones_like(r)
+    data = [*found.rates, *found.attitudes]
     if problem.loss == "soft_l1":
-        own = r[: len(problem)]
-        root = np.sqrt(1 + own**2)
-        counted[: len(problem)] = own * np.sqrt(2 / (1 + root))
-        factor[: len(problem)] = np.sqrt((1 + root) / 2) / root
-    return counted, factor
+        roots = [np.sqrt(1 + row.r**2) for row in data]
+        data = [
+            Rows(row.r * np.sqrt(2 / (1 + s)), (np.sqrt((1 + s) / 2) / s)[:, None] * row.A, row.columns)
+            for row, s in zip(data, roots, strict=True)
+        ]
+    return stacked([reduced(row) for row in (*data, *found.beside)], problem.columns)
 
 
 def without(A: Array, others: Array) -> Array:
@@ -48,29 +49,31 @@ def without(A: Array, others: Array) -> Array:
 
 @dataclass(frozen=True)
 class Solution:
-    """A least-squares solution: unknowns, cost, residuals over the noise and their derivatives as `residuals`."""
+    """A least-squares solution: unknowns, cost, residuals over the noise and their derivatives."""
 
     problem: Problem
     unknowns: Unknowns
     cost: float
-    residual: Array
-    slope: Array
+    residuals: Residuals
 
     @cached_property
     def left_over(self) -> Array:
         """What the model leaves of the angular velocities, rad/s, (n, 3)."""
-        return self.residual[: 3 * int(self.problem.read.sum())].reshape(-1, 3) * self.problem.noise
+        return (
+            np.concatenate([np.zeros(0), *(row.r for row in self.residuals.rates)]).reshape(-1, 3) * self.problem.noise
+        )
 
     @cached_property
     def turned_by(self) -> Array:
         """What the model leaves of the attitudes, rad, (n, 3)."""
-        return self.residual[3 * int(self.problem.read.sum()) : len(self.problem)].reshape(-1, 3) * self.problem.tilt
+        left = np.concatenate([np.zeros(0), *(row.r for row in self.residuals.attitudes)])
+        return left.reshape(-1, 3) * self.problem.tilt
 
     @cached_property
     def states(self) -> list[Array]:
         """The states of each lane at its times."""
         begin, kicks = self.problem.states(self.unknowns)
-        motion = self.problem.model.motion(self.unknowns.inertia, self.unknowns.more)
+        motion = Motion(self.problem.model, self.unknowns.inertia, self.unknowns.more)
         return responses(motion, begin, self.problem.times, kicks)[0]
 
     @property
@@ -81,9 +84,8 @@ class Solution:
     @cached_property
     def weighted(self) -> tuple[Array, Array]:
         """Residuals and derivatives, by J along the basis of the model first, weighted as the loss does."""
-        A = np.concatenate([self.slope[:, :6] @ self.problem.model.basis, self.slope[:, 6:]], axis=1)
-        r, factor = as_counted(self.problem, self.residual)
-        return r, factor[:, None] * A
+        r, A = counted(self.problem, self.residuals)
+        return r, np.concatenate([A[:, :6] @ self.problem.model.basis, A[:, 6:]], axis=1)
 
     @cached_property
     def apart(self) -> tuple[Array, Array]:
@@ -157,10 +159,10 @@ class Solution:
             return self
         model, more = self.problem.model.in_unit(self.unknowns.more, factor)
         unknowns = replace(self.unknowns, inertia=self.unknowns.inertia / factor, more=more)
-        slope = self.slope.copy()
-        slope[:, :6] *= factor
-        slope[:, 6 + model.more - model.damping : 6 + model.more] *= factor
-        return Solution(replace(self.problem, model=model), unknowns, self.cost, self.residual, slope)
+        scale = np.ones(self.problem.columns)
+        scale[:6] = scale[6 + model.more - model.damping : 6 + model.more] = factor
+        scaled = Residuals(*([row._replace(A=row.A * scale[row.columns]) for row in rows] for rows in self.residuals))
+        return Solution(replace(self.problem, model=model), unknowns, self.cost, scaled)
 
 
 def solve(
@@ -220,13 +222,13 @@ def solve(
         if not last or not np.array_equal(last["x"], x):
             unknowns, slope = unpacked(x)
             try:
-                r, A = residuals(problem, unknowns)
+                found = residuals(problem, unknowns)
             except RunawayError:
                 if not last:
                     raise
                 return {"r": np.full_like(last["r"], FAR), "B": last["B"]}
-            r, factor = as_counted(problem, r)
-            B = factor[:, None] * np.concatenate([A[:, : 6 + count] @ slope, A[:, 6 + count :]], axis=1)
+            r, A = counted(problem, found)
+            B = np.concatenate([A[:, : 6 + count] @ slope, A[:, 6 + count :]], axis=1)
             for part in lengths:
                 size = np.linalg.norm(x[part])
                 n = x[part] / size
@@ -242,12 +244,13 @@ def solve(
 
     of_gyroscope = start.bias, [start.scale], start.errors
     x = np.concatenate([np.zeros(own), start.more, *of_gyroscope, start.starts.ravel(), start.speeds])
-    # MINPACK's method needs no BLAS, whose threads take ten times as long on a busy machine.
+    # MINPACK's method takes no more of residuals than their products with each other and with derivatives at a point,
+    # so these may be the rows of a triangle, another one at each point. It needs no BLAS, whose threads take ten times
+    # as long on a busy machine.
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
     found = least_squares(lambda x: at(x)["r"], x, jac=lambda x: at(x)["B"], **how)
     unknowns, _ = unpacked(found.x)
-    r, A = residuals(problem, unknowns)
-    return Solution(problem, unknowns, float(found.cost), r, A)
+    return Solution(problem, unknowns, float(found.cost), residuals(problem, unknowns))
 
 
 def _chart(model: Model, start: Unknowns) -> Callable[[Array, Array], tuple[Array, Array]]:

@@ -14,11 +14,12 @@ inertia has one, is a factor with a prior (`bodies`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from .series import Kicks
+from .motions import Kicks
 
 MOST, EXACT = 64, 1e-6  # intervals; of the largest speed: noise at least
 FEWEST, AHEAD = 4, 2  # readings; halvings of the intervals that the tachometer asks for
@@ -38,24 +39,28 @@ class Speed:
         """Return the speed at times by the values at the knots, (n, k)."""
         return np.stack([np.interp(time, self.knots, unit) for unit in np.eye(len(self.knots))], axis=1)
 
-    def kicks(
-        self, first: float, last: float, size: int, place: int, columns: slice, count: int, values: Array
-    ) -> Kicks:
-        """Return how the speed and its rate, at a place of a state, start and change from one time to another.
+    @cached_property
+    def rows(self) -> tuple[Array, Array]:
+        """H and y, as few rows as there are knots: ``y - H values`` is as long as the residuals of all readings."""
+        both = np.column_stack([self.at(self.time), self.readings]) / self.noise
+        reduced = triangle(both)
+        return reduced[:, :-1], reduced[:, -1]
 
-        The values at the knots are the given columns of `count`.
-        """
+    def kicks(self, first: float, last: float, values: Array) -> Kicks:
+        """Return how the speed and its rate start at one time, and change until another, by the values at the knots."""
         slopes = np.diff(np.eye(len(self.knots)), axis=0) / np.diff(self.knots)[:, None]
         piece = int(np.clip(np.searchsorted(self.knots, first, "right") - 1, 0, len(slopes) - 1))
         inner = [n for n in range(piece + 1, len(slopes)) if self.knots[n] < last]
-        jumps, jumps_by, start_by = (
-            np.zeros(shape) for shape in ((len(inner), size), (len(inner), size, count), (size, count))
+        jumps = np.diff(slopes, axis=0)[np.array(inner, dtype=int) - 1]
+        return Kicks(
+            self.knots[inner] - first, jumps @ values, jumps, np.stack([self.at(np.array([first]))[0], slopes[piece]])
         )
-        start_by[place, columns], start_by[place + 1, columns] = self.at(np.array([first]))[0], slopes[piece]
-        for row, n in enumerate(inner):
-            jumps_by[row, place + 1, columns] = slopes[n] - slopes[n - 1]
-            jumps[row, place + 1] = (slopes[n] - slopes[n - 1]) @ values
-        return Kicks(self.knots[inner] - first, jumps, jumps_by, start_by)
+
+
+def triangle(A: Array) -> Array:
+    """Return R of a product QR of a matrix; a matrix of few rows as it is."""
+    found: Array = A if len(A) <= A.shape[1] else np.asarray(np.linalg.qr(A, mode="r"))
+    return found
 
 
 def as_speed(time: Array, readings: Array) -> Speed:

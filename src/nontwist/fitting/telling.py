@@ -10,7 +10,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from .bodies import entries, symmetric
-from .series import RunawayError
+from .motions import RunawayError
 from .solving import Solution, nearest_body, solve
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told

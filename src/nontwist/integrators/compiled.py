@@ -20,6 +20,7 @@ class Compiled(Integrator):
     """A compiled step, by default a midpoint step of order 2, for one body and for stacks."""
 
     is_compiled: ClassVar[bool] = True
+    has_derivatives: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
     observes: ClassVar[bool] = True
     order: int = 2

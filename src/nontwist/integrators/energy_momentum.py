@@ -147,7 +147,6 @@ class EnergyMomentum(Dissipative):
     """
 
     name: ClassVar[str] = "energy-momentum"
-    has_derivatives: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     substep_ns: ClassVar[float] = 400.0
     sources: ClassVar[Mapping[str, str]] = {

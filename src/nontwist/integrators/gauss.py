@@ -164,7 +164,6 @@ class Gauss(Compiled):
     """
 
     name: ClassVar[str] = "gauss"
-    has_derivatives: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
     substep_ns: ClassVar[float] = 500.0
     sources: ClassVar[Mapping[str, str]] = {

@@ -41,7 +41,7 @@ from .gauss_coefficients import TABLE, WIDTH
 from .gauss_stages import LOST, ROUGH, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
-CORRECTIONS, CLOSE = 20, 1e-9
+CORRECTIONS, CLOSE, SAME = 20, 1e-9, 1e-6
 STATE = {"turn": 3, "velocity": 3}
 
 
@@ -147,6 +147,8 @@ def linearised(s: int, motion: str, parts: Parts, wanted: tuple[str, ...]) -> Ke
                 for _ in when(b.shown.address != 0):
                     steps.show(first)
             for _ in when(b.shown.address == 0):
+                for _ in when(any_of(steps.have_other_ends())):
+                    b.failed = b.failed + 1
                 steps.differentiate(first)
 
     return Kernel(kernel, "i8", parts.lanes)
@@ -290,6 +292,25 @@ class Collocation:
                 now.goes, now.count = True, now.count + 1
         return now.open
 
+    def have_other_ends(self) -> Any:
+        """Return the mask of steps that end elsewhere than is known: large ones have several solutions."""
+        v = Variables(end=self.V[0], speed=taxicab(self.V[1]) + TINY, stiff=0.0 * self.h)
+        for i, stage in self.each():
+            v.end = v.end - (self.weight(i) * self.sum(i)) * self.V[0]
+            v.speed = larger(v.speed, taxicab(stage.V))
+            v.stiff = larger(v.stiff, self.stiffness(i))
+            for j in loop(self.s):
+                v.end = v.end + (self.weight(i) * self.inverse(i, j)) * self.stages.one(j).V
+        return taxicab(v.end - self.V[1]) > SAME * v.speed + 16.0 * ROUND_OFF * v.stiff
+
+    def stiffness(self, i: Any) -> Any:
+        """Return how much a turn at a stage changes V, at most."""
+        found = 0.0 * self.h
+        for k in range(len(self.names)):
+            A = self.matrix("by_rows", 3 * i + k)
+            found = larger(found, taxicab(A[0]) + taxicab(A[1]) + taxicab(A[2]))
+        return found
+
     def set_rows(self, has_inverse: bool) -> None:
         """Find the rows of the stages by their velocities, the vectors g, and U where it is asked for."""
         s, a, h = self.s, self.rooms["a"], self.h
@@ -387,9 +408,7 @@ class Collocation:
             stage.V = stage.V + select(v.open, d, 0.0 * d)
             most.change = larger(most.change, select(taxicab(d) <= LOST, taxicab(d), 2.0 * LOST))
             most.speed = larger(most.speed, taxicab(stage.V))
-            for k in range(len(self.names)):
-                A = self.matrix("by_rows", 3 * i + k)
-                most.stiff = larger(most.stiff, taxicab(A[0]) + taxicab(A[1]) + taxicab(A[2]))
+            most.stiff = larger(most.stiff, self.stiffness(i))
         v.open = without(v.open, most.change <= CLOSE * most.speed + ROUND_OFF * most.stiff)
 
     def show(self, first: Any) -> None:

@@ -132,6 +132,7 @@ class Split(Compiled):
     """
 
     name: ClassVar[str] = "split"
+    has_derivatives: ClassVar[bool] = False
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6)
     together: ClassVar[float] = 1.0
     substep_ns: ClassVar[float] = 550.0

@@ -27,7 +27,7 @@ class Dual(Number):
 
     def combined(self, name: str, a: Any, b: Any) -> Any:
         """Return what an operator gives; comparisons are those of the values."""
-        v, w = getattr(a, "value", a), getattr(b, "value", b)
+        v, w = plain(a), plain(b)
         if name in ORDERS:
             return getattr(operator, name)(v, w)
         if not (_is_plain(v) and _is_plain(w)):
@@ -55,7 +55,7 @@ class Dual(Number):
 
     def of_two(self, f: Callable[[Any, Any], Any], slopes: Callable[[Any, Any, Any], Any], a: Any, b: Any) -> Dual:
         """Return f(a, b), given its derivatives at a, b and f(a, b)."""
-        v, w = getattr(a, "value", a), getattr(b, "value", b)
+        v, w = plain(a), plain(b)
         value = f(v, w)
         by_a, by_b = slopes(v, w, value)
         return self.sum(value, by_a, a, by_b, b)
@@ -128,7 +128,7 @@ def seeded(x: Sequence[Any], directions: Sequence[int] | None = None) -> Any:
 
 def plain(x: Any) -> Any:
     """Return the values without their tangents; of tuples entry by entry."""
-    return mapped(lambda y: getattr(y, "value", y), x)
+    return mapped(lambda y: y.value if isinstance(y, Dual) else y, x)
 
 
 def tangent(x: Any, j: int) -> Any:

@@ -86,20 +86,14 @@ class Plain(Memory):
         self._numbers[i] = x
 
 
-def _memory(address: Any, is_whole: bool) -> Any:
+def memory_at(address: Any, is_whole: bool = False) -> Any:
+    """Return the doubles at an address, or the whole numbers."""
     if tracer() is None:
         return Plain(address, is_whole)
     return Pointer(writer().value(f"inttoptr i64 {Whole.named(address)} to ptr"), is_whole)
 
 
-def doubles(address: Any) -> Any:
-    """Return the doubles at an address."""
-    return _memory(address, False)
-
-
-def wholes(address: Any) -> Any:
-    """Return the whole numbers at an address."""
-    return _memory(address, True)
+doubles = memory_at
 
 
 def room(count: int) -> Any:
@@ -276,7 +270,7 @@ class View:
             return View(field.kind, self._memory.shifted(field.place * self._stride), self._lanes, self._stride)
         if field.kind in WHOLE:
             found = self._memory.shifted(field.place * self._stride, True)[0]
-            return found if field.kind is int else _memory(found, field.kind is Wholes)
+            return found if field.kind is int else memory_at(found, field.kind is Wholes)
         return _composed(field.kind, [self.number(field.place + k) for k in range(field.size)])
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -129,11 +129,6 @@ class Quaternion(Entries):
 AXES = (Vector(1.0, 0.0, 0.0), Vector(0.0, 1.0, 0.0), Vector(0.0, 0.0, 1.0))
 
 
-def dot(a: Any, b: Any) -> Any:
-    """Return the scalar product."""
-    return a @ b
-
-
 def cross(a: Any, b: Any) -> Vector:
     """Return a × b."""
     return Vector(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -58,6 +58,15 @@ class Chain(NamedTuple):
 CHAIN = places(Chain)
 
 
+def combine(factors: list[Any], x: Any, to: Any, count: Any) -> None:
+    """Put the sum of rows of so many numbers, times these factors, to a row."""
+    for k in loop(0, count, width()):
+        s = factors[0] * load(x, k)
+        for j, factor in enumerate(factors[1:], 1):
+            s = fma(factor, load(x, j * count + k), s)
+        store(to, k, s)
+
+
 @lru_cache
 def forward(rows: int) -> Kernel:
     """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are kept."""
@@ -69,12 +78,7 @@ def forward(rows: int) -> Kernel:
             entries = c.matrices.shifted(n)
             for i in loop(rows):
                 row, to = entries.shifted(i * c.width * c.stride), y.shifted(i * c.padded)
-                own = [row[j * c.stride] for j in range(rows)]
-                for k in loop(0, c.padded, lanes):
-                    s = own[0] * load(x, k)
-                    for j in range(1, rows):
-                        s = fma(own[j], load(x, j * c.padded + k), s)
-                    store(to, k, s)
+                combine([row[j * c.stride] for j in range(rows)], x, to, c.padded)
                 for j in loop(c.inputs):
                     entry, changes = row[c.acting[j] * c.stride], c.changes.shifted(j * c.padded)
                     for k in loop(0, c.padded, lanes):

@@ -34,7 +34,7 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.elements import cos, larger, logical_not, select, sin, sqrt
 from ..kernels.kernel import kernel
 from ..kernels.memory import View, call, doubles, fields, put, size_of, vector_at
-from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
+from ..kernels.vectors import Matrix, Vector, cross, inverse_of
 from .records import Acting, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
@@ -187,8 +187,7 @@ def generalised(address: Any) -> None:
         y, z = without_turn(d, load), without_turn(d, held)
         rest = F + v.H - Matrix(*(cross(y + z, one) for one in d))
         across = Matrix(cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1]))
-        A = rest @ ((1.0 / (d[0] @ across[0])) * across).T
-        x.rest = Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+        x.rest = (rest @ ((1.0 / (d[0] @ across[0])) * across).T).symmetric
         is_paper = action == PAPER
         v.load, v.held = select(is_paper, 2.0 * y, load), select(is_paper, 2.0 * z, held)
     x.load, x.held = v.load, v.held

@@ -15,12 +15,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import fma, sqrt
+from ..kernels.elements import sqrt
 from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, doubles, load, store
 from ..kernels.tracing import width
-
-LANES = 8
+from .chained import LANES, combine
 
 
 class Growth(NamedTuple):
@@ -61,14 +60,11 @@ def grow(rows: int) -> Kernel:
 
     def multiply(b: View, n: Any) -> None:
         """Replace X by M X."""
-        x, y, matrices, lanes = b.state, b.room, b.matrices, width()
-        for k in range(0, LANES, lanes):
-            for i in loop(rows):
-                v = Variables(s=0.0 * load(x, k))
-                for j in range(rows):
-                    v.s = fma(matrices[(i * b.width + j) * b.stride + n], load(x, j * LANES + k), v.s)
-                store(y, i * LANES + k, v.s)
-        for k in range(0, rows * LANES, lanes):
+        x, y, matrices = b.state, b.room, b.matrices.shifted(n)
+        for i in loop(rows):
+            row = [matrices[(i * b.width + j) * b.stride] for j in range(rows)]
+            combine(row, x, y.shifted(i * LANES), LANES)
+        for k in range(0, rows * LANES, width()):
             store(x, k, load(y, k))
 
     def text(address: Any) -> None:

@@ -15,6 +15,7 @@ from ..kernels.memory import View, call, fields
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, taxicab
 from .records import Acting, Found, Parts, Work
+from .workspace import turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
@@ -78,9 +79,7 @@ class Functions(NamedTuple):
     @property
     def rest(self) -> Symmetric:
         """σ, found last, in b."""
-        B = self.x.body.basis
-        A = B.T @ self.found("rest").matrix @ B
-        return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+        return turned_into(self.x.body.basis.T, self.found("rest"))
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> tuple[Vector, ...]:
         """Return the derivatives of the moment by the components of Ω, as differences.

@@ -93,8 +93,8 @@ def reported(parts: Parts) -> list[str]:
 
 def turned_into(B: Any, A: Symmetric) -> Symmetric:
     """Return B A Bᵀ."""
-    A = B @ A.matrix @ B.T
-    return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+    found: Symmetric = (B @ A.matrix @ B.T).symmetric
+    return found
 
 
 @part

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.growth import LANES, grow
+from ..engine.chained import LANES
 from ..engine.growth import Growth as Block
+from ..engine.growth import grow
 from ..engine.layout import slab
 from ..engine.linearised import STEPS
 from ..geometry.arrays import Array

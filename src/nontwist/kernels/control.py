@@ -10,33 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from .elements import Element, Mask, Traced, Whole, kind_of, mask_with, operand, remade, whole
+from .elements import Element, Mask, Traced, Whole, kind_of, mapped
 from .tracing import TraceError, Tracer, tracer, writer
-
-
-def loop(first: Any, last: Any = None, step: int = 1, whilst: Callable[[], Any] | None = None) -> Iterator[Any]:
-    """Count from `first`, 0 unless told, up to `last`, without it; stop where a condition does not hold."""
-    if last is None:
-        first, last = 0, first
-    if tracer() is None:
-        for i in range(first, last, step):
-            if whilst is not None and not whilst():
-                return
-            yield i
-        return
-    t, slot = writer(), writer().slot("i64")
-    head, body, end = _labels(t, "head", "body", "end")
-    t.line(f"store i64 {whole(first)}, ptr {slot}")
-    t.label(head)
-    with t.within("loop"):
-        now = Whole(t.value(f"load i64, ptr {slot}", is_pure=False))
-        goes = Mask(t.value(f"icmp slt i64 {now.used()}, {whole(last)}"))
-        if whilst is not None:
-            goes = goes & whilst()
-        t.line(f"br i1 {goes.used()}, label %{body}, label %{end}\n{body}:")
-        yield now
-        t.line(f"store i64 {(now + step).used()}, ptr {slot}")
-    t.line(f"br label %{head}\n{end}:")
 
 
 def whilst(condition: Callable[[], Any]) -> Iterator[None]:
@@ -52,6 +27,21 @@ def whilst(condition: Callable[[], Any]) -> Iterator[None]:
         t.line(f"br i1 {condition().used()}, label %{body}, label %{end}\n{body}:")
         yield
     t.line(f"br label %{head}\n{end}:")
+
+
+_repeated = whilst  # a loop has a condition of this name
+
+
+def loop(first: Any, last: Any = None, step: int = 1, whilst: Callable[[], Any] | None = None) -> Iterator[Any]:
+    """Count from `first`, 0 unless told, up to `last`, without it; stop where a condition does not hold."""
+    if last is None:
+        first, last = 0, first
+    if tracer() is not None:
+        Whole.named(last)  # which refuses another number
+    v = Variables(at=first)
+    for _ in _repeated(lambda: v.at < last if whilst is None else (v.at < last) & whilst()):
+        yield v.at
+        v.at = v.at + step
 
 
 def when(condition: Any) -> Iterator[None]:
@@ -93,13 +83,13 @@ class Variables:
             self._slots[name] = value
             return
         if name not in self._slots:
-            self._slots[name] = _slots_of(value, name)
-        _put(self._slots[name], value, name)
+            self._slots[name] = mapped(lambda x: _slot(x, name), value)
+        mapped(lambda slot, x: _put(slot, x, name), self._slots[name], value)
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._slots:
             raise AttributeError(f"there is no variable {name}")
-        return self._slots[name] if tracer() is None else _get(self._slots[name])
+        return self._slots[name] if tracer() is None else mapped(_get, self._slots[name])
 
 
 class Slot:
@@ -112,9 +102,7 @@ class Slot:
         self.name = writer().slot(self.kind)
 
 
-def _slots_of(x: Any, name: str) -> Any:
-    if isinstance(x, tuple):
-        return remade(x, [_slots_of(y, name) for y in x])
+def _slot(x: Any, name: str) -> Slot | None:
     if isinstance(x, Traced):
         return Slot(type(x), x.n)
     for kind, of, n in ((bool, Mask, 1), (int, Whole, 1), (float, Element, writer().lanes)):
@@ -125,19 +113,12 @@ def _slots_of(x: Any, name: str) -> Any:
     raise TraceError(f"{name} cannot be a variable: {type(x).__name__}")
 
 
-def _put(slot: Any, x: Any, name: str) -> None:
-    if isinstance(slot, tuple):
-        for own, y in zip(slot, x, strict=True):
-            _put(own, y, name)
-    elif slot is None or x is None:
-        if slot is not x:
-            raise TraceError(f"{name} was None first, or is now")
-    else:
-        value = operand(x, slot.n) if slot.of is Element else mask_with(x, slot.n) if slot.of is Mask else whole(x)
-        writer().put(slot.kind, value, slot.name)
+def _put(slot: Slot | None, x: Any, name: str) -> None:
+    if slot is not None and x is not None:
+        writer().put(slot.kind, slot.of.named(x, slot.n), slot.name)
+    elif slot is not x:
+        raise TraceError(f"{name} was None first, or is now")
 
 
-def _get(slot: Any) -> Any:
-    if isinstance(slot, tuple):
-        return remade(slot, [_get(own) for own in slot])
+def _get(slot: Slot | None) -> Any:
     return None if slot is None else slot.of(writer().get(slot.kind, slot.name), slot.n)

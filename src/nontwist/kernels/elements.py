@@ -13,11 +13,19 @@ import struct
 from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from .tracing import TraceError, tracer, writer
+
+# What operators are in LLVM. An order of doubles is false where there is no number.
+ORDERS = ("lt", "le", "gt", "ge", "eq", "ne")
+OF_DOUBLES = {"add": "fadd", "sub": "fsub", "mul": "fmul", "truediv": "fdiv"}
+OF_DOUBLES |= {name: f"fcmp {'u' if name == 'ne' else 'o'}{name}" for name in ORDERS}
+OF_WHOLES = {"add": "add", "sub": "sub", "mul": "mul"}
+OF_WHOLES |= {name: f"icmp {name if name in ('eq', 'ne') else f's{name}'}" for name in ORDERS}
+OF_MASKS = {"and": "and", "or": "or", "xor": "xor"}
 
 
 @lru_cache
@@ -27,13 +35,34 @@ def kind_of(scalar: str, n: int) -> str:
 
 
 @lru_cache(maxsize=4096)
-def literal(x: float, n: int) -> str:
+def literal(scalar: str, one: str, n: int) -> str:
     """Return n lanes of a number."""
-    one = f"0x{int.from_bytes(struct.pack('>d', x)):016X}"
-    return one if n == 1 else "<" + ", ".join([f"double {one}"] * n) + ">"
+    return one if n == 1 else "<" + ", ".join([f"{scalar} {one}"] * n) + ">"
 
 
-class Traced:
+class Number:
+    """What has the operators of a number: `combined` says what they give."""
+
+    __slots__ = ()
+    __hash__ = None  # type: ignore[assignment]
+    value: Any  # and derivatives, of `Dual`
+    chain: Any
+
+    def combined(self, name: str, a: Any, b: Any) -> Any:
+        """Return what the operator of this name gives; NotImplemented for what is no number."""
+        raise NotImplementedError
+
+    def __pos__(self) -> Any:
+        return self
+
+
+def _operator(name: str, is_reflected: bool = False) -> Callable[[Any, Any], Any]:
+    if is_reflected:
+        return lambda own, other: own.combined(name, other, own)
+    return lambda own, other: own.combined(name, own, other)
+
+
+class Traced(Number):
     """A value that is known when the code runs.
 
     Attributes
@@ -44,6 +73,7 @@ class Traced:
 
     __slots__ = ("home", "n", "name")
     scalar = ""
+    lines: ClassVar[dict[str, str]] = {}  # of LLVM, by the names of operators
 
     def __init__(self, name: str, n: int = 1) -> None:
         self.name, self.n, self.home = name, n, writer().region
@@ -52,6 +82,16 @@ class Traced:
     def kind(self) -> str:
         """Its type in LLVM."""
         return kind_of(self.scalar, self.n)
+
+    @classmethod
+    def named(cls, x: Any, n: int = 1) -> str:
+        """Return the name or the literal of x as such a value with n lanes."""
+        raise NotImplementedError
+
+    @classmethod
+    def takes(cls, x: Any) -> bool:
+        """Whether x is such a value, without a change of type."""
+        raise NotImplementedError
 
     def used(self, n: int = 1) -> str:
         """Return its name with n lanes; refuse one that was made in a region that is closed."""
@@ -66,6 +106,15 @@ class Traced:
         first = t.value(f"insertelement {kind} undef, {self.scalar} {self.name}, i32 0")
         return t.value(f"shufflevector {kind} {first}, {kind} undef, <{n} x i32> zeroinitializer")
 
+    def combined(self, name: str, a: Any, b: Any) -> Any:
+        """Return what an operator gives, of other kinds as of doubles."""
+        line = self.lines.get(name)
+        if line is not None and (name in OF_MASKS or (self.takes(a) and self.takes(b))):
+            return written(line, type(self), a, b)
+        if not (is_number(a) and is_number(b)):
+            return NotImplemented
+        return BY_FUNCTIONS.get(name, getattr(operator, name))(real(a), real(b))
+
     def __bool__(self) -> bool:
         raise TraceError(writer().branching)
 
@@ -74,224 +123,110 @@ class Traced:
 
     __int__ = __index__ = __float__
 
-    def compared(self, sign: str, other: Any) -> Any:
-        """Return the mask of a comparison."""
-        raise NotImplementedError
-
-    def __lt__(self, o: Any) -> Any:
-        return self.compared("lt", o)
-
-    def __le__(self, o: Any) -> Any:
-        return self.compared("le", o)
-
-    def __gt__(self, o: Any) -> Any:
-        return self.compared("gt", o)
-
-    def __ge__(self, o: Any) -> Any:
-        return self.compared("ge", o)
-
-    def __eq__(self, o: object) -> Any:
-        return self.compared("eq", o)
-
-    def __ne__(self, o: object) -> Any:
-        return self.compared("ne", o)
-
-    __hash__ = None  # type: ignore[assignment]
-
 
 class Mask(Traced):
     """A truth value, or one for each lane."""
 
     __slots__ = ()
-    scalar = "i1"
+    scalar, lines = "i1", OF_MASKS
 
-    def __and__(self, o: Any) -> Mask:
-        return _joined("and", self, o)
+    @classmethod
+    def takes(cls, x: Any) -> bool:
+        """Whether x is a truth value."""
+        return isinstance(x, (Mask, bool, np.bool_))
 
-    def __or__(self, o: Any) -> Mask:
-        return _joined("or", self, o)
+    @classmethod
+    def named(cls, x: Any, n: int = 1) -> str:
+        """Return the name or the literal of a mask with n lanes."""
+        if isinstance(x, Mask):
+            return x.used(n)
+        if not cls.takes(x):
+            raise TraceError(f"{type(x).__name__} is not a mask: compare numbers")
+        return literal("i1", "true" if x else "false", n)
 
-    def __xor__(self, o: Any) -> Mask:
-        return _joined("xor", self, o)
-
-    __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
-
-    def __invert__(self) -> Mask:
-        return _joined("xor", self, True)
-
-    def __mul__(self, o: Any) -> Any:
-        return select(self, 1.0, 0.0) * o
-
-    def __add__(self, o: Any) -> Any:
-        return select(self, 1.0, 0.0) + o
-
-    __rmul__, __radd__ = __mul__, __add__
-
-
-def _joined(op: str, a: Mask, b: Any) -> Mask:
-    n = max(a.n, getattr(b, "n", 1))
-    return Mask(writer().value(f"{op} {kind_of('i1', n)} {a.used(n)}, {mask_with(b, n)}"), n)
-
-
-def mask_with(x: Any, n: int) -> str:
-    """Return the name or the literal of a mask with n lanes."""
-    if isinstance(x, Mask):
-        return x.used(n)
-    if not isinstance(x, (bool, np.bool_)):
-        raise TraceError(f"{type(x).__name__} is not a mask: compare numbers")
-    one = "true" if x else "false"
-    return one if n == 1 else "<" + ", ".join([f"i1 {one}"] * n) + ">"
+    def __invert__(self) -> Any:
+        return written("xor", Mask, self, True)
 
 
 class Element(Traced):
     """A double, or a vector of doubles, one for each lane."""
 
     __slots__ = ()
-    scalar = "double"
+    scalar, lines = "double", OF_DOUBLES
 
-    def __add__(self, o: Any) -> Any:
-        return _arithmetic("fadd", self, o, self)
+    @classmethod
+    def takes(cls, x: Any) -> bool:
+        """Whether x stands for one number, or one a lane."""
+        return type(x) is Element or is_number(x)
 
-    def __radd__(self, o: Any) -> Any:
-        return _arithmetic("fadd", o, self, self)
-
-    def __sub__(self, o: Any) -> Any:
-        return _arithmetic("fsub", self, o, self)
-
-    def __rsub__(self, o: Any) -> Any:
-        return _arithmetic("fsub", o, self, self)
-
-    def __mul__(self, o: Any) -> Any:
-        return _arithmetic("fmul", self, o, self)
-
-    def __rmul__(self, o: Any) -> Any:
-        return _arithmetic("fmul", o, self, self)
-
-    def __truediv__(self, o: Any) -> Any:
-        return _arithmetic("fdiv", self, o, self)
-
-    def __rtruediv__(self, o: Any) -> Any:
-        return _arithmetic("fdiv", o, self, self)
+    @classmethod
+    def named(cls, x: Any, n: int = 1) -> str:
+        """Return the name or the literal of a number with n lanes."""
+        if isinstance(x, Traced):
+            return str(real(x).used(n))
+        if not is_number(x):
+            raise TraceError(f"{type(x).__name__} is not a number here")
+        return literal("double", f"0x{int.from_bytes(struct.pack('>d', x)):016X}", n)
 
     def __neg__(self) -> Element:
-        return Element(writer().value(f"fneg {self.kind} {self.used(self.n)}"), self.n)
-
-    def __pos__(self) -> Element:
-        return self
+        return written("fneg", Element, self)
 
     def __abs__(self) -> Element:
         return intrinsic("fabs", self)
-
-    def __pow__(self, k: Any) -> Any:
-        return power(self, k)
-
-    def __rpow__(self, a: Any) -> Any:
-        return c_function("pow", a, self) if is_number(a) else NotImplemented
-
-    def __mod__(self, o: Any) -> Any:
-        return remainder(self, o) if is_number(o) else NotImplemented
-
-    def __rmod__(self, o: Any) -> Any:
-        return remainder(o, self) if is_number(o) else NotImplemented
-
-    def __floordiv__(self, o: Any) -> Any:
-        return whole_quotient(self, o) if is_number(o) else NotImplemented
-
-    def __rfloordiv__(self, o: Any) -> Any:
-        return whole_quotient(o, self) if is_number(o) else NotImplemented
-
-    def compared(self, sign: str, other: Any) -> Any:
-        """Return the mask of a comparison; with what is no number only `!=` holds."""
-        if not is_number(other):
-            return NotImplemented
-        n, order = max(self.n, getattr(other, "n", 1)), "u" if sign == "ne" else "o"
-        names = f"{operand(self, n)}, {operand(other, n)}"
-        return Mask(writer().value(f"fcmp {order}{sign} {kind_of('double', n)} {names}"), n)
-
-
-def is_number(x: Any) -> bool:
-    """Whether x stands for one number, or one a lane, in arithmetic with elements."""
-    return isinstance(x, (Element, Whole, float, int, np.number)) and not isinstance(x, (bool, complex))
-
-
-def operand(x: Any, n: int) -> str:
-    """Return the name or the literal of a number with n lanes."""
-    if isinstance(x, Element):
-        return x.used(n)
-    if isinstance(x, Whole):
-        return real(x).used(n)
-    if not is_number(x):
-        raise TraceError(f"{type(x).__name__} is not a number here")
-    return literal(float(x), n)
-
-
-def _arithmetic(op: str, a: Any, b: Any, own: Element) -> Any:
-    other = b if a is own else a
-    if type(other) is not Element and not is_number(other):
-        return NotImplemented
-    n = max(own.n, getattr(other, "n", 1))
-    names = [operand(a, n), operand(b, n)]
-    if op in ("fadd", "fmul"):  # in one order, so that a line and its mirror image are one
-        names.sort()
-    return Element(writer().value(f"{op} {kind_of('double', n)} {names[0]}, {names[1]}"), n)
 
 
 class Whole(Traced):
     """A whole number of 64 bits: a count, a place, an address."""
 
     __slots__ = ()
-    scalar = "i64"
+    scalar, lines = "i64", OF_WHOLES
 
-    def __add__(self, o: Any) -> Any:
-        return _whole_arithmetic("add", self, o)
+    @classmethod
+    def takes(cls, x: Any) -> bool:
+        """Whether x is a whole number."""
+        return isinstance(x, (Whole, int, np.integer))
 
-    def __sub__(self, o: Any) -> Any:
-        return _whole_arithmetic("sub", self, o)
-
-    def __rsub__(self, o: Any) -> Any:
-        return _whole_arithmetic("sub", o, self)
-
-    def __mul__(self, o: Any) -> Any:
-        return _whole_arithmetic("mul", self, o)
-
-    def __truediv__(self, o: Any) -> Any:
-        return real(self) / o
-
-    def __rtruediv__(self, o: Any) -> Any:
-        return o / real(self)
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def compared(self, sign: str, other: Any) -> Any:
-        """Return the mask of a comparison."""
-        if isinstance(other, (float, Element)):
-            return real(self).compared(sign, other)
-        signed = sign if sign in ("eq", "ne") else f"s{sign}"
-        return Mask(writer().value(f"icmp {signed} i64 {whole(self)}, {whole(other)}"))
-
-
-def _whole_arithmetic(op: str, a: Any, b: Any) -> Any:
-    if all(isinstance(x, (Whole, int, np.integer)) for x in (a, b)):
-        return Whole(writer().value(f"{op} i64 {whole(a)}, {whole(b)}"))
-    if not all(is_number(x) for x in (a, b)):
-        return NotImplemented
-    return getattr(operator, op)(*(real(x) if isinstance(x, Whole) else x for x in (a, b)))
-
-
-def whole(x: Any) -> str:
-    """Return the name or the literal of a whole number."""
-    if isinstance(x, Whole):
-        return x.used()
-    if isinstance(x, (int, np.integer)):
+    @classmethod
+    def named(cls, x: Any, n: int = 1) -> str:
+        """Return the name or the literal of a whole number."""
+        if isinstance(x, Whole):
+            return x.used(n)
+        if not cls.takes(x):
+            raise TraceError(f"{type(x).__name__} is not a whole number")
         return str(int(x))
-    raise TraceError(f"{type(x).__name__} is not a whole number")
+
+
+for _name in (*OF_DOUBLES, "pow", "mod", "floordiv"):
+    setattr(Number, f"__{_name}__", _operator(_name))
+    if _name not in ORDERS:
+        setattr(Number, f"__r{_name}__", _operator(_name, True))
+for _name in OF_MASKS:
+    setattr(Mask, f"__{_name}__", _operator(_name))
+    setattr(Mask, f"__r{_name}__", _operator(_name, True))
+
+
+def is_number(x: Any) -> bool:
+    """Whether x stands for one number, or one a lane, in arithmetic with elements."""
+    return isinstance(x, (Traced, float, int, np.number)) and not isinstance(x, (bool, complex))
 
 
 def real(x: Any) -> Any:
-    """Return a whole number as a double."""
+    """Return a number of any kind as a double."""
     if isinstance(x, Whole):
         return Element(writer().value(f"sitofp i64 {x.used()} to double"))
-    return float(x)
+    if isinstance(x, Mask):
+        return select(x, 1.0, 0.0)
+    return x if isinstance(x, Element) else float(x)
+
+
+def written(op: str, kind: type[Traced], *args: Any) -> Any:
+    """Write an operation of LLVM on values of one kind, lane by lane; comparisons give masks."""
+    n = max([getattr(a, "n", 1) for a in args])
+    names = [kind.named(a, n) for a in args]
+    if op in ("fadd", "fmul"):  # in one order, so that a line and its mirror image are one
+        names.sort()
+    made = Mask if "cmp" in op else kind
+    return made(writer().value(f"{op} {kind_of(kind.scalar, n)} {', '.join(names)}"), n)
 
 
 def intrinsic(name: str, *args: Any) -> Element:
@@ -299,14 +234,14 @@ def intrinsic(name: str, *args: Any) -> Element:
     t, n = writer(), max(getattr(a, "n", 1) for a in args)
     kind, full = kind_of("double", n), f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64"
     t.declare(full, f"{kind} @{full}({', '.join([kind] * len(args))})")
-    return Element(t.value(f"call {kind} @{full}({', '.join(f'{kind} {operand(a, n)}' for a in args)})"), n)
+    return Element(t.value(f"call {kind} @{full}({', '.join(f'{kind} {Element.named(a, n)}' for a in args)})"), n)
 
 
 def c_function(name: str, *args: Any) -> Element:
     """Call a function of the C library for each lane."""
     t, n = writer(), max(getattr(a, "n", 1) for a in args)
     t.declare(name, f"double @{name}({', '.join(['double'] * len(args))}) nounwind willreturn memory(none)")
-    names, found = [operand(a, n) for a in args], "undef"
+    names, found = [Element.named(a, n) for a in args], "undef"
     for l in range(n):
         own = names
         if n > 1:
@@ -318,69 +253,100 @@ def c_function(name: str, *args: Any) -> Element:
     return Element(found, n)
 
 
-# Functions of one number. NumPy calls them by these names on arrays of elements and duals, as methods.
+# Functions of one number. NumPy calls them by these names on arrays of numbers, as methods.
 
-C_NAMES = {"arcsin": "asin", "arccos": "acos", "arctan": "atan"}
-FUNCTIONS = ("sqrt", "floor", "sin", "cos", "tan", "exp", "log", "sinh", "cosh", "tanh", *C_NAMES)
+NAMES = "sqrt floor sin cos tan exp log sinh cosh tanh arcsin arccos arctan"
+MORE_NAMES = "arcsinh arccosh arctanh cbrt ceil exp2 expm1 log10 log1p log2 rint trunc"
+IN_LLVM = ("sqrt", "floor", "ceil", "rint", "trunc")
 
 
-def _function_of_floats(name: str) -> Callable[[Any], Any]:
-    """Return a function of plain numbers: of floats that of the C library, with IEEE's results outside its domain."""
-    of_floats: Callable[[float], float] = getattr(math, C_NAMES.get(name, name))
+def _of_one(name: str) -> Callable[[Any], Any]:
+    in_c, of_arrays = name.replace("arc", "a"), getattr(np, name)
+    of_floats: Callable[[float], float] = getattr(math, in_c, of_arrays)
 
     def function(x: Any) -> Any:
+        if isinstance(x, Traced):
+            return intrinsic(in_c, real(x)) if name in IN_LLVM else c_function(in_c, real(x))
+        if isinstance(x, Number):
+            value = function(x.value)
+            return x.chain(value, SLOPES[name](x.value, value))
         if isinstance(x, (float, int)):
             kind = type(x) if isinstance(x, float) else float
             try:
                 return kind(of_floats(x))
-            except OverflowError:
-                return kind(math.inf if name != "floor" else x)
-            except ValueError:
-                return kind(-math.inf if name == "log" and x == 0.0 else x if name == "floor" else math.nan)
+            except (OverflowError, ValueError):  # outside its domain: what IEEE says
+                with np.errstate(all="ignore"):
+                    return kind(of_arrays(float(x)))
         of_more_digits = getattr(x, "context", None)  # mpmath
-        return getattr(np, name)(x) if of_more_digits is None else getattr(of_more_digits, C_NAMES.get(name, name))(x)
-
-    return function
-
-
-def _function(name: str) -> Callable[[Any], Any]:
-    of_floats = _function_of_floats(name)
-
-    def function(x: Any) -> Any:
-        if isinstance(x, Element):
-            return intrinsic(name, x) if name in ("sqrt", "floor") else c_function(C_NAMES.get(name, name), x)
-        if isinstance(x, Whole):
-            return function(real(x))
-        own = getattr(type(x), name, None) if not hasattr(x, "dtype") and not hasattr(x, "context") else None
-        return of_floats(x) if own is None else own(x)
+        return of_arrays(x) if of_more_digits is None else getattr(of_more_digits, in_c)(x)
 
     function.__name__ = function.__qualname__ = name
-    setattr(Element, name, function)
+    setattr(Number, name, function)
     return function
 
 
-sqrt, floor, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan = map(_function, FUNCTIONS)
+FUNCTIONS: dict[str, Callable[..., Any]] = {name: _of_one(name) for name in [*NAMES.split(), *MORE_NAMES.split()]}
+sqrt, floor, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan, *_ = FUNCTIONS.values()
+
+# Their derivatives, given x and f(x). At 0 the square root has tangents 0 where those of x are, and stays finite.
+SLOPES: dict[str, Callable[[Any, Any], Any]] = {
+    "sqrt": lambda x, y: 0.5 / (y + 1e-140),
+    "sin": lambda x, y: cos(x),
+    "cos": lambda x, y: -sin(x),
+    "tan": lambda x, y: 1.0 + y * y,
+    "exp": lambda x, y: y,
+    "log": lambda x, y: 1.0 / x,
+    "sinh": lambda x, y: cosh(x),
+    "cosh": lambda x, y: sinh(x),
+    "tanh": lambda x, y: 1.0 - y * y,
+    "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
+    "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
+    "arctan": lambda x, y: 1.0 / (1.0 + x * x),
+    "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
+    "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
+    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
+    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
+    "exp2": lambda x, y: math.log(2.0) * y,
+    "expm1": lambda x, y: y + 1.0,
+    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
+    "log1p": lambda x, y: 1.0 / (1.0 + x),
+    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
+    **dict.fromkeys(("floor", "ceil", "rint", "trunc"), lambda x, y: 0.0),
+}
 
 
-def arctan2(y: Any, x: Any) -> Any:
-    """Return the angle of the point (x, y)."""
-    for a in (y, x):
-        if hasattr(a, "tangents"):
-            return a.angle(y, x)
-    if isinstance(y, Element) or isinstance(x, Element):
-        return c_function("atan2", y, x)
-    return math.atan2(y, x) if isinstance(y, float) and isinstance(x, float) else np.arctan2(y, x)
+# Functions of two numbers, and their derivatives by both, given a, b and f(a, b): the angle of the point (x, y), of y
+# and x; the remainder with the sign of a; powers.
 
 
-Element.arctan2 = arctan2  # type: ignore[attr-defined]
+def _of_two(name: str, in_c: str, slopes: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def function(a: Any, b: Any) -> Any:
+        for x in (a, b):
+            if hasattr(x, "tangents"):
+                return x.of_two(function, slopes, a, b)
+        if isinstance(a, Traced) or isinstance(b, Traced):
+            return c_function(in_c, a, b)
+        of_floats = isinstance(a, float) and isinstance(b, float)
+        return getattr(math, in_c)(a, b) if of_floats else getattr(np, name)(a, b)
+
+    setattr(Number, name, function)
+    return function
+
+
+def _slopes_of_angle(y: Any, x: Any, _: Any) -> Any:
+    over = 1.0 / (x * x + y * y)
+    return x * over, -y * over
+
+
+FUNCTIONS["arctan2"] = arctan2 = _of_two("arctan2", "atan2", _slopes_of_angle)
+FUNCTIONS["fmod"] = fmod = _of_two("fmod", "fmod", lambda a, b, r: (1.0, -(a - r) / b))
+_raised = _of_two("power", "pow", lambda x, k, y: (k * y / x, y * log(x)))
 
 
 def power(x: Any, k: Any) -> Any:
     """Return x to a power: of a whole one that is known products."""
-    if hasattr(k, "tangents") or (isinstance(k, Traced) and hasattr(x, "tangents")):
-        return (k if hasattr(k, "tangents") else x).raised(x, k)
-    if isinstance(k, Traced):
-        return c_function("pow", x, k)
+    if isinstance(k, Number):
+        return _raised(x, k)
     if isinstance(k, float) and k == int(k):
         k = int(k)
     if isinstance(k, int):
@@ -390,17 +356,7 @@ def power(x: Any, k: Any) -> Any:
             return x if k else 0.0 * x + 1.0
         half = power(x, k // 2)
         return half * half * x if k % 2 else half * half
-    if k == 0.5:
-        return sqrt(x)
-    return exp(k * log(x))
-
-
-def fmod(a: Any, b: Any) -> Any:
-    """Return the remainder of a over b with the sign of a, as C has it."""
-    for x in (a, b):
-        if hasattr(x, "tangents"):
-            return x.left(a, b)
-    return c_function("fmod", a, b)
+    return sqrt(x) if k == 0.5 else exp(k * log(x))
 
 
 def remainder(a: Any, b: Any) -> Any:
@@ -414,10 +370,13 @@ def whole_quotient(a: Any, b: Any) -> Any:
     return floor((a - remainder(a, b)) / b + 0.5)
 
 
+BY_FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {"pow": power, "mod": remainder, "floordiv": whole_quotient}
+
+
 def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once where the processor can; of tuples b and c entry by entry."""
     if isinstance(b, tuple):
-        return b._make(fma(a, x, y) for x, y in zip(b, c, strict=True))  # type: ignore[attr-defined]
+        return mapped(lambda x, y: fma(a, x, y), b, c)
     for x in (a, b, c):
         if hasattr(x, "tangents"):
             return x.fused(a, b, c)
@@ -438,7 +397,7 @@ def select(mask: Any, a: Any, b: Any) -> Any:
         found = a if mask else b
         return np.float64(found) if type(found) is float else found  # which divides by 0 as IEEE does
     if isinstance(a, tuple):
-        return remade(a, [select(mask, x, y) for x, y in zip(a, b, strict=True)])
+        return mapped(lambda x, y: select(mask, x, y), a, b)
     if a is b or a is None:
         return a
     for x in (a, b):
@@ -446,20 +405,22 @@ def select(mask: Any, a: Any, b: Any) -> Any:
             return x.selected(mask, a, b)
     if not isinstance(mask, Mask):
         return np.where(mask, a, b)
-    n, kind = max(x.n for x in (mask, a, b) if isinstance(x, Traced)), Element
-    if any(isinstance(x, (Mask, bool)) for x in (a, b)):
-        names, kind = [mask_with(x, n) for x in (a, b)], Mask  # type: ignore[assignment]
-    elif all(isinstance(x, (Whole, int)) for x in (a, b)):
-        names, kind = [whole(x) for x in (a, b)], Whole  # type: ignore[assignment]
-    else:
-        names = [operand(x, n) for x in (a, b)]
-    values = ", ".join(f"{kind_of(kind.scalar, n)} {x}" for x in names)
+    n = max(x.n for x in (mask, a, b) if isinstance(x, Traced))
+    kind = next(kind for kind in (Mask, Whole, Element) if kind.takes(a) and kind.takes(b))
+    values = ", ".join(f"{kind_of(kind.scalar, n)} {kind.named(x, n)}" for x in (a, b))
     return kind(writer().value(f"select {mask.kind} {mask.used(mask.n)}, {values}"), n)
 
 
 def remade(like: Any, parts: Any) -> Any:
     """Return a tuple of the type of another one."""
     return like._make(parts) if hasattr(like, "_make") else tuple(parts)
+
+
+def mapped(function: Callable[..., Any], x: Any, *others: Any) -> Any:
+    """Return a function of numbers; of tuples and records entry by entry."""
+    if isinstance(x, tuple):
+        return remade(x, [mapped(function, *each) for each in zip(x, *others, strict=True)])
+    return function(x, *others)
 
 
 def larger(a: Any, b: Any) -> Any:
@@ -497,33 +458,26 @@ def copysign(a: Any, b: Any) -> Any:
     return intrinsic("copysign", a, b) if isinstance(a, Element) or isinstance(b, Element) else math.copysign(a, b)
 
 
-def splat(x: Any, like: Any) -> Any:
-    """Return x with as many lanes as another number has; an array of its shape."""
-    if isinstance(like, Element):
-        return Element(operand(x, like.n), like.n)
-    return x + np.zeros(np.shape(like)) if np.ndim(like) else x
-
-
-def lanes_of(x: Element, first: int, count: int) -> Element:
-    """Return some of the lanes of a number."""
-    t, name = writer(), x.used(x.n)
-    if count == 1:
-        return Element(t.value(f"extractelement {x.kind} {name}, i32 {first}"))
-    order = ", ".join(f"i32 {first + k}" for k in range(count))
-    return Element(t.value(f"shufflevector {x.kind} {name}, {x.kind} undef, <{count} x i32> <{order}>"), count)
-
-
 def sum_of_lanes(x: Any) -> Any:
     """Return the sum of all lanes."""
-    if tracer() is None or x.n == 1:
-        return x
-    half = x.n // 2
-    return sum_of_lanes(lanes_of(x, 0, half) + lanes_of(x, half, half))
+    return _of_lanes(operator.add, x)
 
 
 def largest_of(x: Any) -> Any:
     """Return the largest of all lanes."""
+    return _of_lanes(larger, x)
+
+
+def _of_lanes(joined: Callable[[Any, Any], Any], x: Any) -> Any:
+    """Return what comes of joining the halves of the lanes, until one is left."""
     if tracer() is None or x.n == 1:
         return x
     half = x.n // 2
-    return largest_of(larger(lanes_of(x, 0, half), lanes_of(x, half, half)))
+    return _of_lanes(joined, joined(lanes_of(x, 0, half), lanes_of(x, half, half)))
+
+
+def lanes_of(x: Any, first: int, count: int) -> Any:
+    """Return some of the lanes of a number."""
+    order = ", ".join(f"i32 {first + k}" for k in range(count))
+    line = f"shufflevector {x.kind} {x.used(x.n)}, {x.kind} undef, <{count} x i32> <{order}>"
+    return Element(writer().value(line if count > 1 else f"extractelement {x.kind} {x.used(x.n)}, {order}"), count)

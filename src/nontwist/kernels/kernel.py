@@ -15,7 +15,7 @@ import numpy as np
 
 from . import machine_code
 from .elements import Whole
-from .memory import Array, doubles, wholes
+from .memory import Array, memory_at
 from .signatures import Signature
 from .tracing import Tracer, tracing
 
@@ -60,23 +60,22 @@ class Kernel:
         t = self.tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
         with tracing(t):
             t.open(ENTRY, "i64 %a0")
-            address = Whole("%a0")
-            if self.signature.is_address:
-                self.text(address)
-            else:
-                self._trace(address)
+            self._trace(Whole("%a0"))
             t.line("ret void")
             t.close()
         self._kept = t.kept
         return t.text
 
     def _trace(self, address: Any) -> None:
-        memory = {"f8": doubles(address), "i8": wholes(address)}
+        if self.signature.is_address:
+            self.text(address)
+            return
+        memory = {kind: memory_at(address, kind == "i8") for kind in ("f8", "i8")}
         arguments: list[Any] = []
         for kind, place, axes in self.signature.places:
             if axes:
                 at, *shape = (memory["i8"][place + k] for k in range(1 + axes))
-                arguments.append(Array((doubles if kind == "f8" else wholes)(at), tuple(shape)))
+                arguments.append(Array(memory_at(at, kind == "i8"), tuple(shape)))
             else:
                 arguments.append(memory[kind][place])
         found = self.text(*arguments)

@@ -1,7 +1,7 @@
 """From the LLVM code of a text to machine code, in memory: a few passes, the processor at hand, one engine.
 
-Traced code is clean: it needs four passes, where LLVM's own pipelines would take five times as long for the same speed.
-Nothing is kept on disk. LLVM is imported by the first kernel.
+Traced code is clean: it needs three passes, where LLVM's own pipelines would take many times as long for the same
+speed. Nothing is kept on disk. LLVM is imported by the first kernel.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import threading
 from functools import lru_cache
 from typing import Any
 
-PASSES = ("sroa", "simplify_cfg", "instruction_combine", "aggressive_dce")
+PASSES = ("sroa", "simplify_cfg", "aggressive_dce")
 LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
 KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 _numbers = itertools.count()
@@ -121,7 +121,8 @@ def function_of(code: str, entry: str, features: str | None = None, kind: Any = 
         _optimise(module, target)
         symbol = f"{entry}{next(_numbers)}"
         module.get_function(entry).name = symbol
-        builder = llvm.JITLibraryBuilder().add_ir(module).export_symbol(symbol).add_current_process()
+        code = target.emit_object(module)
+        builder = llvm.JITLibraryBuilder().add_object_img(code).export_symbol(symbol).add_current_process()
         owner = builder.link(_engine(features), symbol)
         function: Any = kind(owner[symbol])
         function.owner = owner  # which frees the code when it goes

@@ -15,61 +15,66 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 import numpy as np
 
 from .control import loop
-from .elements import Element, Traced, Whole, kind_of, literal, operand, whole
+from .elements import Element, Traced, Whole, kind_of
 from .tracing import TraceError, tracer, width, writer
 from .vectors import Entries, Matrix, Vector
 
 
-class Pointer:
-    """Numbers of a traced text in memory, doubles or whole ones: ``p[i]``; `load` and `store` take several lanes."""
+class Memory:
+    """Numbers at an address, doubles or whole ones: ``p[i]``; `load` and `store` take several side by side."""
+
+    def __getitem__(self: Any, i: Any) -> Any:
+        return self.load(i)
+
+    def __setitem__(self: Any, i: Any, x: Any) -> None:
+        self.store(i, x)
+
+
+class Pointer(Memory):
+    """Memory of a traced text."""
 
     def __init__(self, name: Any, is_whole: bool = False) -> None:
         self.name, self.is_whole = name, is_whole
+        self._kind: type[Traced] = Whole if is_whole else Element
 
-    def _at(self, i: Any) -> str:
-        name = self.name if isinstance(self.name, str) else self.name.used()
-        return (
-            name if type(i) is int and i == 0 else writer().value(f"getelementptr double, ptr {name}, i64 {whole(i)}")
-        )
+    def at(self, i: Any = 0) -> str:
+        """Return the name of the place i."""
+        name: str = self.name if isinstance(self.name, str) else self.name.used()
+        if type(i) is int and i == 0:
+            return name
+        return writer().value(f"getelementptr double, ptr {name}, i64 {Whole.named(i)}")
 
-    def shifted(self, i: Any) -> Pointer:
-        """Return the pointer to what lies i numbers further."""
-        return Pointer(self._at(i), self.is_whole)
+    def shifted(self, i: Any, is_whole: bool = False) -> Pointer:
+        """Return the memory that lies i numbers further, also of doubles as one of whole numbers."""
+        return Pointer(self.at(i), is_whole or self.is_whole)
 
     def load(self, i: Any, n: int = 1) -> Any:
         """Return n numbers side by side, in lanes."""
-        made: type[Traced] = Whole if self.is_whole else Element
-        kind = kind_of(made.scalar, n)
-        return made(writer().value(f"load {kind}, ptr {self._at(i)}, align 8", is_pure=False), n)
+        line = f"load {kind_of(self._kind.scalar, n)}, ptr {self.at(i)}, align 8"
+        return self._kind(writer().value(line, is_pure=False), n)
 
     def store(self, i: Any, x: Any, n: int = 1) -> None:
         """Write n numbers side by side."""
-        value = f"i64 {whole(x)}" if self.is_whole else f"{kind_of('double', n)} {operand(x, n)}"
-        writer().line(f"store {value}, ptr {self._at(i)}, align 8")
-
-    def __getitem__(self, i: Any) -> Any:
-        return self.load(i)
-
-    def __setitem__(self, i: Any, x: Any) -> None:
-        self.store(i, x)
+        value = f"{kind_of(self._kind.scalar, n)} {self._kind.named(x, n)}"
+        writer().line(f"store {value}, ptr {self.at(i)}, align 8")
 
     @property
     def address(self) -> Whole:
         """The address as a whole number."""
-        return Whole(writer().value(f"ptrtoint ptr {self._at(0)} to i64"))
+        return Whole(writer().value(f"ptrtoint ptr {self.at()} to i64"))
 
 
-class Plain:
-    """Numbers at an address, for texts that compute: what `Pointer` is for traced ones."""
+class Plain(Memory):
+    """Memory of a text that computes."""
 
     def __init__(self, address: int, is_whole: bool = False, owner: Any = None) -> None:
         self.address, self.is_whole, self.owner = int(address), is_whole, owner
         kind = ctypes.c_int64 if is_whole else ctypes.c_double
         self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
 
-    def shifted(self, i: int) -> Plain:
-        """Return the memory that lies i numbers further."""
-        return Plain(self.address + 8 * int(i), self.is_whole)
+    def shifted(self, i: int, is_whole: bool = False) -> Plain:
+        """Return the memory that lies i numbers further, also of doubles as one of whole numbers."""
+        return Plain(self.address + 8 * int(i), is_whole or self.is_whole)
 
     def load(self, i: int, n: int = 1) -> Any:
         """Return the number at a place."""
@@ -80,27 +85,15 @@ class Plain:
         """Write a number."""
         self._numbers[i] = x
 
-    def __getitem__(self, i: int) -> Any:
-        return self.load(i)
 
-    def __setitem__(self, i: int, x: Any) -> None:
-        self.store(i, x)
-
-
-def _memory(address: Any, is_whole: bool) -> Any:
+def memory_at(address: Any, is_whole: bool = False) -> Any:
+    """Return the doubles at an address, or the whole numbers."""
     if tracer() is None:
         return Plain(address, is_whole)
-    return Pointer(writer().value(f"inttoptr i64 {whole(address)} to ptr"), is_whole)
+    return Pointer(writer().value(f"inttoptr i64 {Whole.named(address)} to ptr"), is_whole)
 
 
-def doubles(address: Any) -> Any:
-    """Return the doubles at an address."""
-    return _memory(address, False)
-
-
-def wholes(address: Any) -> Any:
-    """Return the whole numbers at an address."""
-    return _memory(address, True)
+doubles = memory_at
 
 
 def room(count: int) -> Any:
@@ -126,10 +119,11 @@ def call(function: Any, *arguments: Any) -> None:
 def passed(a: Any) -> tuple[str, str]:
     """Return the type and the name of what is given to a function."""
     if isinstance(a, Pointer):
-        return "ptr", a._at(0)
+        return "ptr", a.at()
     if isinstance(a, Traced):
         return a.kind, a.used(a.n)
-    return ("double", literal(a, 1)) if isinstance(a, float) else ("i64", whole(a))
+    kind = Element if isinstance(a, float) else Whole
+    return kind.scalar, kind.named(a)
 
 
 class Array:
@@ -204,12 +198,20 @@ class Wholes:
     """A field that holds the address of whole numbers."""
 
 
+WHOLE = (int, Doubles, Wholes)
+
+
 class Field(NamedTuple):
     """Where the numbers of a field lie, and what they are."""
 
     place: int
     kind: Any
     size: int
+
+    @property
+    def is_record(self) -> bool:
+        """Whether it is a record itself."""
+        return hasattr(self.kind, "_fields")
 
 
 @lru_cache
@@ -228,7 +230,7 @@ def _size_of(kind: Any) -> int:
         return int(get_args(kind)[1])
     if isinstance(kind, type) and issubclass(kind, Entries):
         return kind.size
-    return 1 if kind in (float, int, Doubles, Wholes) else size_of(kind)
+    return 1 if kind in (float, *WHOLE) else size_of(kind)
 
 
 def size_of(record: Any) -> int:
@@ -236,15 +238,13 @@ def size_of(record: Any) -> int:
     return sum(field.size for field in fields(record).values())
 
 
-def _composed(kind: Any, numbers: Iterator[Any]) -> Any:
-    """Return a field made of as many numbers as it takes."""
-    if kind is Matrix:
-        return Matrix(*(Vector(*(next(numbers) for _ in range(3))) for _ in range(3)))
-    if isinstance(kind, type) and issubclass(kind, Entries):
-        return kind._make(next(numbers) for _ in range(kind.size))
+def _composed(kind: Any, numbers: list[Any]) -> Any:
+    """Return a field made of its numbers."""
+    if kind is float:
+        return numbers[0]
     if get_origin(kind) is Annotated:
-        return tuple(next(numbers) for _ in range(_size_of(kind)))
-    return next(numbers)
+        return tuple(numbers)
+    return kind._make(zip(*[iter(numbers)] * 3, strict=True) if kind is Matrix else numbers)
 
 
 class View:
@@ -259,35 +259,35 @@ class View:
             _record=record, _memory=memory, _lanes=lanes, _stride=lanes if stride is None else stride, _held={}
         )
 
-    def __getattr__(self, name: str) -> Any:
-        field = fields(self._record).get(name)
-        if field is None:
+    def _field(self, name: str) -> Field:
+        if name not in fields(self._record):
             raise AttributeError(f"{self._record.__name__} has no field {name!r}")
-        if hasattr(field.kind, "_fields"):
+        return fields(self._record)[name]
+
+    def __getattr__(self, name: str) -> Any:
+        field = self._field(name)
+        if field.is_record:
             return View(field.kind, self._memory.shifted(field.place * self._stride), self._lanes, self._stride)
-        if field.kind in (int, Doubles, Wholes):
-            found = self._wholes()[field.place * self._stride]
-            return found if field.kind is int else _memory(found, field.kind is Wholes)
-        return _composed(field.kind, (self.number(field.place + k) for k in range(field.size)))
+        if field.kind in WHOLE:
+            found = self._memory.shifted(field.place * self._stride, True)[0]
+            return found if field.kind is int else memory_at(found, field.kind is Wholes)
+        return _composed(field.kind, [self.number(field.place + k) for k in range(field.size)])
 
     def __setattr__(self, name: str, value: Any) -> None:
-        field = fields(self._record).get(name)
-        if field is None:
-            raise AttributeError(f"{self._record.__name__} has no field {name!r}")
-        if field.kind in (int, Doubles, Wholes):
+        field = self._field(name)
+        if field.is_record:
+            getattr(self, name).write(value)
+        elif field.kind in WHOLE:
             if isinstance(value, np.ndarray):
                 self._held[name] = value  # as long as the view lives, so does what it points to
                 value = value.ctypes.data
-            self._wholes()[field.place * self._stride] = getattr(value, "address", value)
-            return
-        numbers = flat(value)
-        if len(numbers) != field.size:
-            raise TraceError(f"{name} takes {field.size} numbers, not {len(numbers)}")
-        for k, x in enumerate(numbers):
-            self.set_number(field.place + k, x)
-
-    def _wholes(self) -> Any:
-        return type(self._memory)(getattr(self._memory, "name", None) or self._memory.address, True)
+            self._memory.shifted(field.place * self._stride, True)[0] = getattr(value, "address", value)
+        else:
+            numbers = flat(value)
+            if len(numbers) != field.size:
+                raise TraceError(f"{name} takes {field.size} numbers, not {len(numbers)}")
+            for k, x in enumerate(numbers):
+                self.set_number(field.place + k, x)
 
     @property
     def address(self) -> Any:
@@ -314,8 +314,7 @@ class View:
     def write(self, record: Any) -> None:
         """Write all fields."""
         for name, value in zip(fields(self._record), record, strict=True):
-            part = getattr(self, name) if isinstance(value, tuple) and hasattr(value, "_fields") else None
-            setattr(self, name, value) if part is None else part.write(value)
+            setattr(self, name, value)
 
     def copy_from(self, other: View) -> None:
         """Copy all numbers of a record of the same kind, in a loop of the machine."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from . import elements
 from .control import Variables, whilst
 from .dual import Dual, plain
-from .elements import Mask, Traced, Whole, c_function, intrinsic, select
+from .elements import Mask, Traced, Whole, c_function, select
 from .memory import doubles
 from .tracing import TraceError, writer
 
@@ -96,7 +96,16 @@ def _sign(x: Any) -> Any:
 
 
 def _copysign(a: Any, b: Any) -> Any:
-    return select((a < 0.0) ^ (b < 0.0), -a, a) if isinstance(a, Dual) else elements.copysign(a, b)
+    b = plain(b)
+    return select((a < 0.0) ^ (b < 0.0), -a, a) if _has_dual(a) else elements.copysign(a, b)
+
+
+def _hypot(x: Any, y: Any) -> Any:
+    return elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y)
+
+
+def _has_dual(*x: Any) -> bool:
+    return any(isinstance(y, Dual) for y in x)
 
 
 def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
@@ -105,21 +114,15 @@ def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
 
 
 TRACED: dict[str, Callable[..., Any]] = {
-    "absolute": abs,
-    "arctan2": elements.arctan2,
     "bitwise_and": lambda a, b: a & b,
     "bitwise_or": lambda a, b: a | b,
     "clip": _clip,
-    "copysign": lambda a, b: _copysign(a, plain(b)),
-    "deg2rad": lambda x: x * (math.pi / 180.0),
-    "degrees": lambda x: x * (180.0 / math.pi),
-    "fabs": abs,
+    "copysign": _copysign,
     "float_power": elements.power,
     "floor_divide": elements.whole_quotient,
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
-    "fmod": elements.fmod,
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
-    "hypot": lambda x, y: elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y),
+    "hypot": _hypot,
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
     "isfinite": lambda x: abs(x) < math.inf,
     "isinf": lambda x: abs(x) == math.inf,
@@ -131,52 +134,19 @@ TRACED: dict[str, Callable[..., Any]] = {
     "maximum": _maximum,
     "minimum": _minimum,
     "power": lambda x, k: x**k,
-    "rad2deg": lambda x: x * (180.0 / math.pi),
-    "radians": lambda x: x * (math.pi / 180.0),
     "reciprocal": lambda x: 1.0 / x,
     "remainder": elements.remainder,
     "sign": _sign,
     "square": lambda x: x * x,
+    **elements.FUNCTIONS,
+    **dict.fromkeys(("absolute", "fabs"), abs),
+    **dict.fromkeys(("deg2rad", "radians"), lambda x: x * (math.pi / 180.0)),
+    **dict.fromkeys(("rad2deg", "degrees"), lambda x: x * (180.0 / math.pi)),
 }
-IN_C = {"arccosh": "acosh", "arcsinh": "asinh", "arctanh": "atanh"}
-IN_C |= {name: name for name in ("cbrt", "exp2", "expm1", "log10", "log1p", "log2")}
-IN_LLVM = ("ceil", "rint", "trunc")
-TRACED |= {name: getattr(elements, name) for name in elements.FUNCTIONS}
-SLOPES: dict[str, Callable[[Any, Any], Any]] = {  # of x and f(x)
-    "arccosh": lambda x, y: 1.0 / elements.sqrt(x * x - 1.0),
-    "arcsinh": lambda x, y: 1.0 / elements.sqrt(x * x + 1.0),
-    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
-    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
-    "exp2": lambda x, y: math.log(2.0) * y,
-    "expm1": lambda x, y: y + 1.0,
-    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
-    "log1p": lambda x, y: 1.0 / (1.0 + x),
-    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
-    **dict.fromkeys(IN_LLVM, lambda x, y: 0.0),
-}
-
-
-def _of_one(name: str, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def of_number(x: Any) -> Any:
-        if not isinstance(x, Dual):
-            return function(x)
-        value = of_number(x.value)
-        return x.chain(value, SLOPES[name](x.value, value))
-
-    return of_number
-
-
-def _has_dual(*x: Any) -> bool:
-    return any(isinstance(y, Dual) for y in x)
-
-
-TRACED |= {name: _of_one(name, partial(c_function, c)) for name, c in IN_C.items()}
-TRACED |= {name: _of_one(name, partial(intrinsic, name)) for name in IN_LLVM}
 OPERATORS = {"less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne"}
-SAME = "cbrt ceil copysign degrees exp2 expm1 fabs floor fmod isfinite isinf isnan log1p log2 log10 radians trunc"
-IN_MATH = {name: name for name in (*SAME.split(), *elements.FUNCTIONS) if hasattr(math, name)}
-IN_MATH |= elements.C_NAMES | {"arccosh": "acosh", "arcsinh": "asinh", "arctanh": "atanh", "arctan2": "atan2"}
-IN_MATH |= {"power": "pow"}
+IN_MATH = {name: name.replace("arc", "a") for name in elements.FUNCTIONS if name != "rint"} | {"power": "pow"}
+IN_MATH |= {name: name for name in ("copysign", "degrees", "fabs", "isfinite", "isinf", "isnan", "radians")}
+IN_MATH["arctan2"] = "atan2"
 
 
 @lru_cache
@@ -201,11 +171,16 @@ def applied(ufunc: Any, *arguments: Any, **options: Any) -> Any:
 # ---- functions of arrays
 
 
+def _each(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return a function of numbers, entry by entry."""
+    return numbers(np.frompyfunc(function, len(arguments), 1)(*map(_bare, arguments)))
+
+
 def where(condition: Any, a: Any = None, b: Any = None) -> Any:
     """Return a where the condition holds, else b, entry by entry."""
     if a is None or b is None:
         raise TraceError("np.where takes three arguments here: np.where(condition, a, b)")
-    return numbers(np.frompyfunc(lambda c, x, y: select(_truth(c), x, y), 3, 1)(*map(_bare, (condition, a, b))))
+    return _each(lambda c, x, y: select(_truth(c), x, y), condition, a, b)
 
 
 def choose(conditions: Any, values: Any, default: Any = 0.0) -> Any:
@@ -218,7 +193,7 @@ def choose(conditions: Any, values: Any, default: Any = 0.0) -> Any:
 
 def clip(x: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
     """Return x within bounds, entry by entry."""
-    return numbers(np.frompyfunc(_clip, 3, 1)(_bare(x), low, high))
+    return _each(_clip, x, low, high)
 
 
 def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
@@ -239,7 +214,7 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
     ends = [float(end if given is None else given) for given, end in ((left, values[0]), (right, values[-1]))]
     table = np.stack([known, values, np.append(np.diff(values) / np.diff(known), 0.0)], axis=1)
     writer().kept.append(table)
-    return numbers(np.frompyfunc(lambda y: _interpolated(y, table, *ends), 1, 1)(_bare(x)))
+    return _each(lambda y: _interpolated(y, table, *ends), x)
 
 
 def _interpolated(x: Any, table: Any, left: float, right: float) -> Any:
@@ -252,7 +227,7 @@ def _value_and_slope(x: Any, table: Any, left: float, right: float) -> tuple[Any
     x, memory, count = x + 0.0, doubles(Whole(str(table.ctypes.data))), len(table)
     v = Variables(first=0, last=count)
     for _ in whilst(lambda: v.last - v.first > 1):
-        middle = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
+        middle: Any = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
         is_behind = x >= memory[3 * middle]
         v.first, v.last = select(is_behind, middle, v.first), select(is_behind, v.last, middle)
     place, is_outside = 3 * v.first, (x < table[0, 0]) | (x > table[-1, 0])

@@ -75,18 +75,18 @@ def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: 
 
 def _taken(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
     """Take the numbers of an argument; return what makes it anew of names."""
+    made: Callable[..., Any] | None = None
+    parts: tuple[Any, ...] = ()
     if isinstance(a, tuple):
-        makers = [_taken(x, numbers, constants) for x in a]
-        constants.append((type(a), len(a)))
-        return lambda names: remade(a, [maker(names) for maker in makers])
-    if isinstance(a, Array):
-        makers = [_taken(x, numbers, constants) for x in (a.memory, a.shape)]
-        return lambda names: Array(*(maker(names) for maker in makers))
-    if isinstance(a, View):
-        about = {k: x for k, x in a.__dict__.items() if k in ("_record", "_lanes", "_stride")}
-        maker = _taken(a._memory, numbers, constants)
-        constants.append(tuple(about.values()))
-        return lambda names: View(about["_record"], maker(names), about["_lanes"], about["_stride"])
+        made, parts = (lambda *x: remade(a, x)), a
+    elif isinstance(a, Array):
+        made, parts = Array, (a.memory, a.shape)
+    elif isinstance(a, View):
+        made, parts = View, (a._record, a._memory, a._lanes, a._stride)
+    if made is not None:
+        makers = [_taken(x, numbers, constants) for x in parts]
+        constants.append((type(a), len(parts)))
+        return lambda names: made(*[maker(names) for maker in makers])
     if isinstance(a, Pointer):
         numbers.append(a)
         constants.append(a.is_whole)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .dual import Dual
-from .elements import Mask, Traced, Whole, real, select
+from .elements import Traced, real
 from .numpy_functions import IN_MATH, applied, array_of, called, is_traced
 from .tracing import TraceError, Tracer, is_text
 
@@ -209,11 +209,7 @@ class Float(float, metaclass=_Floats):
         """Return the number as a float."""
         if isinstance(x, np.ndarray) and x.size == 1:
             x = x.item()
-        if isinstance(x, Mask):
-            return select(x, 1.0, 0.0)
-        if isinstance(x, Whole):
-            return real(x)
-        return x if isinstance(x, (Traced, Dual)) else float(x)
+        return x if isinstance(x, Dual) else real(x)
 
 
 def _largest(name: str, of_two: Any) -> Callable[..., Any]:
@@ -235,7 +231,9 @@ def _refused(name: str) -> Callable[..., Any]:
     return function
 
 
-MATHS: dict[Any, Any] = {getattr(math, there): called(getattr(np, here)) for here, there in IN_MATH.items()}
+MATHS: dict[Any, Any] = {
+    getattr(math, there): called(getattr(np, here)) for here, there in IN_MATH.items() if hasattr(math, there)
+}
 MATHS[math.hypot] = lambda *x: reduce(partial(applied, np.hypot), x)
 BUILTINS: dict[str, Any] = {
     "max": _largest("max", np.maximum),

@@ -87,6 +87,11 @@ class Matrix(Entries):
         return self._make(zip(*self, strict=True))
 
     @property
+    def symmetric(self) -> Symmetric:
+        """Its entries, where it is symmetric."""
+        return Symmetric(self[0][0], self[1][1], self[2][2], self[1][2], self[0][2], self[0][1])
+
+    @property
     def trace(self) -> Any:
         """The sum of the diagonal."""
         return self[0][0] + self[1][1] + self[2][2]
@@ -122,11 +127,6 @@ class Quaternion(Entries):
 
 
 AXES = (Vector(1.0, 0.0, 0.0), Vector(0.0, 1.0, 0.0), Vector(0.0, 0.0, 1.0))
-
-
-def dot(a: Any, b: Any) -> Any:
-    """Return the scalar product."""
-    return a @ b
 
 
 def cross(a: Any, b: Any) -> Vector:

@@ -222,7 +222,7 @@ def _search(
         left -= 1
     while right < score.size - 1 and score[right + 1] < score[right]:
         right += 1
-    rivals = np.where(n >= n[k] / 2, found, -1.0)
+    rivals = np.where(n >= (WHOLE if shaken.all() else SHAKEN) * n[k], found, -1.0)
     rivals[left : right + 1] = -1.0
     j = int(np.argmax(rivals))
     rival = None if found[j] < found[k] - RIVAL else (float(lags[k] - lags[j]), float(found[j]), float(found[k]))

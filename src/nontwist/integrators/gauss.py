@@ -82,6 +82,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED
 from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
+from ..engine.linearised import Wanted
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
@@ -246,7 +247,7 @@ def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int
     return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
 
 
-def linear(order: int, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+def linear(order: int, form: int, parts: Parts, wanted: Wanted) -> Kernel:
     """Return what linearises the steps of a form."""
     from .gauss_derivatives import linearised
 

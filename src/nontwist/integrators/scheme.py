@@ -13,6 +13,7 @@ from ..geometry.arrays import Array
 from ..loads import Load
 
 if TYPE_CHECKING:
+    from ..engine.linearised import Wanted
     from ..engine.marching import Text
     from ..engine.records import Parts
     from ..kernels.kernel import Kernel
@@ -56,7 +57,7 @@ class Scheme(NamedTuple):
     dissipation: float = 0.0
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
     # What linearises steps, of an order, a form, what there is, and the inputs asked for; None: the text itself.
-    linear: Callable[[int, int, Parts, tuple[str, ...]], Kernel] | None = None
+    linear: Callable[[int, int, Parts, Wanted], Kernel] | None = None
 
     def text_of(self, order: int, form: int) -> Text:
         """Return the text of its step."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from .dual import Dual, plain
 from .elements import Element, Mask, Traced, Whole, kind_of, mask_with, operand, remade, whole
 from .tracing import TraceError, Tracer, tracer, writer
 
@@ -78,7 +79,8 @@ def _labels(t: Tracer, *words: str) -> list[str]:
 class Variables:
     """Numbers, and tuples of them, that change in loops and branches: ``v = Variables(y=..., count=0)``, ``v.y = ...``.
 
-    Each keeps the type of its first value; a plain float stands for as many lanes as the kernel has.
+    Each keeps the type of its first value; a plain float stands for as many lanes as the kernel has. Of dual numbers
+    value and derivatives are kept.
     """
 
     _slots: dict[str, Any]
@@ -115,6 +117,8 @@ class Slot:
 def _slots_of(x: Any, name: str) -> Any:
     if isinstance(x, tuple):
         return remade(x, [_slots_of(y, name) for y in x])
+    if isinstance(x, Dual):
+        return Dual(_slots_of(x.value, name), [_slots_of(t, name) for t in x.tangents])
     if isinstance(x, Traced):
         return Slot(type(x), x.n)
     for kind, of, n in ((bool, Mask, 1), (int, Whole, 1), (float, Element, writer().lanes)):
@@ -129,6 +133,8 @@ def _put(slot: Any, x: Any, name: str) -> None:
     if isinstance(slot, tuple):
         for own, y in zip(slot, x, strict=True):
             _put(own, y, name)
+    elif isinstance(slot, Dual):
+        _put((slot.value, *slot.tangents), (plain(x), *slot.lifted(x).tangents), name)
     elif slot is None or x is None:
         if slot is not x:
             raise TraceError(f"{name} was None first, or is now")
@@ -140,4 +146,6 @@ def _put(slot: Any, x: Any, name: str) -> None:
 def _get(slot: Any) -> Any:
     if isinstance(slot, tuple):
         return remade(slot, [_get(own) for own in slot])
+    if isinstance(slot, Dual):
+        return Dual(_get(slot.value), [_get(own) for own in slot.tangents])
     return None if slot is None else slot.of(writer().get(slot.kind, slot.name), slot.n)

@@ -33,11 +33,6 @@ class DirectorForces(Term):
     def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces in space, (3, 3), the row i on the director i, N m, without the factor, in Python."""
 
-    @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """None: the forces are computed in Python."""
-        return None
-
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
         found: Array = np.cross(directors, self.forces(t, directors, angular_velocity)).sum(axis=0)
@@ -87,11 +82,11 @@ class ForceFunction(DirectorForces):
         return rows if self.frame == "space" else rows @ directors
 
     @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """The function as `compiled_forces` makes it, on demand; None where it runs in Python."""
-        from .compiled import compiled_forces
+    def traceable(self) -> Any:
+        """The function as a text; None where it runs in Python."""
+        from .compiled import forces_of
 
-        return compiled_forces(self.director_forces, self.frame == "body") if self.compile else None
+        return forces_of(self.director_forces, self.frame == "body") if self.compile else None
 
     @staticmethod
     def words(record: Record) -> str:

@@ -575,9 +575,32 @@ def test_a_load_with_its_own_derivative_is_a_value():
     assert one.description[0]["derivative"] == f"{__name__}.push_slope"
 
 
-def test_another_solution_of_a_large_step_is_refused():
+def test_a_large_step_is_solved_again_as_in_the_run():
     """The equations of this step have two solutions; the first guess leads to the one that was not taken."""
-    body = standard(np.diag([2.52322427, 2.59698229, 3.62845148]) + 0.1)
+    body, W = (
+        standard(np.diag([2.52322427, 2.59698229, 3.62845148]) + 0.1),
+        np.array([1.44486174, 0.42114362, 0.56807629]),
+    )
     how = {"load": spring(20.0, POINT, ANCHOR, 0.8), "integrator": "gauss", "order": 4, "t_end": 4.0, "step": 2.0}
-    with pytest.raises(SimulationError, match="not solved again; try a smaller step"):
-        sensitivities(body, **how, material_angular_velocity=[1.44486174, 0.42114362, 0.56807629], wrt=["load_scale"])
+    found = sensitivities(body, **how, material_angular_velocity=W, wrt=["material_angular_velocity"])
+
+    def end(e):
+        return integrate(body, **how, material_angular_velocity=W + 1e-5 * e).material_angular_velocity[-1]
+
+    differences = np.stack([(end(e) - end(-e)) / 2e-5 for e in np.eye(3)], axis=1)
+    assert abs(found.d_material_angular_velocity[-1].values - differences).max() < 1e-7
+
+
+def test_a_function_that_returns_something_else_after_the_run_is_refused():
+    calls, how = [], {"integrator": "gauss", "order": 4, "t_end": 0.5, "step": 0.1, "material_angular_velocity": W0}
+
+    def fickle(t, directors, w):
+        calls.append(t)
+        return np.array([0.0, 0.3, 0.0]) * (1 + (len(calls) > limit))
+
+    limit = np.inf
+    integrate(standard(J), load=moment(fickle), **how)
+    limit = 2 * len(calls)
+    with warnings.catch_warnings(), pytest.raises(SimulationError, match="not solved again; try a smaller step"):
+        warnings.simplefilter("ignore")
+        sensitivities(standard(J), load=moment(fickle), **how, wrt=["load_scale"])

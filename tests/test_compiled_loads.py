@@ -18,7 +18,6 @@ from nontwist import director_forces, moment, potential
 from nontwist.kernels import machine_code
 from nontwist.loads.c_functions import Moment
 from nontwist.loads.compiled import c_function
-from nontwist.loads.state_derivatives import At, compiled_slopes_at
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 TABLE = np.array([[0.0, 1.0, 3.0], [2.0, -1.0, 4.0]])
@@ -151,8 +150,7 @@ def test_machine_code_gives_what_python_gives(name):
 def test_machine_code_differentiates_what_python_gives(name):
     """By dual numbers; central differences wherever those to both sides agree, which at kinks they do not."""
     function, term = FINE[name], moment(FINE[name], compiled=True).terms[0]
-    times, directors, velocities = (np.array(x, dtype=float) for x in zip(*STATES[1:], strict=True))
-    found = compiled_slopes_at(term, At(times, directors, velocities, np.zeros((5, 3)), 1.0))
+    found = [machine(term.slopes, *state, count=(3, 14)) for state in STATES[1:]]
     compared = 0
     for state, rows in zip(STATES[1:], found, strict=True):
         flat = np.concatenate([state[1].ravel(), state[2], [state[0]]])
@@ -187,7 +185,7 @@ def test_every_function_of_numpy_has_its_derivative():
 
     term = moment(function, compiled=True).terms[0]
     at = 0.37, np.full((3, 3), 0.6), np.array([0.3, 0.7, 1.1])
-    (rows,) = compiled_slopes_at(term, At(*(np.array([x]) for x in at), np.zeros((1, 3)), 1.0))
+    rows = machine(term.slopes, *at, count=(3, 14))
     x, (u, v, z), t = mpmath.mpf("0.6"), map(mpmath.mpf, ("0.3", "0.7", "1.1")), mpmath.mpf("0.37")
     of_one = {
         "arccosh": lambda y: mpmath.acosh(1 + y),

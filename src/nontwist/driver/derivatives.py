@@ -246,7 +246,7 @@ def linearised_by(plan: Plan) -> Compiled:
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
     """Return the derivatives of the stored states by the parameters, or along `directions` (count, d); (n, 6, d)."""
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     first, entries = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed), parameters.entries
     if directions is not None:
         first, entries = first @ directions, partial(parameters.entries_along, directions)
@@ -256,7 +256,7 @@ def changes_of(solved: Solved, parameters: Parameters, directions: Array | None 
 
 def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
     """Return the derivatives of f by the parameters, (count,), from those by the stored states, (n, 6)."""
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     ends = np.ascontiguousarray(slopes[1:])
     at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
     at_start[:6] += slopes[0]
@@ -277,7 +277,7 @@ class Jacobian:
         rows = stored_steps(grid.steps, plan.store)
         problem = plan.problem(AT_REST, grid, rows)
         self._parameters = Parameters(problem, wrt, linearised_by(plan))
-        steps = Linearised(problem, plan.scheme, self._parameters.inputs)
+        steps = Linearised(problem, plan.scheme, self._parameters.inputs, self._parameters.changes)
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)

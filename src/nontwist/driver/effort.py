@@ -258,7 +258,7 @@ class Transfer:
         from scipy.spatial.transform import Rotation
 
         states, parameters = outcome.states.part(0), Parameters(problem, "values", scheme_of(self._scheme))
-        steps = Linearised(problem, self._scheme, parameters.inputs)
+        steps = Linearised(problem, self._scheme, parameters.inputs, parameters.changes)
         first = np.zeros((steps.rows, parameters.count))
         X = forward(steps, states, first, parameters.entries, self._kept)[-1]
         off = (self.goal.inv() * Rotation.from_quat(states.quaternion[-1])).as_rotvec()

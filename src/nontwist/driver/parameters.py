@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..engine.functions import numbers_of
+from ..engine.linearised import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown
-from ..integrators.called_loads import is_called
 from ..integrators.compiled import Compiled
 from ..integrators.linear_inputs import Entries, Nodes
-from ..integrators.linearised import is_seen_from_orbit
+from ..integrators.linearised import Changes, is_seen_from_orbit
 from ..integrators.load_samples import as_marched
 from ..integrators.problem import Problem
-from ..loads.base import with_moments
+from ..loads.base import is_called, with_moments
 from ..loads.derivatives import (
     Slopes,
     chord,
     fixed_slopes,
+    forces_rates,
     moment_rates,
     moment_slopes,
     parameters_of,
     rotor_slopes,
-    table_weights,
+    table_slopes,
+    with_parameter,
 )
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
-from ..loads.state_derivatives import forces_slopes, parts_of
 from ..loads.terms import Rotor, Term, own_fields
 
 XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
@@ -79,8 +82,6 @@ class Parameters:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
-        # the input as which moments of the state act
-        self._acts = "space" if scheme.linear is None else "moving"
         self._orbits = is_seen_from_orbit(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
@@ -152,7 +153,7 @@ class Parameters:
     def _inputs_of(self, one: Parameter) -> set[str]:
         plain = {"inertia": {"inertia"}, "principal_inertia": {"inertia"}, "axis": {"axis"}, "dead_force": {"dead"}}
         if one.field in plain and one.term is None:
-            return plain[one.field] | ({self._acts} if one.field.endswith("inertia") and self._drawn else set())
+            return plain[one.field] | ({"terms"} if one.field.endswith("inertia") and self._drawn else set())
         if one.field in ("material_angular_velocity", "rotation"):
             return set()
         if one.field == "spin":
@@ -165,12 +166,41 @@ class Parameters:
             elif term.kind in ("body", "space"):
                 found.add("moving" if term.kind == "body" else "space")
             elif is_called(term):
-                found |= {self._acts, "orbit"} if self._orbits and one.field == "mean_motion" else {self._acts}
+                found |= self._inputs_of_called(one, term)
             elif one.field != "duration":
                 found.add("damping" if term.kind == "state" else "dead")
         if one.field == "duration" and self.problem.systems.spin is not None:
             found.add("spin")
         return found
+
+    def _inputs_of_called(self, one: Parameter, term: Term) -> set[str]:
+        if one.field == "load_scale":
+            return {"factor"}
+        if isinstance(term, ForceTable):
+            return {"forces"}
+        if one.field == "duration":
+            return {"time"}
+        return {"terms", "orbit"} if self._orbits and one.field == "mean_motion" else {"terms"}
+
+    @property
+    def changes(self) -> list[Changes]:
+        """What the numbers of terms that depend on the state change by, for each number of the input "terms"."""
+        return [change for one in self.all for change in self._changes_of(one)]
+
+    def _changes_of(self, one: Parameter) -> list[Changes]:
+        """Return what each number of a parameter does to the numbers of terms."""
+        if one.term is None:
+            if not self._drawn or not one.field.endswith("inertia"):
+                return []
+            columns = self._inertias(one.field)
+            return [[(term, changed(term.of_body, 0.0 * dJ, dJ, 1.0)) for term in self._drawn] for dJ in columns]
+        term = self.terms[one.term]
+        if not is_called(term) or isinstance(term, ForceTable):
+            return []
+        value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
+        units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)
+        size = float(abs(value).max()) or 1.0
+        return [[(term, changed(make, value, unit, size))] for unit in units]
 
     @property
     def needs_velocity(self) -> bool:
@@ -207,12 +237,16 @@ class Parameters:
 
     def entries(self, nodes: Nodes) -> Iterator[Entries]:
         """Yield what the parameters do to the inputs of some steps."""
+        place = 0
         for one in self.all:
-            if one.field == "inertia" and one.term is None:
-                yield from self._of_inertia(np.eye(6), one.first, nodes)
-            elif one.field == "principal_inertia":
-                Q = principal_axes(self.problem.systems.convected_inertia[0])
-                yield from self._of_inertia(np.array([Q[a] * Q[b] for a, b in ENTRIES]), one.first, nodes)
+            if changes := self._changes_of(one):
+                k = np.arange(len(changes))
+                yield Entries("terms", place + k, one.first + k, np.ones(len(k)))
+                place += len(k)
+            if one.field in ("inertia", "principal_inertia") and one.term is None:
+                columns = np.array([[dJ[e] for dJ in self._inertias(one.field)] for e in ENTRIES])
+                entry, parameter = np.nonzero(columns)
+                yield Entries("inertia", entry, one.first + parameter, columns[entry, parameter])
             elif one.field == "axis" and one.term is None:
                 yield from self._of_axis(one.first)
             elif one.field == "dead_force":
@@ -223,8 +257,11 @@ class Parameters:
             elif one.field == "duration":
                 yield from self._of_duration(one.first, nodes)
             elif one.field == "load_scale":
+                if any(map(is_called, self.terms)):
+                    yield _at_all("factor", one.first)
                 for term in self.terms:
-                    yield from self._of_term(term, "scale", one.first, nodes, term.scale)
+                    if not is_called(term):
+                        yield from self._of_term(term, "scale", one.first, nodes, term.scale)
             elif one.term is not None:
                 yield from self._of_term(self.terms[one.term], one.field, one.first, nodes, self._scale)
 
@@ -236,14 +273,12 @@ class Parameters:
             which = np.tile(np.arange(d), len(value))
             yield Entries(name, np.repeat(component, d), which, along, None if step is None else np.repeat(step, d))
 
-    def _of_inertia(self, columns: Array, first: int, nodes: Nodes) -> Iterator[Entries]:
-        """Yield what changes of the six entries do, a column each, of which the gravity gradient has its own."""
-        entry, parameter = np.nonzero(columns)
-        yield Entries("inertia", entry, first + parameter, columns[entry, parameter])
-        for term in self._drawn:
-            bodies = [term.of_body(J) for J in BASIS]
-            parts = [list(zip(column, bodies, strict=True)) for column in columns.T.tolist()]
-            yield _nodal(self._acts, _summed(term, parts, nodes), first, nodes, self._scale)
+    def _inertias(self, field: str) -> Array:
+        """Return the changes of the inertia by the numbers of a parameter, (count, 3, 3)."""
+        if field == "inertia":
+            return BASIS
+        Q = principal_axes(self.problem.systems.convected_inertia[0])
+        return np.array([np.outer(q, q) for q in Q.T])
 
     def _of_axis(self, first: int) -> Iterator[Entries]:
         if self.problem.systems.axis is None:
@@ -271,10 +306,11 @@ class Parameters:
         if isinstance(term, Rotor):
             begin, end = (rotor_slopes(term, field, t) for t in (nodes.begin, nodes.end))
             yield from _rotor(begin, end, first, nodes, factor)
+        elif isinstance(term, ForceTable):
+            yield _nodal("forces", table_slopes(term, field, nodes.times), first, nodes, 1.0)
         elif is_called(term):
-            yield _nodal(self._acts, self._of_called(term, field, nodes), first, nodes, factor)
             if self._orbits and field == "mean_motion":
-                yield Entries("orbit", np.zeros(1, dtype=np.int64), np.array([first]), np.ones(1))
+                yield _at_all("orbit", first)
         elif term.kind in ("body", "space"):
             slopes = moment_slopes(term, field, nodes.times)
             yield _nodal("moving" if term.kind == "body" else "space", slopes, first, nodes, factor)
@@ -283,22 +319,6 @@ class Parameters:
             assert fixed is not None
             name = "damping" if term.kind == "state" else "dead"
             yield Entries(name, fixed.component, first + fixed.parameter, factor * fixed.value)
-
-    def _of_called(self, term: Term, field: str, nodes: Nodes) -> Slopes:
-        """Return what a parameter of a term that depends on the state does at the nodes."""
-        assert nodes.called is not None
-        called = nodes.called
-        if field == "scale":
-            changes, row = called.of(term)[:, :, None], np.arange(len(nodes.times))
-            entry = np.zeros_like(row)
-        elif isinstance(term, ForceTable):
-            row, entry, weight = table_weights(term, nodes.times)
-            by = forces_slopes(term, called.at.directors)
-            changes = np.stack([called.of_moment(term, by[:, :, k]) for k in range(9)], axis=2)[row]
-            changes *= (term.scale * weight)[:, None, None]
-        else:
-            return _summed(term, parts_of(term, field, nodes.times), nodes)
-        return _flat(changes, row, entry)
 
     def _of_duration(self, first: int, nodes: Nodes) -> Iterator[Entries]:
         """Yield what a longer last stretch, with as many steps, does: longer steps, and later nodes."""
@@ -313,13 +333,13 @@ class Parameters:
         later = np.maximum(nodes.of_nodes - begin + np.tile(nodes.middles, nodes.last - nodes.first), 0.0) * share
         later[nodes.of_nodes < begin] = 0.0
         at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share
-        if nodes.called is not None:
-            longer = share * (nodes.of_nodes >= begin)[:, None] * nodes.called.by_step
-            yield _nodal(self._acts, Slopes(*_rows(longer)), first, nodes, 1.0)
+        if "time" in self._inputs_of(next(one for one in self.all if one.field == "duration")):
+            k = np.arange(nodes.first, nodes.last)
+            yield Entries("time", 0 * k, first + 0 * k, at[:-1], k)
         for term in self.terms:
-            if nodes.called is not None and is_called(term):
-                drift = term.scale * nodes.called.of_time(term) * later[:, None]
-                yield _nodal(self._acts, Slopes(*_rows(drift)), first, nodes, scale)
+            if isinstance(term, ForceTable):
+                drift = term.scale * forces_rates(term, nodes.times) * later[:, None]
+                yield _nodal("forces", Slopes(*_rows(drift)), first, nodes, 1.0)
             elif isinstance(term, Rotor):
                 chords = [term.scale * chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
                 moved = [
@@ -350,29 +370,26 @@ def principal_axes(J: Array) -> Array:
     return np.eye(3) if np.array_equal(J, np.diag(J.diagonal())) else np.linalg.eigh(J)[1]
 
 
+def changed(make: Callable[[Array], Term], value: Array, unit: Array, size: float) -> Array:
+    """Return what the numbers of a term, at most quadratic in a value, change by along a unit; about its size."""
+    ahead, behind = (numbers_of(make(value + x * unit)) for x in (size / 2, -size / 2))
+    found: Array = (ahead - behind) / size
+    return found
+
+
+def _at_all(name: str, parameter: int) -> Entries:
+    """Return that a parameter is an input of all steps."""
+    return Entries(name, np.zeros(1, dtype=np.int64), np.array([parameter]), np.ones(1))
+
+
 def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
-    row, component = np.indices((len(rows), 3)).reshape(2, -1)
+    row, component = np.indices(rows.shape).reshape(2, -1)
     return row, component, 0 * row, rows.ravel()
 
 
-def _summed(term: Term, parts: Sequence[Sequence[tuple[Any, Term]]], nodes: Nodes) -> Slopes:
-    """Return what each number does at the nodes, the sum of what some terms do, times factors, with that of a term."""
-    assert nodes.called is not None
-    called, row = nodes.called, np.arange(len(nodes.times))
-    changes = np.array([sum(c * called.of(part) for c, part in one) for one in parts])
-    return _flat(term.scale * changes.transpose(1, 2, 0), row, 0 * row)
-
-
-def _flat(changes: Array, row: Any, entry: Any) -> Slopes:
-    """Return changes (n, 3, m) at rows, the m parameters of an entry side by side."""
-    n, _, m = changes.shape
-    at, component, k = np.indices((n, 3, m)).reshape(3, -1)
-    return Slopes(row[at], component, m * entry[at] + k, changes.ravel())
-
-
 def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float) -> Entries:
-    step, place = nodes.of_nodes[slopes.row], nodes.places[slopes.row]
-    return Entries(name, place + slopes.component, first + slopes.parameter, factor * slopes.value, step)
+    place = INPUTS[name] * (slopes.row % len(nodes.middles)) + slopes.component
+    return Entries(name, place, first + slopes.parameter, factor * slopes.value, nodes.of_nodes[slopes.row])
 
 
 def _rotor(begin: Slopes, end: Slopes, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:

@@ -12,9 +12,9 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import LARGEST, Array, as_number, vector
 from ..geometry.values import as_list
 from ..integrators import DEFAULT, Integrator
-from ..integrators.called_loads import is_called
 from ..integrators.compiled import Compiled
 from ..loads import Load
+from ..loads.base import is_called
 from ..models.system import DirectorSystem, as_system
 from .derivatives import Jacobian, jacobian_of
 from .grid import require_resolution

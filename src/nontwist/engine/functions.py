@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from ..loads.c_functions import Moment, address_of
 from ..loads.compiled import c_function
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
-from ..loads.terms import REMEDY
-from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
+from ..loads.state_derivatives import slopes_of, value_of
+from ..loads.terms import REMEDY, Term
+from .generalised import FUNCTION, GIVEN, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 
 
 class Called:
@@ -34,89 +36,50 @@ class Called:
 
     def __init__(self, load: Load, action: int = MOMENT) -> None:
         self.load, self.address, self.generalised, self.terms = load.called, 0, 0, 0
-        self._whole, self.action, self._kept = load, action, []
+        self._whole, self.action, self._kept = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
             parts: Any = tuple((term.compiled, term.scale) for term in self.load.terms if term.compiled is not None)
-            if self.load.is_compiled:
-                function = c_function(parts)
-                self._kept.append(function)
-                self.address = function.address
-            else:
-                self.address = self._callback(self._moment, 3)
+            self.address = self._address(
+                c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
+            )
         if any(isinstance(term, (DirectorForces, Potential)) for term in load.terms):
-            self.generalised, laid_out = generalised.address, self._laid_out()
-            self._kept.append(laid_out)
-            self.terms = laid_out.ctypes.data
+            self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 
-    def _callback(self, function: Any, count: int) -> int:
-        """Return the address of a function in Python, which may raise and writes so many numbers."""
+    def _lay_out(self, terms: Sequence[Term], slopes: Callable[[Term], Any] | None = None) -> None:
+        """Write what `generalised` needs to know of terms; `slopes` are what gives the derivatives of functions."""
+        found = np.zeros(1 + TERM.size * len(terms))
+        whole = found.view(np.int64)
+        whole[0] = len(terms)
+        for k, term in enumerate(terms):
+            place = 1 + TERM.size * k
+            found[place : place + TERM.size] = numbers_of(term)
+            if kind_of(term) in GIVE:
+                whole[place + TERM.function] = self._address(term.compiled or evaluated(term))
+                whole[place + TERM.slopes] = 0 if slopes is None else self._address(slopes(term))
+        self._kept.append(found)
+        self.generalised, self.terms = generalised.address, found.ctypes.data
 
-        def guarded(t: float, first: Any, second: Any, found: Any) -> None:
-            try:
-                function(t, first, second, found)
-            except BaseException as error:  # it must not pass through the kernel
-                self.error = error
-                for k in range(count):
-                    found[k] = np.nan
+    def _address(self, function: Any) -> int:
+        """Return the address of what is compiled, or of a callback of what runs in Python and may raise."""
+        if isinstance(function, PythonFunction):
+            given = function
 
-        callback = Moment(guarded)
-        self._kept.append(callback)
-        return address_of(callback)
+            def guarded(t: float, first: Any, second: Any, found: Any) -> None:
+                try:
+                    numbers = given.function(t, first, second).tolist()
+                except BaseException as error:  # it must not pass through the kernel
+                    self.error, numbers = error, [np.nan] * given.size
+                for k, x in enumerate(numbers):
+                    found[k] = x
 
-    def _moment(self, t: float, directors: Any, angular_velocity: Any, moment: Any) -> None:
+            function = Moment(guarded)
+        self._kept.append(function)
+        return function.address if hasattr(function, "address") else address_of(function)
+
+    def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
-        moment[0], moment[1], moment[2] = state_moment_at(self.load, t, q, w).tolist()
-
-    def _laid_out(self) -> Array:
-        """Return what `generalised` needs to know, as numbers of 8 bytes."""
-        forces = [term for term in self._whole.functions if isinstance(term, DirectorForces)]
-        potentials = self._whole.potentials
-        reals = np.zeros(2 + TERM.size * len(potentials))
-        whole = reals.view(np.int64)
-        whole[0], whole[1] = self._forces(forces) if forces else 0, len(potentials)
-        for k, term in enumerate(potentials):
-            place = 2 + TERM.size * k
-            self._describe(term, reals[place : place + TERM.size], whole[place : place + TERM.size])
-        return reals
-
-    def _forces(self, terms: list[DirectorForces]) -> int:
-        """Return the address of the sum of functions of director forces."""
-        parts: Any = tuple((term.compiled, term.scale) for term in terms if term.compiled is not None)
-        if len(parts) == len(terms):
-            function = c_function(parts, 9)
-            self._kept.append(function)
-            return int(function.address)
-
-        def forces(t: float, directors: Any, angular_velocity: Any, found: Any) -> None:
-            q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
-            total = sum((term.scale * term.forces(t, q, w) for term in terms), np.zeros((3, 3)))
-            for k, number in enumerate(total.ravel().tolist()):
-                found[k] = number
-
-        return self._callback(forces, 9)
-
-    def _describe(self, term: Potential, reals: Array, whole: Any) -> None:
-        """Write a potential as `generalised.Term` has it."""
-        vectors = term.vectors
-        whole[TERM.dimension], reals[TERM.scale] = len(vectors), term.scale
-        reals[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()
-        if isinstance(term, GravityGradient):
-            whole[TERM.kind], whole[TERM.dimension], reals[TERM.stiffness] = ORBITING, 1, term.mean_motion
-            reals[TERM.vectors : TERM.vectors + 6] = np.ravel([term.at_zero, np.cross(term.normal, term.at_zero)])
-            reals[TERM.quadratic : TERM.square] = term.quadratic.ravel()
-        elif isinstance(term, Quadratic):
-            whole[TERM.kind] = QUADRATIC
-            reals[TERM.linear : TERM.quadratic] = term.linear
-            reals[TERM.quadratic : TERM.square] = term.quadratic.ravel()
-        elif isinstance(term, Spring):
-            whole[TERM.kind], reals[TERM.linear : TERM.quadratic] = SPRING, term.point
-            reals[TERM.square], reals[TERM.stiffness] = term.square, term.stiffness
-            reals[TERM.rest] = term.rest_length
-        elif term.compiled is not None:
-            whole[TERM.kind], whole[TERM.function] = FUNCTION, term.compiled.address  # type: ignore[attr-defined]
-        else:
-            whole[TERM.kind], whole[TERM.function] = FUNCTION, self._callback(_python(term), 1 + vectors.size)
+        return state_moment_at(self.load, t, q, w)
 
     def reason(self, last: Array) -> str:
         """Return why the function has failed: what Python says at the state that it was called with `last`.
@@ -137,15 +100,87 @@ class Called:
             raise self.error
 
 
-def _python(term: Potential) -> Any:
-    """Return V and its gradient as a function like those of C."""
-    assert isinstance(term, PotentialFunction)
-    count = 3 * len(term.vectors)
+class Varied(Called):
+    """The terms of a load, with their derivatives."""
 
-    def both(t: float, gamma: Any, _: Any, found: Any) -> None:
-        g = np.array(gamma[:count]).reshape(term.shape)
-        numbers = [term.checked_value(g), *term.slope(g).ravel().tolist()]
-        for k, number in enumerate(numbers):
-            found[k] = number
+    def __init__(self, terms: Sequence[Term], action: int, has_time: bool) -> None:
+        self.action, self._kept, self.error = action, [], None
 
-    return both
+        def slopes(term: Term) -> Any:
+            n = GIVEN if (count := GIVE[kind_of(term)]) else term.vectors.size  # type: ignore[attr-defined]
+            if term.slopes is not None:
+                return term.slopes
+
+            known: dict[
+                tuple[bytes, float], Array
+            ] = {}  # of the last states: that of a step is asked for more than once
+
+            def table(t: float, first: Any, second: Any) -> Array:
+                x, speed = given(term, t, first, second), second[3] if count else 0.0
+                if (key := (x.tobytes(), speed)) not in known:
+                    if len(known) >= KEPT:
+                        known.clear()
+                    known[key] = slopes_of(term, x, speed, has_time).ravel()
+                return known[key]
+
+            return PythonFunction(table, (count or 1 + n) * (1 + n))
+
+        self._lay_out(terms, slopes)
+
+    def require_no_error(self) -> None:
+        """Raise what a function in Python has raised: it could not pass the kernel."""
+        error, self.error = self.error, None
+        if error is not None:
+            raise error
+
+
+class PythonFunction(NamedTuple):
+    """What a callback calls: a function of time, and of numbers in memory, and how many numbers it gives."""
+
+    function: Callable[[float, Any, Any], Array]
+    size: int
+
+
+KEPT = 8
+GIVE = {OF_FORCES: 9, OF_MOMENT: 3, FUNCTION: 0}  # numbers that functions of the state give; potentials, with gradient
+
+
+def given(term: Term, t: float, first: Any, second: Any) -> Array:
+    """Return what a function in Python is called with: directors, velocity, time; γ of a potential."""
+    is_potential = isinstance(term, PotentialFunction)
+    return np.array(first[: term.vectors.size] if is_potential else [*first[:9], *second[:3], t])  # type: ignore[attr-defined]
+
+
+def evaluated(term: Term) -> PythonFunction:
+    """Return the function of a term, without its factor, in Python: forces, a moment, or V and its gradient."""
+    count = GIVE[kind_of(term)] or 1 + term.vectors.size  # type: ignore[attr-defined]
+    return PythonFunction(lambda t, first, second: value_of(term, given(term, t, first, second)), count)
+
+
+def kind_of(term: Term) -> int:
+    """Return what `generalised` takes a term for."""
+    kinds = (GravityGradient, ORBITING), (Quadratic, QUADRATIC), (Spring, SPRING), (PotentialFunction, FUNCTION)
+    otherwise = OF_FORCES if term.kind == "forces" else OF_MOMENT
+    return next((kind for made, kind in kinds if isinstance(term, made)), otherwise)
+
+
+def numbers_of(term: Term) -> Array:
+    """Return a term as `generalised.Term` has it, without addresses."""
+    found, kind = np.zeros(TERM.size), kind_of(term)
+    found.view(np.int64)[TERM.kind], found[TERM.scale] = kind, term.scale
+    if not isinstance(term, Potential):
+        return found
+    vectors = term.vectors
+    if isinstance(term, GravityGradient):
+        found[TERM.stiffness], found[TERM.rest] = term.mean_motion, term.start
+        vectors = np.array([term.radial, np.cross(term.normal, term.radial)])
+    if isinstance(term, Quadratic):
+        found[TERM.linear : TERM.quadratic] = term.linear
+    if isinstance(term, Quadratic | GravityGradient):
+        found[TERM.quadratic : TERM.square] = term.quadratic.ravel()
+    if isinstance(term, Spring):
+        found[TERM.linear : TERM.quadratic], found[TERM.square] = term.point, term.square
+        found[TERM.stiffness], found[TERM.rest] = term.stiffness, term.rest_length
+    found.view(np.int64)[TERM.dimension] = len(term.vectors)
+    found[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()
+    return found

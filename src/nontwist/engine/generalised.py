@@ -24,33 +24,33 @@ Actions. What a scheme wants of the moment m differs: m itself; of a scheme that
 ``½ y × d_{i,m}``, the y = 2x for which they have the moment m, (tr D I - D) x = m, D = Σ d_i ⊗ d_i; or, of stages that
 are not orthonormal, the torque γ × ∂V/∂γ in the body, for which Gauss collocation keeps K + V with quadratic V. Forces
 are x × d_i and a symmetric rest Σ_j σ_ij d_j, which does no work on rotations: it is carried by the multipliers λ.
+
+Derivatives. `sloped` evaluates the same text on dual numbers, in directions that lie side by side, in lanes: of
+directors, velocity, time and half turn, of the forces of a table, and of the numbers of the terms. What a function
+adds to them it gives itself, as a second function that returns its derivatives as well (`functions`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
+from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import cos, larger, logical_not, select, sin, sqrt
+from ..kernels.dual import Dual, plain, tangent
+from ..kernels.elements import Whole, cos, larger, logical_not, remade, select, sin, sqrt
 from ..kernels.kernel import kernel
-from ..kernels.memory import View, call, doubles, fields, put, size_of, vector_at
+from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, room, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
-from .records import Acting, places
+from .records import FORCES, Acting, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
-QUADRATIC, SPRING, FUNCTION, ORBITING = range(4)
+QUADRATIC, SPRING, FUNCTION, ORBITING, OF_FORCES, OF_MOMENT = range(6)  # potentials; functions of the state
 NAN, LOST, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
 
 
-class Terms(NamedTuple):
-    """What stands before the potentials."""
-
-    function: int  # address of one of director forces, 0: none
-    potentials: int  # how many there are
-
-
 class Term(NamedTuple):
-    """A potential."""
+    """A potential, or a function of the state."""
 
     kind: int
     scale: float
@@ -60,38 +60,153 @@ class Term(NamedTuple):
     quadratic: Matrix  # Q
     square: float  # |ρ|² + |a|²
     stiffness: float  # or the rate of an orbit
-    rest: float  # length
-    function: int  # address of V and its gradient
+    rest: float  # length, or the time at which an orbit begins
+    function: int  # address of a function, of V and its gradient, of forces or of a moment
+    slopes: int  # address of one that gives their derivatives as well
 
 
-TERM, TERMS = places(Term), size_of(Terms)
+class Sloped(NamedTuple):
+    """What `sloped` is called with."""
+
+    acting: Acting
+    directions: int
+    seeds: Doubles  # (numbers, directions) of `Acting`, of the forces of a table, of the terms
+    slopes: Doubles  # (6, directions) where the derivatives of the moments of the load and of potentials go
+
+
+TERM = places(Term)
 ROOM = fields(Acting)["room"].place
 W = fields(Acting)["w"].place
+OF_TABLE = fields(Acting)["half"].place + 3  # places of seeds
+OF_TERMS = OF_TABLE + FORCES
+STATE = (*range(W + 3), *range(fields(Acting)["t"].place, OF_TABLE - 3), *range(OF_TABLE - 3, OF_TABLE))
+GIVEN = W + 4  # numbers that a function of the state gets
 AT, ENDS = 16, 32  # within the room: what V is called with, and what it gives at both ends
 
 
-class Potential(NamedTuple):
-    """A potential at a state: directors as rows in space, half turn, time."""
+class Numbers:
+    """The numbers of a record, read with their derivatives by `seeded`."""
 
-    term: View
+    def __init__(self, view: View, seeded: Callable[[Any, int], Any], first: int) -> None:
+        self._view, self._seeded, self._first = view, seeded, first
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._view, name)
+        is_whole = isinstance(found, Whole | int)
+        return found if is_whole else self._seeded(found, self._first + fields(self._view._record)[name].place)
+
+
+class State:
+    """A state at which terms are evaluated, on plain numbers."""
+
+    def __init__(self, memory: Any) -> None:
+        self.memory, self.view = memory, View(Acting, memory)
+        x, self.room = Numbers(self.view, self.seeded, 0), memory.shifted(ROOM)
+        self.d, self.w, self.half, self.t = x.directors, x.w, x.half, x.t
+
+    def seeded(self, x: Any, place: Any) -> Any:
+        """Return numbers with their derivatives."""
+        return x
+
+    def lifted(self, x: Any) -> Any:
+        """Return numbers as those that variables begin with."""
+        return x
+
+    def of_state(self, term: Numbers, count: int) -> Any:
+        """Return what a function of the state gives, in memory."""
+        call(term.function, self.t, self.memory, self.memory.shifted(W), self.room)
+        return self.room
+
+    def of_potential(self, term: Numbers, at: Any, found: Any) -> None:
+        """Set V and its gradient for what is seen."""
+        call(term.function, self.t, at, at, found)
+
+
+class DualMemory:
+    """Dual numbers in memory, with derivatives in as many directions as there are lanes."""
+
+    def __init__(self, values: Any, tangents: Any) -> None:
+        self.values, self.tangents = values, tangents
+
+    def __getitem__(self, k: Any) -> Dual:
+        side = machine_code.lanes()
+        return Dual(self.values[k], [self.tangents.load(k * side, side)])
+
+    def __setitem__(self, k: Any, x: Any) -> None:
+        side = machine_code.lanes()
+        self.values[k] = plain(x)
+        self.tangents.store(k * side, tangent(x, 0), side)
+
+    def shifted(self, k: Any) -> DualMemory:
+        """Return the memory of what lies k numbers further."""
+        return DualMemory(self.values.shifted(k), self.tangents.shifted(k * machine_code.lanes()))
+
+
+class DualState(State):
+    """A state on dual numbers, in some of the directions of the seeds, from `first` on."""
+
+    def __init__(self, own: View, memory: Any, first: Any) -> None:
+        self._own, self._first, side = own, first, machine_code.lanes()
+        super().__init__(memory)
+        self.room = DualMemory(self.room, room(fields(Acting)["room"].size * side))
+        self._given, self._table = DualMemory(room(GIVEN), room(GIVEN * side)), room(FORCES // 2 * (1 + GIVEN))
+
+    def seeded(self, x: Any, place: Any) -> Any:
+        """Return numbers as duals."""
+        if isinstance(x, tuple):
+            size = 3 if isinstance(x, Matrix) else 1
+            return remade(x, [self.seeded(y, place + size * k) for k, y in enumerate(x)])
+        own = self._own
+        return Dual(x, [own.seeds.load(place * own.directions + self._first, machine_code.lanes())])
+
+    def lifted(self, x: Any) -> Any:
+        """Return numbers as those that variables begin with: as duals."""
+        if isinstance(x, tuple):
+            return remade(x, [self.lifted(y) for y in x])
+        return x if isinstance(x, Dual) else Dual(x, [0.0 * self._own.seeds.load(0, machine_code.lanes())])
+
+    def of_state(self, term: Numbers, count: int) -> Any:
+        """Return what a function of the state gives, in memory."""
+        put(self._given, (self.d, self.w, self.t))
+        call(term.slopes, plain(self.t), self.memory, self.memory.shifted(W), self._table)
+        self._chain(GIVEN, self._given, count, self.room)
+        return self.room
+
+    def of_potential(self, term: Numbers, at: DualMemory, found: DualMemory) -> None:
+        """Set V and its gradient for what is seen."""
+        n = 3 * term.dimension
+        call(term.slopes, plain(self.t), at.values, at.values, self._table)
+        self._chain(n, at, 1 + n, found)
+
+    def _chain(self, n: Any, given: DualMemory, count: Any, found: DualMemory) -> None:
+        """Set what is found from the table of values and derivatives by the n numbers that are given."""
+        for i in loop(count):
+            row = self._table.shifted(i * (1 + n))
+            v = Variables(x=row[1] * tangent(given[0], 0))
+            for j in loop(1, n):
+                v.x = v.x + row[1 + j] * tangent(given[j], 0)
+            found[i] = Dual(row[0], [v.x])
+
+
+class Potential(NamedTuple):
+    """A potential at a state."""
+
+    term: Numbers
     row: Any  # its numbers
-    room: Any
-    d: Matrix
-    half: Vector
-    t: Any
+    state: State
 
     def space_vector(self, n: Any) -> Vector:
         """Return the vector number n; one on an orbit turns at its rate."""
-        v = Variables(a=vector_at(self.row, TERM.vectors + 3 * n))
-        for _ in when(self.term.kind == ORBITING):
-            angle = self.term.stiffness * self.t
+        term, v = self.term, Variables(a=self.state.lifted(vector_at(self.row, TERM.vectors + 3 * n)))
+        for _ in when(term.kind == ORBITING):
+            angle = term.stiffness * (self.state.t - term.rest)
             v.a = cos(angle) * v.a + sin(angle) * vector_at(self.row, TERM.vectors + 3)
         found: Vector = v.a
         return found
 
     def gradient(self, n: Any, g: Vector) -> Vector:
         """Return the discrete gradient by the vector number n, seen as g; the first one calls the function."""
-        term, delta, kind = self.term, -cross(self.half, g), self.term.kind
+        term, room, delta, kind = self.term, self.state.room, -cross(self.state.half, g), self.term.kind
         v = Variables(gradient=term.linear + term.quadratic @ g)
         for _ in when(kind == SPRING):
             rho, square = term.linear, term.square
@@ -101,37 +216,40 @@ class Potential(NamedTuple):
         for _ in when(kind == FUNCTION):
             for _ in when(n == 0):
                 self.evaluate()
-            v.gradient = (2.0 * self.room[1 + 3 * term.dimension]) * delta + vector_at(self.room, 1 + 3 * n)
+            v.gradient = (2.0 * room[1 + 3 * term.dimension]) * delta + vector_at(room, 1 + 3 * n)
         found: Vector = v.gradient
         return found
 
     def put_seen(self, sign: float) -> None:
         """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
+        state = self.state
         for n in loop(self.term.dimension):
-            g = self.d @ vector_at(self.row, TERM.vectors + 3 * n)
-            put(self.room.shifted(AT), g + sign * cross(self.half, g), 3 * n)
+            g = state.d @ vector_at(self.row, TERM.vectors + 3 * n)
+            put(state.room.shifted(AT), g + sign * cross(state.half, g), 3 * n)
 
     def evaluate(self) -> None:
         """Set the room to V, its gradient at the mean, and what Δγ is multiplied by."""
-        room, at, ends, term = self.room, self.room.shifted(AT), self.room.shifted(ENDS), self.term
-        factor, v = 1 + 3 * term.dimension, Variables(length=0.0, across=0.0, first=0.0, along=0.0)
+        state, term, half = self.state, self.term, self.state.half
+        room, at, ends = state.room, state.room.shifted(AT), state.room.shifted(ENDS)
+        factor, zero = 1 + 3 * term.dimension, state.lifted(0.0)
+        v = Variables(length=zero, across=zero, first=zero, along=zero)
         self.put_seen(0.0)
         for n in loop(term.dimension):
             g = vector_at(at, 3 * n)
-            delta = cross(self.half, g)
+            delta = cross(half, g)
             v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
-        call(term.function, self.t, at, at, room)
+        state.of_potential(term, at, room)
         for _ in when(logical_not(abs(room[0]) <= LOST)):  # of a state V itself is not used, but it must be there
             room[1] = NAN
         room[factor] = 0.0
         for _ in when(v.across > SHORT * v.length):
             for n in loop(term.dimension):
-                v.along = v.along - 2.0 * (vector_at(room, 1 + 3 * n) @ cross(self.half, vector_at(at, 3 * n)))
+                v.along = v.along - 2.0 * (vector_at(room, 1 + 3 * n) @ cross(half, vector_at(at, 3 * n)))
             self.put_seen(1.0)
-            call(term.function, self.t, at, at, ends)
+            state.of_potential(term, at, ends)
             v.first = ends[0]
             self.put_seen(-1.0)
-            call(term.function, self.t, at, at, ends)
+            state.of_potential(term, at, ends)
             room[factor] = (ends[0] - v.first - v.along) / v.across
 
 
@@ -149,45 +267,57 @@ def without_turn(d: Matrix, m: Vector) -> Vector:
     return x
 
 
-def forces_of(x: View, memory: Any, function: Any, d: Matrix) -> Matrix:
-    """Return the forces on the directors d, rows in space."""
-    v = Variables(F=0.0 * d)
-    for _ in when(x.node != 0):
-        f = doubles(x.node)
-        along = Matrix(*(vector_at(f, 9 + 3 * i) for i in range(3)))
-        v.F = Matrix(*(vector_at(f, 3 * i) for i in range(3))) + along @ d
-    for _ in when(function != 0):
-        room = memory.shifted(ROOM)
-        call(function, x.t, memory, memory.shifted(W), room)
-        v.F = v.F + Matrix(*(vector_at(room, 3 * i) for i in range(3)))
-    found: Matrix = v.F
-    return found
-
-
-@kernel("i8")
-def generalised(address: Any) -> None:
-    """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
-    memory = doubles(address)
-    x = View(Acting, memory)
-    terms, d, half, t, action = View(Terms, doubles(x.terms)), x.directors, x.half, x.t, x.action
-    F, room = forces_of(x, memory, terms.function, d), memory.shifted(ROOM)
-    v = Variables(H=0.0 * d, torque=0.0 * half)
-    for k in loop(terms.potentials):
-        row = doubles(x.terms + 8 * (TERMS + TERM.size * k))
-        term = View(Term, row)
-        potential = Potential(term, row, room, d, half, t)
+def put_moments(state: State) -> tuple[Vector, Vector]:
+    """Return the moments of the load and of potentials at a state as the action has them; set σ."""
+    d, view = state.d, state.view
+    zero, action = state.lifted(0.0 * view.directors), view.action
+    v = Variables(F=zero, H=zero, torque=zero[0], free=zero[0])
+    for _ in when(view.node != 0):
+        memory = doubles(view.node)
+        table = [state.seeded(vector_at(memory, 3 * i), OF_TABLE + 3 * i) for i in range(6)]
+        v.F = Matrix(*table[:3]) + Matrix(*table[3:]) @ d
+    count = memory_at(view.terms, True)[0]
+    for k in loop(count):
+        row = doubles(view.terms + 8 * (1 + TERM.size * k))
+        term = Numbers(View(Term, row), state.seeded, OF_TERMS + TERM.size * k)
+        for _ in when(term.kind == OF_FORCES):
+            found = state.of_state(term, 9)
+            v.F = v.F + term.scale * Matrix(*(vector_at(found, 3 * i) for i in range(3)))
+        for _ in when(term.kind == OF_MOMENT):
+            v.free = v.free + term.scale * vector_at(state.of_state(term, 3))
+        potential = Potential(term, row, state)
         for n in loop(term.dimension):
             a = potential.space_vector(n)
             g = term.scale * potential.gradient(n, d @ a)
             v.H = Matrix(*(h - y * a for h, y in zip(v.H, g, strict=True)))
             v.torque = v.torque + cross(d @ a, g)
-    load, held = moment_of(d, F), moment_of(d, v.H)
+    load, held = moment_of(d, v.F), moment_of(d, v.H)
     v.load, v.held = load, select(action == STAGE, v.torque, held)
     for _ in when((action == PAPER) | (action == EXACT)):
         y, z = without_turn(d, load), without_turn(d, held)
-        rest = F + v.H - Matrix(*(cross(y + z, one) for one in d))
-        across = Matrix(cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1]))
-        x.rest = (rest @ ((1.0 / (d[0] @ across[0])) * across).T).symmetric
+        if not isinstance(state, DualState):
+            rest = v.F + v.H - Matrix(*(cross(y + z, one) for one in d))
+            across = Matrix(cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1]))
+            view.rest = (rest @ ((1.0 / (d[0] @ across[0])) * across).T).symmetric
         is_paper = action == PAPER
         v.load, v.held = select(is_paper, 2.0 * y, load), select(is_paper, 2.0 * z, held)
-    x.load, x.held = v.load, v.held
+    return v.load + v.free, v.held
+
+
+@kernel("i8")
+def generalised(address: Any) -> None:
+    """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
+    x = View(Acting, doubles(address))
+    x.load, x.held = put_moments(State(doubles(address)))
+
+
+@kernel("i8")
+def sloped(address: Any) -> None:
+    """Set moments of the load and of potentials, and their derivatives in the directions of seeds."""
+    memory = doubles(address)
+    own, x, side = View(Sloped, memory), View(Acting, memory), machine_code.lanes()
+    for first in loop(0, own.directions, side):
+        found = put_moments(DualState(own, memory, first))
+        x.load, x.held = plain(found)
+        for k, y in enumerate((*found[0], *found[1])):
+            own.slopes.store(k * own.directions + first, tangent(y, 0), side)

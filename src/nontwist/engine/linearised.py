@@ -19,19 +19,21 @@ constrained axis the frame turns, by ε = n × dn: a vector x along the body is 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when
-from ..kernels.dual import Dual, plain, tangent
-from ..kernels.elements import any_of, logical_not, remade, smaller
+from ..kernels.dual import Dual, jacobian, plain, tangent
+from ..kernels.elements import any_of, logical_not, remade, select, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, fields, size_of, vector_at
-from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from ..kernels.memory import Doubles, View, Wholes, call, doubles, room, size_of, vector_at
+from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from .generalised import STATE, Sloped
 from .marching import UNIT, Text
 from .newton import Solved, solving
-from .records import Body, Parts, State, places
+from .records import FORCES, Body, Parts, State, places
 from .sampling import Nodes
+from .state_moments import mean
 from .workspace import turned_into
 
 INPUTS = {
@@ -46,8 +48,13 @@ INPUTS = {
     "moving": 3,  # moment along the frame
     "space": 3,
     "rotor": 3,
+    "forces": FORCES,
+    "time": 1,  # at the beginning
+    "factor": 1,  # of functions of the state
+    "terms": 0,  # changes of the numbers of these, as many as are asked for
 }
-NODAL = ("moving", "space", "rotor")  # at every node of the load
+NODAL = ("moving", "space", "rotor", "forces")  # at every node of the load
+Wanted = tuple[tuple[str, int], ...]  # inputs, and of how many numbers each
 
 
 class Steps(NamedTuple):
@@ -67,8 +74,14 @@ class Steps(NamedTuple):
     pushed: Doubles  # (nodes, 3) in space
     wheels: Doubles  # (nodes, 6) momentum of rotors and its rate
     spins: Doubles  # (steps,) changes of a spin
-    called: Doubles  # (nodes, CALLED) what depends on the state: numbers of `Step` from `MOMENT` on; 0: none
-    shown: Doubles  # (nodes, 12) where velocities and rows of the stages go: nothing else is made then; 0: nowhere
+    times: Doubles  # of the nodes
+    forces: int  # address of (nodes, 18) on the directors; 0: none
+    generalised: int  # addresses of what makes moments of functions of the state, and their derivatives as well
+    sloped: int
+    action: int  # what they make
+    terms: int  # address of the terms
+    seeds: Doubles  # (numbers, directions) of `generalised.Sloped`
+    speed: float  # the scale of velocities
     table: Doubles  # coefficients of a scheme
     orbit: Doubles  # rate and axis of one that steps are seen from
     out: Doubles
@@ -93,15 +106,13 @@ class Step(NamedTuple):
     rotor: Vector
     rate: Vector
     spin: float
-    moment: Vector  # of functions of the state, seen at the beginning: ``moment + velocity Ω + attitude δ``,
-    velocity: Matrix  # these by columns
-    attitude: Matrix
-    rows: Annotated[tuple[Any, ...], 27]  # of stages, ``Σ rows_k g_k`` beside, each by columns
-
-
-MOMENT = fields(Step)["moment"].place
-CALLED = size_of(Step) - MOMENT
-STATED = CALLED - fields(Step)["rows"].size
+    t: float  # of the node
+    forces: int  # address of those of a table there
+    directors: Matrix  # where functions of the state are linear
+    w: Vector
+    half: Vector
+    load: Vector  # what they give there
+    held: Vector
 
 
 class Varied(Body):
@@ -170,10 +181,18 @@ class Known(Nodes):
     """
 
     def __init__(
-        self, parts: Parts, body: Body, at: Any, scale: Any, directions: Directions, R: Matrix | None = None
+        self,
+        parts: Parts,
+        body: Body,
+        at: Any,
+        scale: Any,
+        directions: Directions,
+        R: Matrix | None = None,
+        calls: Calls | None = None,
     ) -> None:
         self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
-        self._vary, self.basis, d = directions, body.basis, directions.of("axis", Vector)
+        self.calls, self.factor, self.vary = calls, directions.along("factor", scale), directions
+        self.basis, d = body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
         self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis if R is None else R
         self.delta = self.turn
@@ -184,8 +203,8 @@ class Known(Nodes):
 
     def _varied(self, body: Body) -> Body:
         """Return the body with what of it has derivatives."""
-        dJ, tilt = self._vary.of("inertia", Symmetric), self.tilt
-        dead, damping = self._vary.along("dead", body.dead), self._vary.along("damping", body.damping)
+        dJ, tilt = self.vary.of("inertia", Symmetric), self.tilt
+        dead, damping = self.vary.along("dead", body.dead), self.vary.along("damping", body.damping)
         if tilt is not None:
             dead = dead + Matrix(*(cross(column, tilt) for column in dead.T)).T
             damping = damping + tilted(damping, tilt)
@@ -209,7 +228,7 @@ class Known(Nodes):
             s = self.body.momentum_of(W)
         extra: Any = (0.0,) * text.extra
         if self.parts.is_director_scheme:
-            N = self._vary.along("normal", N)
+            N = self.vary.along("normal", N)
             if self.tilt is not None:
                 N = N + symmetric(tilted(N.matrix, self.tilt))
             extra = (*N, *extra[6:])
@@ -220,7 +239,7 @@ class Known(Nodes):
 
     def velocity(self, W: Vector) -> Vector:
         """Return the velocity at the beginning."""
-        return self.tilted(self._vary.along("velocity", W))
+        return self.tilted(self.vary.along("velocity", W))
 
     def known(self, j: Any) -> Any:
         """Return what is known of a node."""
@@ -237,20 +256,20 @@ class Known(Nodes):
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame."""
-        return self.tilted(self._vary.along("moving", self._scale * self.along(self.known(j).moving)))
+        return self.tilted(self.vary.along("moving", self._scale * self.along(self.known(j).moving)))
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space as seen at the beginning."""
-        return self.seen(self._vary.along("space", self._scale * self.known(j).space))
+        return self.seen(self.vary.along("space", self._scale * self.known(j).space))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors and its rate."""
         c, rate = (self._scale * self.along(x) for x in (self.known(j).rotor, self.known(j).rate))
-        return self.tilted(self._vary.along("rotor", c)), self.tilted(self._vary.along("rate", rate))
+        return self.tilted(self.vary.along("rotor", c)), self.tilted(self.vary.along("rate", rate))
 
     def spin(self, j: Any = 0) -> Any:
         """Return the change of the prescribed spin."""
-        return self._vary.along("spin", self._at.spin)
+        return self.vary.along("spin", self._at.spin)
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning, rows."""
@@ -258,7 +277,16 @@ class Known(Nodes):
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        return LinearFunctions(self, self.known(j))
+        return LinearFunctions(self, j)
+
+    def later(self, j: Any = 0) -> Any:
+        """Return the changes of the time of a node, a number of value 0."""
+        later = self.vary.along("time", 0.0)
+        return later + self.fraction(j) * (self.h - plain(self.h)) if isinstance(self.h, Dual) else later
+
+    def fraction(self, j: Any) -> Any:
+        """Return how far into the step a node is."""
+        return 0.5
 
     def seen(self, x: Vector) -> Vector:
         """Return a vector in space as seen at the beginning."""
@@ -266,37 +294,106 @@ class Known(Nodes):
         return f if self.turn is None else f + cross(f, self.turn)
 
 
-class LinearFunctions:
-    """Functions of the state, linear about the step that is known."""
+class Calls(NamedTuple):
+    """How functions of the state are called, in one step after the other, and in which directions.
 
-    def __init__(self, known: Known, at: Any) -> None:
-        self._known, unit = known, 1.0 / known.body.unit
-        self._moment, self._half = unit * at.moment, 0.5 * known.h
-        self._velocity, self._attitude = unit * at.velocity.T, unit * at.attitude.T
-        self._rows = tuple(Matrix(*(Vector(*at.rows[9 * k + 3 * i :][:3]) for i in range(3))) for k in range(3))
-        self._unit = unit
+    These are the state, the forces of a table where they are asked for, and changes of the numbers of terms.
+    """
+
+    parts: Parts
+    block: View  # of `Steps`
+    is_stage: bool  # whether potentials give a torque of their own
+    wanted: dict[str, int]  # inputs
+
+    @property
+    def places(self) -> dict[str, int]:
+        """Where the directions of inputs begin, and, as "", how many there are."""
+        return places_of_directions(self.wanted)
+
+    @property
+    def outcomes(self) -> int:
+        """How many numbers are differentiated."""
+        return 6 if self.is_stage else 3
+
+    @property
+    def size(self) -> int:
+        """How many numbers of a step the derivatives take."""
+        return self.outcomes * self.places[""] if self.parts.calls else 0
+
+    def slopes(self, at: View) -> Any:
+        """Return the memory of the derivatives, which lies behind what else is known."""
+        return at._memory.shifted(size_of(Step) * self.parts.lanes)
+
+    def evaluate(self, at: View, directors: Matrix, w: Vector, half: Vector, is_sloped: bool = True) -> None:
+        """Evaluate them, with their derivatives: directors and w are given in space, the half turn in the body."""
+        b, n, count = self.block, self.parts.lanes, self.places[""]
+        at.directors, at.w, at.half = directors, w, half
+        own, found, slopes = View(Sloped, room(size_of(Sloped))), room(6 * count), self.slopes(at)
+        acting = own.acting
+        acting.action, acting.terms, acting.called = b.action, b.terms, (b.speed, 0.0, 0.0)
+        own.directions, own.seeds, own.slopes = count, b.seeds, found
+        for l in loop(n):
+            lane = at.lane(l)
+            acting.directors, acting.w, acting.half = lane.directors, lane.w, lane.half
+            acting.t, acting.node = lane.t, lane.forces
+            call(b.sloped if is_sloped else b.generalised, own.address)
+            lane.load, lane.held = acting.load, acting.held
+            if not self.is_stage:
+                lane.load = acting.load + acting.held
+            for k in loop(self.size if is_sloped else 0):
+                slopes[k * n + l] = found[k] if self.is_stage else found[k] + found[3 * count + k]
+
+
+def places_of_directions(wanted: dict[str, int]) -> dict[str, int]:
+    """Return where directions of functions of the state begin, for inputs, and, as "", how many there are."""
+    n, side = len(STATE), machine_code.lanes()
+    terms = n + wanted.get("forces", 0)
+    return {"forces": n, "terms": terms, "": -(-(terms + wanted.get("terms", 0)) // side) * side}
+
+
+class LinearFunctions:
+    """Functions of the state at a node, linear about the state at which they were evaluated."""
+
+    def __init__(self, known: Known, j: Any) -> None:
+        assert known.calls is not None
+        self._known, self._at, self._calls, self._j = known, known.known(j), known.calls, j
+        self.R, self.B = Matrix(*map(known.seen, AXES)), Matrix(*map(known.tilted, known.basis))
 
     def moment(self, a: Vector, w: Vector) -> Vector:
-        """Return the moment in b at the half turn a."""
-        known, Om = self._known, (1.0 / self._half) * a
-        if known.tilt is not None:
-            Om = Om - cross(Om, known.tilt)
-        m = self._moment + self._velocity @ Om
-        return m if known.delta is None else known.tilted(m + self._attitude @ known.delta)
+        """Return the moment in b for the averaged directors of a step and the velocity w."""
+        s = 1.0 / (1.0 + a @ a)
+        rows = Matrix(*(mean(s, -a, row) for row in self.R))
+        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""
-        return tuple(self._velocity.T)
 
-    def torque(self, W: Vector, C: Matrix) -> Vector:
-        """Return the torque in b at a stage, of the velocity W and the rows of C."""
-        known = self._known
-        if known.tilt is not None:
-            W, C = W - cross(W, known.tilt), C - tilted(C, known.tilt)
-        m = self._moment + self._velocity @ W
-        for g, rows in zip(C, self._rows, strict=True):
-            m = m + self._unit * (g @ rows)
-        return m if known.delta is None else known.tilted(m + self._attitude @ known.delta)
+        def moment(Om: Vector) -> Vector:
+            a = f * Om
+            return self.moment(a, (1.0 / (1.0 + a @ a)) * Om if is_shrinking else Om)
+
+        return tuple(jacobian(moment, Om))
+
+    def torque(self, g: Matrix, W: Vector) -> tuple[Vector, Any]:
+        """Return at a stage the moment, as seen at the beginning of the step, and the torque of potentials, in b."""
+        return self.changed(self.B @ (self.R @ g).T, self.R @ (g @ W))
+
+    def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Vector, Any]:
+        """Return the moment, as seen at the beginning of the step, and the torque of potentials in b."""
+        known, at, calls, n = self._known, self._at, self._calls, self._calls.parts.lanes
+        places, slopes, own = calls.places, calls.slopes(at), at.directors
+        changes = [x - y for row, other in zip(directors, own, strict=True) for x, y in zip(row, other, strict=True)]
+        changes += [*(w - at.w), known.later(self._j), *(() if half is None else half - at.half)]
+        there = list(enumerate(changes))
+        for name in ("forces", "terms"):
+            if name in known.vary.places:
+                there += enumerate(known.vary.along(name, (0.0,) * calls.wanted[name]), places[name])
+        found = [*at.load, *at.held][: calls.outcomes]
+        for k, x in there:
+            if not (type(x) is float and x == 0.0):
+                found = [y + slopes.load((c * places[""] + k) * n, n) * x for c, y in enumerate(found)]
+        held = known.factor * known.tilted(known.along(Vector(*found[3:]))) if calls.is_stage else None
+        return known.factor * known.seen(Vector(*found[:3])), held
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
@@ -314,28 +411,28 @@ def rows_of(parts: Parts) -> int:
     return 12 if parts.is_director_scheme else 6
 
 
-def places_of(parts: Parts, wanted: tuple[str, ...]) -> dict[str, int]:
+def places_of(parts: Parts, wanted: Wanted) -> dict[str, int]:
     """Return where the numbers of the state and of inputs begin among all directions."""
     places, width = {"turn": 0, "velocity": 3, "normal": 6}, rows_of(parts)
-    for name in wanted:
-        places[name], width = width, width + INPUTS[name]
+    for name, size in wanted:
+        places[name], width = width, width + size
     return places
 
 
 @lru_cache
-def linearised(text: Text, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     """Return the kernel that makes the matrices of `Steps`, with the columns of the inputs that are wanted."""
-    width, n = rows_of(parts) + sum(INPUTS[name] for name in wanted), parts.lanes
+    width, n = rows_of(parts) + sum(size for _, size in wanted), parts.lanes
     directions = Directions(places_of(parts, wanted), width)
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
-        scale, out = b.factor[0] / body.unit, b.out
+        scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, False, dict(wanted))
         x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0  # where only their derivatives are asked for
         for first in loop(0, b.steps, n):
             gather(parts, b, x, first)
-            found, is_stalled = derivatives(text, parts, body, x, scale, directions)
+            found, is_stalled = derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
             for i, y in enumerate(found):
@@ -351,14 +448,11 @@ def gather(parts: Parts, b: View, x: View, first: Any) -> None:
         i, lane = smaller(first + l, b.steps - 1), x.lane(l)
         p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
         lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
+        lane.q = Quaternion(p[7], p[4], p[5], p[6])
         lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
         sampled(parts, b, lane, i)
-        if parts.calls:
-            called = b.called.shifted(CALLED * i)
-            for k in loop(STATED):
-                lane.set_number(MOMENT + k, called[k])
 
 
 def sampled(parts: Parts, b: View, lane: View, i: Any) -> None:
@@ -369,21 +463,41 @@ def sampled(parts: Parts, b: View, lane: View, i: Any) -> None:
                 setattr(lane, name, array[i] if name == "spin" else vector_at(array, 3 * i))
     if parts.rotor:
         lane.rotor, lane.rate = vector_at(b.wheels, 6 * i), vector_at(b.wheels, 6 * i + 3)
+    if parts.calls:
+        called_at(b, lane, i)
+
+
+def called_at(b: View, lane: View, i: Any) -> None:
+    """Take over the time of a node, and where the forces of a table lie."""
+    lane.t, lane.forces = b.times[i], select(b.forces == 0, 0, b.forces + 8 * FORCES * i)
 
 
 def derivatives(
-    text: Text, parts: Parts, body: Body, at: View, scale: Any, directions: Directions
+    text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    solved, is_open = Solved(), at.h == at.h
+    solved, is_open, parts = Solved(), at.h == at.h, calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
+    if parts.calls:
+        call_at_middle(calls, at)
     with solving(solved):
-        here = Known(parts, body, at, scale, Directions({}, 0))
+        here = Known(parts, body, at, scale, Directions({}, 0), calls=calls)
         is_stalled = text.step(here, here.start(text, W, N), is_open).stalled
         solved.begin()
-        known = Known(parts, body, at, scale, directions)
+        known = Known(parts, body, at, scale, directions, calls=calls)
         state = text.step(known, known.start(text, W, N), is_open).state
     return ends(text, known, state), is_stalled
+
+
+def call_at_middle(calls: Calls, at: View) -> None:
+    """Evaluate functions of the state in the middle of a midpoint step, which turns by ``cay(hΩ)``, from its ends."""
+    p, q = at.p, at.q
+    turn, R = Quaternion(p[0], -p[1], -p[2], -p[3]) @ q, attitude(p)
+    a = (1.0 / turn[0]) * turn.vector
+    s = 1.0 / (1.0 + a @ a)
+    rows = Matrix(*(mean(s, -a, row) for row in R))
+    w = R @ ((2.0 / at.h) * a)
+    calls.evaluate(at, rows.T, s * w if calls.parts.is_director_scheme else w, a)
 
 
 def ends(text: Text, known: Known, state: State) -> list[Any]:
@@ -430,7 +544,7 @@ class Loaded(Directions):
 
 
 @lru_cache
-def carried(text: Text, parts: Parts, wanted: tuple[str, ...], inputs: tuple[int, ...]) -> Kernel:
+def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
     places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()

@@ -82,6 +82,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED
 from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
+from ..engine.linearised import Wanted
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
@@ -208,7 +209,7 @@ class Gauss(Compiled):
         several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
         return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
 
-    def linear(self, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+    def linear(self, form: int, parts: Parts, wanted: Wanted) -> Kernel:
         """Return what linearises the steps of a form."""
         from .gauss_derivatives import linearised
 

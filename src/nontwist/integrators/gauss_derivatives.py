@@ -28,7 +28,7 @@ from functools import lru_cache
 from typing import Any
 
 from ..engine.elimination import Room, eliminate
-from ..engine.linearised import CALLED, INPUTS, MOMENT, NODAL, Directions, Known, Step, Steps
+from ..engine.linearised import NODAL, Calls, Directions, Known, Step, Steps, Wanted, called_at
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
@@ -49,20 +49,30 @@ class KnownStages(Known):
     """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
 
     def __init__(
-        self, parts: Parts, body: Body, nodes: Any, scale: Any, directions: Directions, orbit: Any = None
+        self, parts: Parts, body: Body, nodes: Any, scale: Any, directions: Directions, steps: View, calls: Calls
     ) -> None:
-        super().__init__(parts, body, nodes(0), scale, directions)
-        self._nodes, self._orbit = nodes, orbit
+        super().__init__(parts, body, nodes(0), scale, directions, calls=calls)
+        self._nodes, self._steps = nodes, steps
         self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.places else None
 
     @property
     def orbit(self) -> tuple[Any, Vector]:
         """The rate of the orbit, and its axis in space."""
-        return self._vary.along("orbit", self._orbit[0]), vector_at(self._orbit, 1)
+        return self.vary.along("orbit", self._steps.orbit[0]), vector_at(self._steps.orbit, 1)
 
     def known(self, j: Any) -> Any:
         """Return what is known of a node."""
         return self._nodes(j)
+
+    def fraction(self, j: Any) -> Any:
+        """Return how far into the step a node is; seen from an orbit, no time passes in it."""
+        return 0.0 if self.parts.orbit else self._steps.table[TABLE.nodes + j]
+
+    def evaluate(self, i: Any, W: Vector, g: Any, is_sloped: bool) -> None:
+        """Evaluate the functions of the state at a stage."""
+        rows = self.R @ g
+        assert self.calls is not None
+        self.calls.evaluate(self.known(i), self.basis @ rows.T, rows @ W, ZEROS, is_sloped)
 
 
 class StageEquations(Equations):
@@ -73,11 +83,12 @@ class StageEquations(Equations):
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
         """Return P, the vectors g, and what the equations say at stages."""
         P, g = self.placed(i, matrix)
-        return P, g, self.now(stage, P, g, None, self.torque(i, self.k * P, g))
-
-    def torque(self, i: Any, W: Vector, g: Any) -> Any:
-        """Return the torque of functions of the state, None where there are none."""
-        return self.acting.functions(i).torque(W, g) if self.parts.calls else None
+        if not self.parts.calls:
+            return P, g, self.now(stage, P, g)
+        self.acting.evaluate(i, self.k * P, g, False)
+        at = self.acting.known(i)
+        load, held = self.acting.factor * (at.load @ self.acting.R), self.acting.factor * (at.held @ self.acting.basis)
+        return P, g, self.now(stage, P, g, load, held)
 
     def orbital(self, g: Any) -> Vector:
         """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""
@@ -87,7 +98,8 @@ class StageEquations(Equations):
         """Return V' at a stage, of numbers of any kind; C: the axes of b at the beginning as seen there."""
         acting, W = self.acting, V if self.orbit is None else V + self.orbital(g)
         body = acting.body
-        x, y, z = self.now(self.sampled(i), body.momentum_of(W), g, None, self.torque(i, W, g)).rate
+        functions = acting.functions(i).torque(g, W) if self.parts.calls else ()
+        x, y, z = self.now(self.sampled(i), body.momentum_of(W), g, *functions).rate
         if acting.force is not None:
             more = ZEROS
             for f, c in zip(Matrix(*map(acting.seen, acting.force)).T, C, strict=True):
@@ -117,22 +129,22 @@ def rooms(s: int, columns: int) -> dict[str, int]:
     }
 
 
-def room_of(s: int, columns: int) -> int:
-    """Return how many numbers of a lane a kernel needs."""
-    return s * size_of(Step) + WIDTH * size_of(Stage) + sum(rooms(s, columns).values())
+def room_of(s: int, columns: int, slopes: int) -> int:
+    """Return how many numbers of a lane a kernel needs; `slopes`: those of functions of the state at a node."""
+    return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(rooms(s, columns).values())
 
 
-def columns_of(s: int, wanted: tuple[str, ...]) -> dict[str, int]:
+def columns_of(s: int, wanted: Wanted) -> dict[str, int]:
     """Return where the columns of the state and of the inputs wanted begin, and, as "", how many they are."""
     found, place = dict[str, int](), 0
-    for name in (*STATE, *wanted):
+    for name, size in (*STATE.items(), *wanted):
         found[name] = place
-        place += STATE[name] if name in STATE else INPUTS[name] * (s if name in NODAL else 1)
+        place += size * (s if name in NODAL else 1)
     return found | {"": place}
 
 
 @lru_cache
-def linearised(s: int, motion: str, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+def linearised(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
     """Return the kernel that makes the matrices of `Steps` of s stages, with the columns of the inputs wanted."""
 
     def kernel(address: Any) -> None:
@@ -143,13 +155,9 @@ def linearised(s: int, motion: str, parts: Parts, wanted: tuple[str, ...]) -> Ke
             steps.gather(first)
             for _ in when(any_of(steps.solve())):
                 b.failed = b.failed + 1
-            if parts.calls:
-                for _ in when(b.shown.address != 0):
-                    steps.show(first)
-            for _ in when(b.shown.address == 0):
-                for _ in when(any_of(steps.have_other_ends())):
-                    b.failed = b.failed + 1
-                steps.differentiate(first)
+            for _ in when(any_of(steps.have_other_ends())):
+                b.failed = b.failed + 1
+            steps.differentiate(first)
 
     return Kernel(kernel, "i8", parts.lanes)
 
@@ -157,24 +165,25 @@ def linearised(s: int, motion: str, parts: Parts, wanted: tuple[str, ...]) -> Ke
 class Collocation:
     """Some steps in lanes, linearised."""
 
-    def __init__(self, s: int, motion: str, parts: Parts, wanted: tuple[str, ...], b: View, body: Body) -> None:
-        self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, wanted, b, body
+    def __init__(self, s: int, motion: str, parts: Parts, wanted: Wanted, b: View, body: Body) -> None:
+        self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, dict(wanted), b, body
         self.columns, n, self.table = columns_of(s, wanted), parts.lanes, b.table
+        self.calls = Calls(parts, b, True, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
-        self._nodes, at = doubles(b.workspace), s * size_of(Step) * n
+        self._node_size = (size_of(Step) + self.calls.size) * n
+        self._nodes, at = doubles(b.workspace), s * self._node_size
         self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
         room = Room(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
         self.rooms = dict[str, Room]()
         for name, size in rooms(s, self.columns[""]).items():
             self.rooms[name], room = room, room.shifted(size)
-        self.scale, self.orbit = b.factor[0] / body.unit, b.orbit if parts.orbit else None
+        self.scale = b.factor[0] / body.unit
 
     # What is known.
 
     def node(self, j: Any) -> View:
         """Return what is known of a node; all but what acts there stands in the first one."""
-        n = self.parts.lanes
-        return View(Step, self._nodes.shifted(j * (size_of(Step) * n)), n)
+        return View(Step, self._nodes.shifted(j * self._node_size), self.parts.lanes)
 
     def gather(self, first: Any) -> None:
         """Fill the nodes with steps; lanes beyond the last repeat it."""
@@ -197,12 +206,12 @@ class Collocation:
                 if parts.rotor:
                     node.rotor, node.rate = vector_at(b.wheels, 6 * k), vector_at(b.wheels, 6 * k + 3)
                 if parts.calls:
-                    for c in loop(CALLED):
-                        node.set_number(MOMENT + c, b.called[CALLED * k + c])
+                    called_at(b, node, k)
 
     def equations(self, places: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
-        known = KnownStages(self.parts, self.body, self.node, self.scale, Directions(places, count), self.orbit)
+        how = self.body, self.node, self.scale, Directions(places, count), self.b, self.calls
+        known = KnownStages(self.parts, *how)
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
@@ -222,7 +231,7 @@ class Collocation:
 
     def still_rows(self, i: Any) -> Matrix:
         """Return these axes, where those that the vectors g turn about are in an orbit."""
-        if self.orbit is None:
+        if not self.parts.orbit:
             return self.rows(i)
         less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
         found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
@@ -259,7 +268,7 @@ class Collocation:
         e = self.equations({}, 0)
         self.plain, self.ends = e, (ZEROS, ZEROS)
         p, q = at.p, at.q
-        if self.orbit is not None:
+        if self.parts.orbit:
             n, o = e.acting.orbit
             less, v = about((n * self.h) * o)
             p = Quaternion(1.0 + less, *v) @ p
@@ -354,6 +363,9 @@ class Collocation:
                 Vector(*(Dual(x, [float(j == 3 * k + c) for j in range(3 + 3 * count)]) for c, x in enumerate(v)))
                 for k, v in enumerate((stage.V, *self.vectors(stage)))
             )
+            if self.parts.calls:
+                W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
+                e.acting.evaluate(i, W, self.vectors(stage), True)
             F = h * e.rate(i, V, Matrix(*g) if g else (), self.rows(i))
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
@@ -411,20 +423,6 @@ class Collocation:
             most.stiff = larger(most.stiff, self.stiffness(i))
         v.open = without(v.open, most.change <= CLOSE * most.speed + ROUND_OFF * most.stiff)
 
-    def show(self, first: Any) -> None:
-        """Write velocities and rows of the stages, in b."""
-        b, s = self.b, self.s
-        for l in loop(smaller(self.parts.lanes, b.steps - first)):
-            for j in loop(s):
-                out = b.shown.shifted(12 * (s * (first + l) + j))
-                put(
-                    out,
-                    View(Stage, self.stages.memory.shifted(j * self.parts.lanes + l), 1, WIDTH * self.parts.lanes).V,
-                )
-                C = self.rooms["C"].memory.shifted(9 * j * self.parts.lanes + l)
-                for k in range(9):
-                    out[3 + k] = C[k * self.parts.lanes]
-
     # The end of the step.
 
     def differentiate(self, first: Any) -> None:
@@ -441,7 +439,7 @@ class Collocation:
         turn.set()
         self.set_gains()
         if has_dead and self.motion != "free":
-            inputs = self.wanted
+            inputs = tuple(self.wanted)
         self.emit(first, inputs, turn, True)
         if has_dead and self.motion == "free":  # its direction is not kept under forces
             self.turn = self.turn_of_rows()
@@ -487,16 +485,16 @@ class Collocation:
         places, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
-                is_force = name == "dead" and (self.motion != "rows" or self.orbit is not None)
+                is_force = name == "dead" and (self.motion != "rows" or self.parts.orbit)
                 places["force" if is_force else name] = len(outs)
-                outs += range(self.columns[name], self.columns[name] + (STATE | INPUTS)[name])
-        nodal, count = [name for name in inputs if name in NODAL], len(outs)
-        for k, name in enumerate(nodal):
-            places[name] = count + 3 * k
-        e = self.equations(places, count + 3 * len(nodal))
+                outs += range(self.columns[name], self.columns[name] + (STATE | self.wanted)[name])
+        nodal, width = [name for name in inputs if name in NODAL], (count := len(outs))
+        for name in nodal:
+            places[name], width = width, width + self.wanted[name]
+        e = self.equations(places, width)
         ends, direct = self.rooms["ends"], self.matrix("direct", 0)
         W = e.acting.velocity(self.W[0])
-        V = W if self.orbit is None else W - e.orbital(AXES)
+        V = W - e.orbital(AXES) if self.parts.orbit else W
 
         def store(r: int, column: Any, x: Any) -> None:
             b.out.store((r * b.width + column) * b.stride + first, x, self.parts.lanes)
@@ -512,12 +510,12 @@ class Collocation:
             by = [vector_at(gain, 18 * i + 3 * o) for o in range(6)]
             both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
             for name in nodal:
-                for c in range(3):
+                for c in range(self.wanted[name]):
                     found = [row @ tangent(F, places[name] + c) for row in both]
-                    if self.orbit is not None:
+                    if self.parts.orbit:
                         found[3:] = Vector(*found[3:]) + cross(self.ends[1], found[:3])
                     for r, x in enumerate(found):
-                        store(r, self.columns[name] + 3 * i + c, x)
+                        store(r, self.columns[name] + self.wanted[name] * i + c, x)
             for j in range(count):
                 for rows, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
                     for r in range(0 if is_nothing(dx) else 6):
@@ -548,7 +546,7 @@ class Collocation:
         W = Vector(*(Dual(x, [d]) for x, d in zip(self.V[1], dV, strict=True)))
         if known.turn is not None:
             turn = turn + in_direction(known.turn, j) @ self.turn
-        if self.orbit is not None:
+        if self.parts.orbit:
             (n, o), at = known.orbit, self.node(0)
             n, o = in_direction(n, j), o @ (attitude(at.q) @ self.body.basis)
             angle = tangent(n * in_direction(known.h, j), 0)

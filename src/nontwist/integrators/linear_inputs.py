@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .called_loads import Evaluated
 
 
 class Entries(NamedTuple):
@@ -47,15 +46,8 @@ class Nodes(NamedTuple):
     sizes: Array
     middles: Array  # (s,) fractions
     times: Array  # (steps · s,) of the nodes
-    called: Evaluated | None = None  # what depends on the state there
 
     @property
     def of_nodes(self) -> NDArray[np.int64]:
         """The number of the step of each node."""
         return np.repeat(np.arange(self.first, self.last), len(self.middles))
-
-    @property
-    def places(self) -> NDArray[np.int64]:
-        """Where the three numbers of each node begin among those of its step."""
-        s = len(self.middles)
-        return np.tile(3 * np.arange(s), self.last - self.first)

@@ -6,7 +6,7 @@ whatever the length of the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -15,24 +15,26 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
 from ..engine.chained import CHAIN, LANES
-from ..engine.generalised import STAGE
-from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised
+from ..engine.functions import Varied
+from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
+from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised, places_of_directions
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States, attitudes, product
+from ..geometry.attitudes import States, product
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of
 from ..loads import Load
+from ..loads.base import forces_sampled, is_called
+from ..loads.forces import ForceTable
+from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
-from .called_loads import Called, Evaluated, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
-from .gauss_coefficients import matrix, weights
 from .gauss_derivatives import room_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .load_samples import as_marched, orbit_of, parts_of
+from .load_samples import as_marched, has_table, orbit_of, parts_of
 from .problem import Problem
 from .rotors import at_nodes
 
@@ -63,6 +65,7 @@ class Linearised:
     problem : Problem
     integrator : Integrator
     wanted : names of the inputs whose matrices are made
+    changes : for each number of the input "terms", terms that depend on the state, and what their numbers change by
 
     Attributes
     ----------
@@ -75,7 +78,9 @@ class Linearised:
         The integrator has no derivatives.
     """
 
-    def __init__(self, problem: Problem, integrator: Integrator, wanted: Iterable[str]) -> None:
+    def __init__(
+        self, problem: Problem, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
+    ) -> None:
         self.problem, scheme = problem, scheme_of(integrator)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
@@ -85,15 +90,14 @@ class Linearised:
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         s, wanted, self._factor, self._order = len(self.middles), set(wanted), np.array([scale]), order
-        terms = tuple(term for term in self.load.terms if is_called(term))
         self._fixed = bodies[0]
         if scheme.chi:
             self._fixed[BODY.dissipation + order - 1] = scheme.chi
-        names = tuple(name for name in INPUTS if name in wanted)
+        sizes = tuple((name, size or len(changes)) for name, size in INPUTS.items() if name in wanted)
         about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
         parts = parts_of(systems, self.load, self._fixed[None], scheme)._replace(
             lanes=machine_code.lanes(),
-            function=bool(terms),
+            function=any(map(is_called, self.load.terms)),
             forces=False,
             orbit=about is not None,
             **dict.fromkeys(wanted & {"moving", "space", "damping", "dead", "spin"}, True),
@@ -102,17 +106,19 @@ class Linearised:
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
         self.offsets, self.width = dict[str, int](), self.rows
-        for name in names:
+        for name, size in sizes:
             self.offsets[name] = self.width
-            self.width += INPUTS[name] * (s if name in NODAL else 1)
-        table, self._has_stages = scheme.table, scheme.linear is not None
+            self.width += size * (s if name in NODAL else 1)
+        table, called, seeds = scheme.table, [term for term in self.load.terms if is_called(term)], np.zeros((0, 0))
+        if called:
+            seeds = seeds_of(dict(sizes), called, changes)
         if scheme.linear is None:
-            self._kernel: Any = linearised(scheme.text(form), parts, names)
-            self._room = LANES * size_of(Step)
-            self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), names)
+            self._kernel: Any = linearised(scheme.text(form), parts, sizes)
+            self._room = LANES * (size_of(Step) + 3 * seeds.shape[1])
+            self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), sizes)
         else:
-            self._kernel = scheme.linear(form, parts, names)
-            self._room = LANES * room_of(s, self.width)
+            self._kernel = scheme.linear(form, parts, sizes)
+            self._room = LANES * room_of(s, self.width, 6 * seeds.shape[1])
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
@@ -129,8 +135,14 @@ class Linearised:
         }
         for name, number in numbers.items():
             block[getattr(STEPS, name)] = number
-        how = scheme.action, not self._has_stages, scheme.is_director_scheme
-        self._called = Called(terms, *how, scale) if terms else None
+        self._varied = None
+        if called:
+            functions = [term for term in called if not isinstance(term, ForceTable)]
+            self._varied = varied = Varied(functions, scheme.action, not wanted.isdisjoint(("time", "step")))
+            self._seeds = seeds
+            for name in ("generalised", "action", "terms"):
+                block[getattr(STEPS, name)] = getattr(varied, name)
+            block[STEPS.sloped], block[STEPS.seeds] = sloped.address, seeds.ctypes.data
 
     @cached_property
     def entering(self) -> tuple[Array, Array]:
@@ -171,7 +183,9 @@ class Linearised:
         pushed = load.sample(nodes.times, "space") if "space" in kinds else None
         if load.rotors:
             wheels = at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
-        return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": self._spun(nodes)}
+        forces = forces_sampled(load, nodes.times) if has_table(load) else None
+        found = {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": self._spun(nodes)}
+        return found | {"times": nodes.times if self.is_called else None, "forces": forces}
 
     def _spun(self, nodes: Nodes) -> Array | None:
         """Return by how much a spin changes in some steps; None: it is constant."""
@@ -185,49 +199,16 @@ class Linearised:
     @property
     def is_called(self) -> bool:
         """Whether something depends on the state that no kernel knows, so that what acts depends on the states."""
-        return self._called is not None
+        return self._varied is not None
 
-    def layouts(
-        self, count: int, entries: Sampled, back: bool = False, states: States | None = None
-    ) -> Iterator[tuple[Acting, Link]]:
-        """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`.
-
-        Parameters that act by the state need the `states`.
-        """
+    def layouts(self, count: int, entries: Sampled, back: bool = False) -> Iterator[tuple[Acting, Link]]:
+        """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`."""
         for first, last in self.pieces(LONGEST, back):
             nodes = self.nodes(first, last)
             acting = Acting(first, last, self.sampled(nodes))
-            if states is not None:
-                nodes = self.called(nodes, acting, states)
             chain = Chain(self, count, entries(nodes), first, last, back)
             for piece in ranged(first, last, self.part, back):
                 yield acting.part(*piece), chain.part(*piece)
-
-    def called(self, nodes: Nodes, acting: Acting, states: States) -> Nodes:
-        """Evaluate what depends on the state at the stages of some steps, for `acting` and for the nodes."""
-        if self._called is None:
-            return nodes
-        part, called = states.part(slice(nodes.first, nodes.last + 1)), self._called
-        p, W = part.quaternion, part.velocity
-        if self._orbit is not None:
-            W = W - self._orbit[0] * (self._orbit[1:] @ attitudes(p))
-        B = np.eye(3) if self.frame is None else self.frame
-        if not self._has_stages:
-            found = called.linear(states_at_middles(p, nodes.sizes, nodes.times))
-        else:
-            own, shown = self.workspace(), np.zeros((len(nodes.times), 12))
-            own.block[STEPS.shown] = shown.ctypes.data
-
-            def solve(known: Evaluated) -> Array:
-                acting.arrays["called"] = known.laid_out(B)
-                self._run(own, acting, states)
-                rows = np.einsum("xk,nki,yi->nxy", B, shown[:, 3:].reshape(-1, 3, 3), B)
-                return np.concatenate([shown[:, :3] @ B.T, rows.reshape(-1, 9)], axis=1)
-
-            a = matrix(self._order) * weights(self._order)
-            found = settled(called, guessed(p, W, nodes.sizes, nodes.times, a), solve)
-        acting.arrays["called"] = found.laid_out(B)
-        return nodes._replace(called=found)
 
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a part."""
@@ -241,17 +222,31 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
-        if self.is_called and "called" not in acting.arrays:
-            self.called(self.nodes(acting.first, acting.last), acting, states)
-        self._run(own, acting, states)
-
-    def _run(self, own: Workspace, acting: Acting, states: States) -> None:
         acting.put(own.block, states.part(slice(acting.first, acting.last + 1)))
         self._kernel(own.address)
+        if self._varied is not None:
+            self._varied.require_no_error()
         if own.block[STEPS.failed]:
             t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
+
+
+Changes = list[tuple[Term, Array]]
+
+
+def seeds_of(wanted: dict[str, int], called: Sequence[Term], changes: Sequence[Changes]) -> Array:
+    """Return the directions in which functions of the state are differentiated, (numbers, directions)."""
+    terms, places = [term for term in called if not isinstance(term, ForceTable)], places_of_directions(wanted)
+    found = aligned(OF_TERMS + TERM.size * len(terms), places[""])
+    found[STATE, range(len(STATE))] = 1.0
+    if "forces" in wanted:
+        found[OF_TABLE:OF_TERMS, places["forces"] : places["terms"]] = np.eye(OF_TERMS - OF_TABLE)
+    for k, parts in enumerate(changes):
+        for term, change in parts:
+            first = OF_TERMS + TERM.size * terms.index(term)
+            found[first : first + TERM.size, places["terms"] + k] += change
+    return found
 
 
 def _turned(x: Array, B: Array) -> Array:
@@ -274,6 +269,7 @@ def turns_of(body: Array) -> dict[str, Array]:
         "moving": vector,
         "space": force * np.eye(3),
         "rotor": vector,
+        "factor": force * np.eye(1),
     }
 
 
@@ -303,6 +299,8 @@ class Acting(NamedTuple):
         arrays = dict[str, Array | None]()
         if states is not None:
             arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
+            speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.arrays["sizes"])).min())
+            block[STEPS.speed] = np.float64(speed).view(np.int64)
         for name, array in (self.arrays | arrays).items():
             block[getattr(STEPS, name)] = 0 if array is None else array.__array_interface__["data"][0]
         block[STEPS.steps], block[STEPS.failed] = self.last - self.first, 0

@@ -33,7 +33,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run = chained.forward(steps.rows)
-    for acting, link in steps.layouts(count, entries, states=states):
+    for acting, link in steps.layouts(count, entries):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:]))
@@ -52,7 +52,7 @@ def back(
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
     run = chained.back
-    for acting, link in steps.layouts(count, entries, back=True, states=states):
+    for acting, link in steps.layouts(count, entries, back=True):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         left -= int(part.sum())

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from .dual import Dual, plain
 from .elements import Element, Mask, Traced, Whole, kind_of, mapped
 from .tracing import TraceError, Tracer, tracer, writer
 
@@ -68,7 +69,8 @@ def _labels(t: Tracer, *words: str) -> list[str]:
 class Variables:
     """Numbers, and tuples of them, that change in loops and branches: ``v = Variables(y=..., count=0)``, ``v.y = ...``.
 
-    Each keeps the type of its first value; a plain float stands for as many lanes as the kernel has.
+    Each keeps the type of its first value; a plain float stands for as many lanes as the kernel has. Of dual numbers
+    value and derivatives are kept.
     """
 
     _slots: dict[str, Any]
@@ -102,7 +104,9 @@ class Slot:
         self.name = writer().slot(self.kind)
 
 
-def _slot(x: Any, name: str) -> Slot | None:
+def _slot(x: Any, name: str) -> Any:
+    if isinstance(x, Dual):
+        return Dual(_slot(x.value, name), [_slot(t, name) for t in x.tangents])
     if isinstance(x, Traced):
         return Slot(type(x), x.n)
     for kind, of, n in ((bool, Mask, 1), (int, Whole, 1), (float, Element, writer().lanes)):
@@ -113,12 +117,17 @@ def _slot(x: Any, name: str) -> Slot | None:
     raise TraceError(f"{name} cannot be a variable: {type(x).__name__}")
 
 
-def _put(slot: Slot | None, x: Any, name: str) -> None:
-    if slot is not None and x is not None:
+def _put(slot: Any, x: Any, name: str) -> None:
+    if isinstance(slot, Dual):
+        for own, y in zip((slot.value, *slot.tangents), (plain(x), *slot.lifted(x).tangents), strict=True):
+            _put(own, y, name)
+    elif slot is not None and x is not None:
         writer().put(slot.kind, slot.of.named(x, slot.n), slot.name)
     elif slot is not x:
         raise TraceError(f"{name} was None first, or is now")
 
 
-def _get(slot: Slot | None) -> Any:
+def _get(slot: Any) -> Any:
+    if isinstance(slot, Dual):
+        return Dual(_get(slot.value), [_get(own) for own in slot.tangents])
     return None if slot is None else slot.of(writer().get(slot.kind, slot.name), slot.n)

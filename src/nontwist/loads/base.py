@@ -297,6 +297,13 @@ class Load:
         return state_moment_at(self, as_number(t, "t"), q, w)
 
 
+def is_called(term: Term) -> bool:
+    """Whether a term depends on the state, and is nothing that kernels know: damping, a rotor, a dead force."""
+    if term.kind in ("body", "space") or isinstance(term, Damping | Rotor):
+        return False
+    return not isinstance(term, Potential) or term.dead_force is None
+
+
 def with_moments(load: Load) -> Load:
     """Return a load with the moments of forces that are tables along the directors in the place of these."""
     return Load(tuple(_with_moment(term) for term in load.terms))

@@ -14,18 +14,16 @@ from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
 from ..kernels import machine_code
-from ..kernels.control import loop
-from ..kernels.dual import Dual, plain, tangent
+from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
-from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, Pointer, View, call, doubles, put, room
+from ..kernels.memory import Pointer, call, room
 from ..kernels.numpy_functions import array_of
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
-from ..kernels.vectors import Matrix, Vector
-from .c_functions import CFunction, Moment, address_of
+from .c_functions import Moment, address_of
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
+OF_STATE = 9, 3  # numbers of directors and velocity
 Parts = tuple[tuple[Any, float], ...]
 _known: WeakValueDictionary[str, MachineFunction] = WeakValueDictionary()
 _lock = RLock()
@@ -44,92 +42,74 @@ class MachineFunction:
         self.address, self._owners = address_of(self._function), owners
 
 
-def compiled_moment(function: Callable[..., Any], name: str) -> Any:
-    """Return the function of a load of this name as a C function; one of C as it is.
+class Traceable(NamedTuple):
+    """A function of a user as a text.
 
-    Raises
-    ------
-    ValueError
-        `function` cannot be traced; with the reason.
-    """
-    if isinstance(function, CFunction):
-        return function
-    return _made(lambda t, d, w: traced(function, (t, _array(d, (3, 3)), _array(w, (3,))), (3,), name))
-
-
-class States(NamedTuple):
-    """States at which a moment is differentiated."""
-
-    states: int
-    times: Doubles
-    directors: Doubles  # (states, 9)
-    velocities: Doubles  # (states, 3)
-    found: Doubles  # (states, 3, 14): the moment, its derivatives by the directors, the velocity, the time
-
-
-def compiled_slopes(function: Callable[..., Any], name: str) -> Kernel:
-    """Return the kernel that evaluates and differentiates a moment at `States`.
-
-    Raises
-    ------
-    ValueError
-        As `compiled_moment`.
+    Attributes
+    ----------
+    text : function
+        Of lists of numbers.
+    counts : tuple of int
+        How many numbers there are in memory: of directors and velocity, behind which the time stands; of γ, and none.
     """
 
-    def text(address: Any) -> None:
-        b = View(States, doubles(address))
-        for i in loop(b.states):
-            place = (b.directors, 9 * i, 9), (b.velocities, 3 * i, 3), (b.times, i, 1)
-            given = [memory[first + k] for memory, first, count in place for k in range(count)]
-            x = [Dual(y, [float(j == k) for j in range(13)]) for k, y in enumerate(given)]
-            found = traced(function, (x[12], array_of(x[:9]).reshape(3, 3), array_of(x[9:12])), (3,), name)
-            for c, y in enumerate(found):
-                put(b.found, (plain(y), *(tangent(y, j) for j in range(13))), 14 * (3 * i + c))
+    text: Callable[..., list[Any]]
+    counts: tuple[int, int]
 
-    return UserKernel(text, "i8")
+    @property
+    def compiled(self) -> MachineFunction:
+        """The C function that writes the numbers that it gives; a ValueError where it cannot be traced."""
+        return _made(lambda *given: self.text(*self._numbers(*given)))
+
+    @property
+    def slopes(self) -> MachineFunction:
+        """The C function that writes these with their derivatives by each argument, row by row."""
+
+        def text(*given: Any) -> list[Any]:
+            x = seeded(self._numbers(*given))
+            return [y for z in self.text(*x) for y in (plain(z), *(tangent(z, j) for j in range(len(x))))]
+
+        return _made(text)
+
+    def _numbers(self, t: Any, first: Pointer, second: Pointer) -> tuple[Any, ...]:
+        """Return all arguments: the time is the last one of a function of the state."""
+        state = tuple(
+            memory[k] for memory, count in zip((first, second), self.counts, strict=True) for k in range(count)
+        )
+        return (*state, t) if self.counts[1] else state
 
 
-class UserKernel(Kernel):
-    """A kernel of a function of a user."""
+def moment_of(function: Callable[..., Any], name: str) -> Traceable:
+    """Return the function of a load of this name."""
+    return Traceable(lambda *x: traced(function, _state(x), (3,), name), OF_STATE)
 
-    tracer = UserTracer
 
-
-def compiled_forces(function: Callable[..., Any], is_body: bool) -> Any:
-    """Return forces on the directors, given along them or not, as a C function that writes 9 numbers in space.
-
-    Raises
-    ------
-    ValueError
-        As `compiled_moment`.
-    """
+def forces_of(function: Callable[..., Any], is_body: bool) -> Traceable:
+    """Return forces on the directors, given along them or not, as 9 numbers in space."""
     name = getattr(function, "__name__", repr(function))
 
-    def forces(t: Any, d: Pointer, w: Pointer) -> list[Any]:
-        directors = Matrix(*(Vector(*(d[3 * i + x] for x in range(3))) for i in range(3)))
-        rows = traced(function, (t, _array(d, (3, 3)), _array(w, (3,))), (3, 3), name)
+    def forces(*x: Any) -> list[Any]:
+        rows = traced(function, _state(x), (3, 3), name)
         if not is_body:
             return rows
-        return [sum((rows[3 * i + j] * directors[j][x] for j in range(3)), 0.0) for i in range(3) for x in range(3)]
+        return [sum((rows[3 * i + j] * x[3 * j + c] for j in range(3)), 0.0) for i in range(3) for c in range(3)]
 
-    return _made(forces)
+    return Traceable(forces, OF_STATE)
 
 
-def compiled_potential(potential: Callable[..., Any], gradient: Callable[..., Any], shape: tuple[int, ...]) -> Any:
-    """Return a potential and its gradient as a C function of γ that writes both, one behind the other.
-
-    Raises
-    ------
-    ValueError
-        As `compiled_moment`.
-    """
+def potential_of(potential: Callable[..., Any], gradient: Callable[..., Any], shape: tuple[int, ...]) -> Traceable:
+    """Return a potential and its gradient, one behind the other, as a function of γ."""
     value_name, slope_name = (getattr(f, "__name__", repr(f)) for f in (potential, gradient))
 
-    def both(t: Any, gamma: Pointer, _: Any) -> list[Any]:
-        value = traced(potential, (_array(gamma, shape),), (), value_name)
-        return value + traced(gradient, (_array(gamma, shape),), shape, slope_name)
+    def both(*x: Any) -> list[Any]:
+        value = traced(potential, (array_of([*x]).reshape(shape),), (), value_name)
+        return value + traced(gradient, (array_of([*x]).reshape(shape),), shape, slope_name)
 
-    return _made(both)
+    return Traceable(both, (prod(shape), 0))
+
+
+def _state(x: tuple[Any, ...]) -> tuple[Any, ...]:
+    return x[12], array_of([*x[:9]]).reshape(3, 3), array_of([*x[9:12]])
 
 
 @lru_cache(maxsize=256)
@@ -146,10 +126,6 @@ def c_function(parts: Parts, count: int = 3) -> Any:
         return found
 
     return _made(total, tuple(part for part, _ in parts))
-
-
-def _array(memory: Pointer, shape: tuple[int, ...]) -> Any:
-    return array_of([memory[k] for k in range(prod(shape))]).reshape(shape)
 
 
 def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> MachineFunction:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from .forces import ForceTable
 from .potentials import GravityGradient, Potential, Quadratic, Spring
-from .terms import PULSES, Damping, Pulse, Rotor, Sine, Table, Term
+from .terms import PULSES, Damping, Pulse, Rotor, Sine, Table, Term, within
 
 STEP = 1e-6  # of the time, for functions
 
@@ -96,15 +96,23 @@ def moment_slopes(term: Term, name: str, times: Array) -> Slopes:
         by = 2 * np.pi * times if name == "frequency" else 1.0
         return _outer(term.scale * (by * np.cos(angle))[:, None] * term.sine)
     assert isinstance(term, Table)
-    row, entry, weight = table_weights(term, times)
-    return _each_axis(row, entry, term.scale * weight)
+    return table_slopes(term, name, times)
 
 
-def table_weights(term: Table | ForceTable, times: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Return which values a table takes, which is 0 outside its times: rows of `times`, entries, weights."""
-    inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
-    row, entry, weight = _weights(term.times, times[inside])
-    return inside[row], entry, weight
+def table_slopes(term: Table | ForceTable, name: str, times: Array) -> Slopes:
+    """Return the derivatives of what is linear between times by its values, or by its factor.
+
+    Forces are the 18 numbers of `loads.base.forces_sampled`.
+    """
+    values = term.values if isinstance(term, Table) else term.forces_of.reshape(-1, 9)
+    first, n = 9 * (isinstance(term, ForceTable) and term.frame == "body"), values.shape[1]
+    if name == "scale":
+        found = _outer(within(term.times, values, times))
+    else:
+        inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
+        row, entry, weight = _weights(term.times, times[inside])
+        found = _each_axis(inside[row], entry, term.scale * weight, n)
+    return found._replace(component=found.component + first)
 
 
 def moment_rates(term: Term, times: Array) -> Array:
@@ -123,6 +131,14 @@ def moment_rates(term: Term, times: Array) -> Array:
     else:
         e = STEP * max(1.0, float(abs(times).max()))
         found = term.scale * (term.samples(times + e) - term.samples(times - e)) / (2 * e)
+    return found
+
+
+def forces_rates(term: ForceTable, times: Array) -> Array:
+    """Return the derivatives of forces by the time, (n, 18), without the factor."""
+    found, first = np.zeros((len(times), 18)), 9 * (term.frame == "body")
+    for k, f in enumerate(term.forces_of.reshape(-1, 9).T):
+        found[:, first + k] = chord(term.times, f, times)
     return found
 
 
@@ -176,7 +192,7 @@ def _flat(matrix: Array) -> Slopes:
 
 def _outer(rows: Array) -> Slopes:
     """Return the derivatives by one parameter, of which these rows are all components."""
-    row, component = np.indices((len(rows), 3)).reshape(2, -1)
+    row, component = np.indices(rows.shape).reshape(2, -1)
     return Slopes(row, component, np.zeros_like(row), rows.ravel())
 
 
@@ -186,9 +202,9 @@ def _diagonal(factor: Array) -> Slopes:
     return Slopes(row, component, component, np.repeat(factor, 3))
 
 
-def _each_axis(row: NDArray[np.int64], entry: NDArray[np.int64], weight: Array) -> Slopes:
-    component = np.tile(np.arange(3), len(row))
-    return Slopes(np.repeat(row, 3), component, 3 * np.repeat(entry, 3) + component, np.repeat(weight, 3))
+def _each_axis(row: NDArray[np.int64], entry: NDArray[np.int64], weight: Array, n: int = 3) -> Slopes:
+    component = np.tile(np.arange(n), len(row))
+    return Slopes(np.repeat(row, n), component, n * np.repeat(entry, n) + component, np.repeat(weight, n))
 
 
 def _weights(known: Array, times: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

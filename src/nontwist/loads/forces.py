@@ -28,11 +28,6 @@ class DirectorForces(ForceTerm):
 
     kinds: ClassVar[tuple[Kind, ...]] = ("forces",)
 
-    @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """None: the forces are computed in Python."""
-        return None
-
 
 @dataclass(frozen=True, eq=False)
 class ForceTable(DirectorForces):
@@ -77,11 +72,11 @@ class ForceFunction(DirectorForces):
         return rows if self.frame == "space" else rows @ directors
 
     @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """The function as `compiled_forces` makes it, on demand; None where it runs in Python."""
-        from .compiled import compiled_forces
+    def traceable(self) -> Any:
+        """The function as a text; None where it runs in Python."""
+        from .compiled import forces_of
 
-        return compiled_forces(self.director_forces, self.frame == "body") if self.compile else None
+        return forces_of(self.director_forces, self.frame == "body") if self.compile else None
 
     @staticmethod
     def words(record: Record) -> str:

@@ -178,21 +178,11 @@ class GravityGradient(OfOneVector):
         """The radius at the time `start`."""
         return self.radial[None]
 
-    @cached_property
-    def at_zero(self) -> Array:
-        """The direction of the radius at the time 0."""
-        found: Array = self.vectors_at(np.array(0.0))[0]
-        return found
-
     def vectors_at(self, times: Array) -> Array:
         """Return the direction of the radius."""
         angle = (self.mean_motion * (times - self.start))[..., None, None]
         found: Array = np.cos(angle) * self.radial + np.sin(angle) * np.cross(self.normal, self.radial)
         return found
-
-    def led(self, by: float) -> GravityGradient:
-        """Return the term with the radius c + by · o × c."""
-        return replace(self, radial=self.radial + by * np.cross(self.normal, self.radial))
 
     @property
     def quadratic(self) -> Array:
@@ -245,11 +235,11 @@ class PotentialFunction(Potential):
         return (3,) if self.single else (len(self.vectors_of), 3)
 
     @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """V and its gradient as `compiled_potential` makes them, on demand; None where they run in Python."""
-        from .compiled import compiled_potential
+    def traceable(self) -> Any:
+        """V and its gradient as a text; None where they run in Python."""
+        from .compiled import potential_of
 
-        return compiled_potential(self.potential, self.gradient, self.shape) if self.compile else None
+        return potential_of(self.potential, self.gradient, self.shape) if self.compile else None
 
     @staticmethod
     def words(record: Record) -> str:

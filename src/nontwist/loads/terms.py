@@ -21,9 +21,6 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_floats
 from ..geometry.values import shown, vector_text
 
-if TYPE_CHECKING:
-    from ..kernels.kernel import Kernel
-
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 LONGEST = 60  # characters of a function's name in words
 Kind = Literal["body", "space", "state", "forces", "potential"]
@@ -117,27 +114,31 @@ class Term(ABC):
         return np.array([[-inf, inf]])
 
     @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """The function, compiled on first use; None if it runs in Python."""
-        from .compiled import compiled_moment
-
-        if not self.compile:
-            return None
-        key = next(iter(own_fields(type(self))), "function")
-        name = getattr(self.function, "__name__", repr(self.function)) if key == "function" else repr(key)
-        found: Callable[..., Any] = compiled_moment(self.function, name)
-        return found
-
-    @cached_property
-    def slopes(self) -> Kernel | None:
-        """What evaluates and differentiates a compiled function of the state; None: its derivatives are others."""
-        from .c_functions import CFunction
-        from .compiled import compiled_slopes
+    def traceable(self) -> Any:
+        """The function as a text that can be compiled and differentiated (`compiled`); None if it runs in Python."""
+        from .compiled import moment_of
 
         function = getattr(self, "function", None)
-        if not self.compile or self.derivative is not None or function is None or isinstance(function, CFunction):
+        if not self.compile or function is None or self._is_c:
             return None
-        return compiled_slopes(function, getattr(function, "__name__", repr(function)))
+        key = next(iter(own_fields(type(self))), "function")
+        return moment_of(function, getattr(function, "__name__", repr(function)) if key == "function" else repr(key))
+
+    @cached_property
+    def compiled(self) -> Any:
+        """The function as a C function, on demand; None if it runs in Python."""
+        return self.traceable.compiled if self.traceable else self.function if self.compile and self._is_c else None
+
+    @cached_property
+    def slopes(self) -> Any:
+        """A C function that differentiates the function as well; None: its derivatives are others."""
+        return self.traceable.slopes if self.traceable and self.derivative is None else None
+
+    @property
+    def _is_c(self) -> bool:
+        from .c_functions import CFunction
+
+        return isinstance(getattr(self, "function", None), CFunction)
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""

@@ -81,9 +81,8 @@ def own_rows(table: Table, names: Sequence[str]) -> tuple[Table, tuple[str, ...]
         return table, ()
     empty = np.isnan(np.stack(columns)).all(axis=0)
     others = [one for name, one in table.columns.items() if name not in names and one.dtype.kind == "f"]
-    if not SPARSE <= empty.mean() < 1 or not any(
-        np.isfinite(one[empty]).mean() > 0.5 and np.isnan(one).any() for one in others
-    ):
+    is_sparse = SPARSE <= empty.mean() < 1
+    if not is_sparse or not any(np.isfinite(one[empty]).mean() > 0.5 and np.isnan(one).any() for one in others):
         return table, ()
     note = f"rows: {len(empty) - empty.sum()} of {len(empty)}, the others are of other sensors"
     return table.at(np.flatnonzero(~empty)), (note,)

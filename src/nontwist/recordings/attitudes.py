@@ -150,7 +150,7 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: t
         kinds = {one.kind: one for one in found}
         if len(good) == len(kinds) == 2 and kinds["quaternion"].ordered:
             alike = abs((good[0][1] * good[1][1]).sum(axis=1))
-            found = [kinds["quaternion"]] if np.nanmin(alike, initial=1) > np.cos(SAME / 2) else found
+            found = [kinds["quaternion"]] if np.fmin.reduce(alike, initial=np.nan) > np.cos(SAME / 2) else found
     if len(found) > 1:
         bodies = [one.body for one in found]
         code = "bodies-in-columns" if all(bodies) and len(set(bodies)) > 1 else "several-orientations"

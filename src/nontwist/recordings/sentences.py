@@ -42,7 +42,8 @@ SENTENCES |= {
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",
     "columns": "name {sizes}, the time before them; got {count}",
-    "three-columns": "3 columns are angles, {option[euler]}, or a rotation vector, {option[rotation_vector=True]}",
+    "three-columns": "3 columns are angles or a rotation vector: {option[euler]} or {option[rotation_vector=True]} "
+    "says which",
     # sensors and bodies
     "several-sensors": "the column {header!r} names the sensor of each row: {names}; {option[body]} takes one",
     "rows-in-turn": "neighbouring rows differ far more than every {count} rows: they look like rows of {count} sensors "

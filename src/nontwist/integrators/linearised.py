@@ -28,6 +28,7 @@ from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.base import forces_sampled, is_called
 from ..loads.forces import ForceTable
+from ..loads.potentials import Potential
 from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
@@ -256,6 +257,7 @@ def _turned(x: Array, B: Array) -> Array:
 def parts_of(problem: Problem, load: Load, scheme: Scheme, body: Array, wanted: set[str]) -> Parts:
     """Return what there is in the steps of a body, values or derivatives."""
     kinds, spin = {term.kind for term in load.terms}, problem.systems.spin
+    called = [isinstance(term, Potential) for term in load.terms if is_called(term)]
     return Parts(
         lanes=machine_code.lanes(),
         is_director_scheme=scheme.is_director_scheme,
@@ -267,7 +269,8 @@ def parts_of(problem: Problem, load: Load, scheme: Scheme, body: Array, wanted: 
         dead=bool(body[BODY.dead : BODY.damping].any()) or "dead" in wanted,
         rotor=bool(load.rotors),
         spin=(spin is not None and not spin.is_constant) or "spin" in wanted,
-        function=any(map(is_called, load.terms)),
+        function=bool(called) if scheme.linear is None else not all(called),
+        generalised=scheme.linear is not None and any(called),
         is_exact=scheme.action == EXACT,
     )
 

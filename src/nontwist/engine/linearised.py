@@ -357,7 +357,8 @@ class LinearFunctions:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         rows = Matrix(*(mean(s, -a, row) for row in self.R))
-        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
+        found: Vector = self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
+        return found
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""
@@ -368,11 +369,11 @@ class LinearFunctions:
 
         return tuple(jacobian(moment, Om))
 
-    def torque(self, g: Matrix, W: Vector) -> tuple[Vector, Any]:
+    def torque(self, g: Matrix, W: Vector) -> tuple[Any, Any]:
         """Return at a stage the moment, as seen at the beginning of the step, and the torque of potentials, in b."""
         return self.changed(self.B @ (self.R @ g).T, self.R @ (g @ W))
 
-    def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Vector, Any]:
+    def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Any, Any]:
         """Return the moment, as seen at the beginning of the step, and the torque of potentials in b."""
         known, at, calls, own = self._known, self._at, self._calls, self._at.directors
         places, memory, n = calls.places, calls.slopes(at), calls.parts.lanes

@@ -367,6 +367,24 @@ def test_a_compiled_function_is_differentiated_exactly(scheme, order):
         assert found[name].values == pytest.approx(truth[name].values, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("gauss", 4)])
+def test_compiled_forces_and_potentials_are_differentiated_exactly(scheme, order):
+    """Without a warning; what runs in Python is differenced."""
+    how = {"t_end": 1, "step": 0.1, "rotation": R0, "integrator": scheme, "order": order}
+    how["wrt"] = ["rotation", "material_angular_velocity", "load_scale", "load[0].scale"]
+
+    def load(compiled):
+        return director_forces(pull, compiled=compiled) + potential(ANCHOR, hill, hill_slope, compiled=compiled)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = sensitivities(standard(J), load=load(True), **how)
+        warnings.simplefilter("ignore")
+        rough = sensitivities(standard(J), load=load(False), **how)
+    for name in DERIVATIVES[:2]:
+        assert 0 < abs(found[name] - rough[name]).max() < 1e-8 * abs(found[name]).max()
+
+
 def test_differences_are_announced_once():
     how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
     with warnings.catch_warnings(record=True) as found:

@@ -64,7 +64,8 @@ def sensitivities(
 
     They are the exact derivatives of the computed run, step by step, on its time grid. They grow as neighbouring
     motions diverge. Functions of the state, terms of your own, and potentials that are functions, are
-    differentiated by central differences, unless they provide their own derivative; a warning names them.
+    differentiated by central differences, unless they are compiled or provide their own derivative; a warning names
+    them.
 
     Parameters
     ----------

@@ -297,12 +297,12 @@ class Known(Nodes):
 class Calls(NamedTuple):
     """How functions of the state are called, in one step after the other, and in which directions.
 
-    These are the state, the forces of a table where they are asked for, and changes of the numbers of terms.
+    Where potentials have a torque of their own they are `generalised`, all else is of a `function`. Directions are the
+    state, the forces of a table where they are asked for, and changes of the numbers of terms.
     """
 
     parts: Parts
     block: View  # of `Steps`
-    is_stage: bool  # whether potentials give a torque of their own
     wanted: dict[str, int]  # inputs
 
     @property
@@ -311,14 +311,9 @@ class Calls(NamedTuple):
         return places_of_directions(self.wanted)
 
     @property
-    def outcomes(self) -> int:
-        """How many numbers are differentiated."""
-        return 6 if self.is_stage else 3
-
-    @property
     def size(self) -> int:
         """How many numbers of a step the derivatives take."""
-        return self.outcomes * self.places[""] if self.parts.calls else 0
+        return 3 * (self.parts.function + self.parts.generalised) * self.places[""]
 
     def slopes(self, at: View) -> Any:
         """Return the memory of the derivatives, which lies behind what else is known."""
@@ -326,7 +321,7 @@ class Calls(NamedTuple):
 
     def evaluate(self, at: View, directors: Matrix, w: Vector, half: Vector, is_sloped: bool = True) -> None:
         """Evaluate them, with their derivatives: directors and w are given in space, the half turn in the body."""
-        b, n, count = self.block, self.parts.lanes, self.places[""]
+        parts, b, n, count = self.parts, self.block, self.parts.lanes, self.places[""]
         at.directors, at.w, at.half = directors, w, half
         own, found, slopes = View(Sloped, room(size_of(Sloped))), room(6 * count), self.slopes(at)
         acting = own.acting
@@ -337,11 +332,10 @@ class Calls(NamedTuple):
             acting.directors, acting.w, acting.half = lane.directors, lane.w, lane.half
             acting.t, acting.node = lane.t, lane.forces
             call(b.sloped if is_sloped else b.generalised, own.address)
-            lane.load, lane.held = acting.load, acting.held
-            if not self.is_stage:
-                lane.load = acting.load + acting.held
+            lane.load, lane.held = acting.load if parts.generalised else acting.load + acting.held, acting.held
+            first, rest = 0 if parts.function else 3 * count, 3 * count
             for k in loop(self.size if is_sloped else 0):
-                slopes[k * n + l] = found[k] if self.is_stage else found[k] + found[3 * count + k]
+                slopes[k * n + l] = found[first + k] if parts.generalised else found[k] + found[rest + k]
 
 
 def places_of_directions(wanted: dict[str, int]) -> dict[str, int]:
@@ -363,7 +357,8 @@ class LinearFunctions:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         rows = Matrix(*(mean(s, -a, row) for row in self.R))
-        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
+        found: Vector = self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
+        return found
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""
@@ -374,26 +369,40 @@ class LinearFunctions:
 
         return tuple(jacobian(moment, Om))
 
-    def torque(self, g: Matrix, W: Vector) -> tuple[Vector, Any]:
+    def torque(self, g: Matrix, W: Vector) -> tuple[Any, Any]:
         """Return at a stage the moment, as seen at the beginning of the step, and the torque of potentials, in b."""
         return self.changed(self.B @ (self.R @ g).T, self.R @ (g @ W))
 
-    def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Vector, Any]:
+    def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Any, Any]:
         """Return the moment, as seen at the beginning of the step, and the torque of potentials in b."""
-        known, at, calls, n = self._known, self._at, self._calls, self._calls.parts.lanes
-        places, slopes, own = calls.places, calls.slopes(at), at.directors
+        known, at, calls, own = self._known, self._at, self._calls, self._at.directors
+        places, memory, n = calls.places, calls.slopes(at), calls.parts.lanes
         changes = [x - y for row, other in zip(directors, own, strict=True) for x, y in zip(row, other, strict=True)]
         changes += [*(w - at.w), known.later(self._j), *(() if half is None else half - at.half)]
-        there = list(enumerate(changes))
+        width = max(len(getattr(x, "tangents", ())) for x in changes)
+
+        def with_slopes(k: Any, x: Any) -> tuple[Any, ...]:
+            return tuple(y + memory.load((c * places[""] + k) * n, n) * x for c, y in enumerate(v.found))
+
+        there = room(len(changes) * (1 + width) * n)  # so that products with them stand once
+        for k, x in enumerate(changes):
+            for j, y in enumerate((plain(x), *(tangent(x, j) for j in range(width)))):
+                there.store((k * (1 + width) + j) * n, y, n)
+        given = (*(at.load if calls.parts.function else ()), *(at.held if calls.parts.generalised else ()))
+        v = Variables(found=tuple(Dual(y, [0.0] * width) for y in given))
+        for k in loop(len(changes)):
+            y, *tangents = (there.load((k * (1 + width) + j) * n, n) for j in range(1 + width))
+            v.found = with_slopes(k, Dual(y, tangents))
         for name in ("forces", "terms"):
             if name in known.vary.places:
-                there += enumerate(known.vary.along(name, (0.0,) * calls.wanted[name]), places[name])
-        found = [*at.load, *at.held][: calls.outcomes]
-        for k, x in there:
-            if not (type(x) is float and x == 0.0):
-                found = [y + slopes.load((c * places[""] + k) * n, n) * x for c, y in enumerate(found)]
-        held = known.factor * known.tilted(known.along(Vector(*found[3:]))) if calls.is_stage else None
-        return known.factor * known.seen(Vector(*found[:3])), held
+                for k, x in enumerate(known.vary.along(name, (0.0,) * calls.wanted[name]), places[name]):
+                    v.found = with_slopes(k, x)
+        found = v.found if width else plain(v.found)
+        moment, torque = Vector(*found[:3]), Vector(*found[-3:])
+        return (
+            known.factor * known.seen(moment) if calls.parts.function else None,
+            known.factor * known.tilted(known.along(torque)) if calls.parts.generalised else None,
+        )
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
@@ -428,7 +437,7 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
-        scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, False, dict(wanted))
+        scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
         x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0  # where only their derivatives are asked for
         for first in loop(0, b.steps, n):
             gather(parts, b, x, first)

@@ -86,8 +86,9 @@ class StageEquations(Equations):
         if not self.parts.calls:
             return P, g, self.now(stage, P, g)
         self.acting.evaluate(i, self.k * P, g, False)
-        at = self.acting.known(i)
-        load, held = self.acting.factor * (at.load @ self.acting.R), self.acting.factor * (at.held @ self.acting.basis)
+        acting, at, parts = self.acting, self.acting.known(i), self.parts
+        load = acting.factor * (at.load @ acting.R) if parts.function else None
+        held = acting.factor * (at.held @ acting.basis) if parts.generalised else None
         return P, g, self.now(stage, P, g, load, held)
 
     def orbital(self, g: Any) -> Vector:
@@ -168,7 +169,7 @@ class Collocation:
     def __init__(self, s: int, motion: str, parts: Parts, wanted: Wanted, b: View, body: Body) -> None:
         self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, dict(wanted), b, body
         self.columns, n, self.table = columns_of(s, wanted), parts.lanes, b.table
-        self.calls = Calls(parts, b, True, self.wanted)
+        self.calls = Calls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
         self._node_size = (size_of(Step) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size

@@ -28,6 +28,7 @@ from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.base import forces_sampled, is_called
 from ..loads.forces import ForceTable
+from ..loads.potentials import Potential
 from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
@@ -95,9 +96,12 @@ class Linearised:
             self._fixed[BODY.dissipation + order - 1] = scheme.chi
         sizes = tuple((name, size or len(changes)) for name, size in INPUTS.items() if name in wanted)
         about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
+        called = [term for term in self.load.terms if is_called(term)]
+        has_potential = [isinstance(term, Potential) for term in called]
         parts = parts_of(systems, self.load, self._fixed[None], scheme)._replace(
             lanes=machine_code.lanes(),
-            function=any(map(is_called, self.load.terms)),
+            function=bool(called) if scheme.linear is None else not all(has_potential),
+            generalised=scheme.linear is not None and any(has_potential),
             forces=False,
             orbit=about is not None,
             **dict.fromkeys(wanted & {"moving", "space", "damping", "dead", "spin"}, True),
@@ -109,9 +113,7 @@ class Linearised:
         for name, size in sizes:
             self.offsets[name] = self.width
             self.width += size * (s if name in NODAL else 1)
-        table, called, seeds = scheme.table, [term for term in self.load.terms if is_called(term)], np.zeros((0, 0))
-        if called:
-            seeds = seeds_of(dict(sizes), called, changes)
+        table, seeds = scheme.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
             self._kernel: Any = linearised(scheme.text(form), parts, sizes)
             self._room = LANES * (size_of(Step) + 3 * seeds.shape[1])

@@ -288,10 +288,8 @@ def _reason(error: Exception, rebound: Rebound, function: Any) -> str:
         if trace.tb_frame.f_builtins is rebound.builtins:
             place = trace.tb_frame.f_code.co_filename, trace.tb_lineno
         trace = trace.tb_next
-    if isinstance(error, RefusedError):
-        why, place = error.why, error.place or place
-    elif isinstance(error, TraceError):
-        why = error.why
+    if isinstance(error, (RefusedError, TraceError)):
+        why, place = error.why, getattr(error, "place", None) or place
     elif isinstance(error, RecursionError):
         why = "it calls itself without end: use compiled=False"
     else:

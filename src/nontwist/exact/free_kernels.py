@@ -97,8 +97,8 @@ def free_top(J: Any, W: Any, R: Any, times: Any, is_held: Any, attitudes: Any, v
 
     def follow(moved: Moved) -> None:
         for k in loop(times.shape[0], whilst=lambda: v.status == OK):
-            v.status, W, less, turn = moved(times[k])
-            put(velocities[k], W)
+            v.status, velocity, less, turn = moved(times[k])
+            put(velocities[k], velocity)
             for i, (row, rest) in enumerate(zip(R, D, strict=True)):  # R (I + 2 (1 + less) v̂ + 2 v̂²), row by row
                 a = cross(row, turn)
                 put(attitudes[k, i], row + (rest + 2.0 * (1.0 + less) * a + 2.0 * cross(a, turn)))

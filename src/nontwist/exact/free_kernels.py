@@ -148,12 +148,12 @@ def free_members(
         def follow(status: Any, moved: Moved, i: Any = i, p: Quaternion = p) -> None:
             s = Variables(p=p, status=status)
             for k in loop(times.shape[0], whilst=lambda: s.status == OK):
-                s.status, W, less, turn = moved(times[k])
+                s.status, velocity, less, turn = moved(times[k])
                 u = p.vector
                 q = p + Quaternion(less * p[0] - u @ turn, *(less * u + p[0] * turn + cross(u, turn)))
                 s.p = select(q[0] * s.p[0] + q.vector @ s.p.vector < 0.0, -q, q)  # no jump of sign
                 put(attitudes[i, place + k], (*s.p[1:], s.p[0]))
-                put(velocities[i, place + k], W)
+                put(velocities[i, place + k], velocity)
             v.status = s.status
 
         for _ in when(is_held):

@@ -34,9 +34,9 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
         torque = torque + drag
     half = 0.5 * h * W
     p, c, gap = turned_by_half(state.p, state.c, half)
-    P, carry = compensated(state.s, state.carry, h * torque)
+    P, compensation = compensated(state.s, state.compensation, h * torque)
     never, turn = zero > 1.0, 2.0 * sqrt(half @ half)
-    found = Step(State(p, P, carry, c, state.extra), never, never, gap, zero, zero, turn)
+    found = Step(State(p, P, compensation, c, state.auxiliary), never, never, gap, zero, zero, turn)
     if acting.parts.tells:
         found = found._replace(mu=zero, twist=2.0 * (body.axis @ half))
         if drag is not None:

@@ -35,7 +35,7 @@ from nontwist.kernels.elements import (
     without,
 )
 from nontwist.kernels.kernel import Kernel, kernel
-from nontwist.kernels.memory import Doubles, View, Wholes, call, doubles, put, room, size_of, vector_at, view_of
+from nontwist.kernels.memory import Doubles, View, Wholes, call, doubles, put, scratch, size_of, vector_at, view_of
 from nontwist.kernels.parts import part
 from nontwist.kernels.signatures import Signature
 from nontwist.kernels.tracing import TraceError, Tracer, tracing
@@ -235,7 +235,7 @@ def test_records(lanes):
 
     def text(address):
         b = View(Block, doubles(address))
-        x = View(Member, room(size * lanes), lanes) if lanes > 1 else View(Member, room(size))
+        x = View(Member, scratch(size * lanes), lanes) if lanes > 1 else View(Member, scratch(size))
         for first in loop(0, b.count, lanes):
             for l in loop(lanes):
                 x.lane(l).copy_from(View(Member, b.members.shifted(b.order[first + l] * size)))

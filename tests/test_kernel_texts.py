@@ -69,8 +69,8 @@ def streams():
 def links():
     """Polygons: two, and one with itself."""
     a, b = (np.cumsum(rng.normal(size=(3, n)), axis=1) for n in (9, 22))
-    b = np.pad(b, ((0, 0), (0, link_kernels.ROOM)), mode="edge")
-    same = np.pad(a, ((0, 0), (0, link_kernels.ROOM)), mode="edge")
+    b = np.pad(b, ((0, 0), (0, link_kernels.SCRATCH)), mode="edge")
+    same = np.pad(a, ((0, 0), (0, link_kernels.SCRATCH)), mode="edge")
     for y, is_same, closed in ((b, 0, 0), (same, 1, 0), (same, 1, 1)):
         numbers, work = np.arange(float(y.shape[1])), np.zeros((link_kernels.WORK, y.shape[1]))
         yield a, y, numbers, is_same, closed, 0, 2, work, *np.zeros((2, 9))
@@ -96,8 +96,8 @@ def exact_cases():
     k = len(times)
     for J, R, W in bodies():
         found.setdefault(free_kernels.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
-        for t, is_held in product((times, times * 1e15), (0, 1)):
-            given = J, W, R, t, is_held, np.zeros((k, 3, 3)), np.zeros((k, 3))
+        for t, is_constrained in product((times, times * 1e15), (0, 1)):
+            given = J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3))
             found.setdefault(free_kernels.free_top, []).append(given)
     for axes in (np.zeros((0, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))

@@ -26,7 +26,7 @@ from nontwist import (
     standard,
 )
 from nontwist.integrators import stack_march, time_grid
-from nontwist.integrators.problem import Problem, room
+from nontwist.integrators.problem import Problem, scratch
 from nontwist.models.stack import stacked
 
 BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
@@ -212,7 +212,7 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, go
 def test_what_an_ensemble_does_not_write_is_not_a_number():
     quaternion, velocity = np.array([[0.0, 0, 0, 1]]), np.zeros((1, 3))
     problem = Problem(stacked(BODY), quaternion, velocity, Load(), 0.0, 1.0, 4, np.arange(5))
-    assert np.isnan(room(problem).states.quaternion[:, 1:]).all()
+    assert np.isnan(scratch(problem).states.quaternion[:, 1:]).all()
 
 
 def test_a_run_too_short_for_numbers_is_refused():

@@ -97,8 +97,8 @@ def _checked_in_200_mb(folder: Path) -> dict[str, int]:
     small = COSTLY["a sine of 1e8 Hz"].replace("1e8", "1")
     assert check(small) == 0  # imports
     pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0])
-    room = pages * os.sysconf("SC_PAGE_SIZE") + 200_000_000
-    resource.setrlimit(resource.RLIMIT_AS, (room, room))
+    scratch = pages * os.sysconf("SC_PAGE_SIZE") + 200_000_000
+    resource.setrlimit(resource.RLIMIT_AS, (scratch, scratch))
     return {what: check(text) for what, text in COSTLY.items()}
 
 

@@ -52,7 +52,7 @@ class Chain(NamedTuple):
     kept: Wholes  # (steps,) 1: the state at the end of the step is kept
     states: Doubles  # forward (kept, 6, count); back (kept, 6), derivatives of f by attitude and velocity
     found: Doubles  # back: (count,) df/dp
-    room: Doubles
+    scratch: Doubles
 
 
 CHAIN = places(Chain)
@@ -73,7 +73,7 @@ def forward(rows: int) -> Kernel:
 
     def text(address: Any) -> None:
         c, lanes = View(Chain, doubles(address)).read(), width()
-        x, y, v = c.state, c.room, Variables(done=0)
+        x, y, v = c.state, c.scratch, Variables(done=0)
         for n in loop(c.steps):
             entries = c.matrices.shifted(n)
             for i in loop(rows):
@@ -103,7 +103,7 @@ def forward(rows: int) -> Kernel:
 def back(address: Any) -> None:
     """Carry λ back through the steps, and add what the parameters do to f."""
     c = View(Chain, doubles(address)).read()
-    x, y, found, v = c.state, c.room, c.found, Variables(left=0)
+    x, y, found, v = c.state, c.scratch, c.found, Variables(left=0)
     for n in loop(c.steps):
         v.left = v.left + c.kept[n]
     for k in loop(c.steps):

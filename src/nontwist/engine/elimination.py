@@ -9,15 +9,15 @@ from ..kernels.elements import any_of, fma, select
 from ..kernels.parts import part
 
 
-class Room(NamedTuple):
+class Scratch(NamedTuple):
     """Numbers in memory, one for each lane."""
 
     memory: Any
     lanes: int
 
-    def shifted(self, k: Any) -> Room:
+    def shifted(self, k: Any) -> Scratch:
         """Return the room that begins k numbers further."""
-        return Room(self.memory.shifted(k * self.lanes), self.lanes)
+        return Scratch(self.memory.shifted(k * self.lanes), self.lanes)
 
     def __getitem__(self, k: Any) -> Any:
         return self.memory.load(k * self.lanes, self.lanes)
@@ -27,13 +27,13 @@ class Room(NamedTuple):
 
 
 @part
-def eliminate(a: Room, m: Any, columns: Any) -> None:
+def eliminate(a: Scratch, m: Any, columns: Any) -> None:
     """Replace the columns behind the m-th of m rows by the solutions, for each as right-hand side.
 
     m is a multiple of three: rows go by threes, so that what is loaded serves several products.
     """
 
-    def row(i: Any) -> Room:
+    def row(i: Any) -> Scratch:
         return a.shifted(i * columns)
 
     def lessen(i: Any, p: Any, first: Any) -> None:

@@ -40,13 +40,13 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import Whole, cos, larger, logical_not, remade, select, sin, sqrt
 from ..kernels.kernel import kernel
-from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, room, vector_at
+from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
 from .records import FORCES, Acting, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING, OF_FORCES, OF_MOMENT = range(6)  # potentials; functions of the state
-NAN, LOST, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
+NAN, OVERFLOW, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
 
 
 class Term(NamedTuple):
@@ -75,7 +75,7 @@ class Sloped(NamedTuple):
 
 
 TERM = places(Term)
-ROOM = fields(Acting)["room"].place
+SCRATCH = fields(Acting)["scratch"].place
 W = fields(Acting)["w"].place
 OF_TABLE = fields(Acting)["half"].place + 3  # places of seeds
 OF_TERMS = OF_TABLE + FORCES
@@ -101,7 +101,7 @@ class State:
 
     def __init__(self, memory: Any) -> None:
         self.memory, self.view = memory, View(Acting, memory)
-        x, self.room = Numbers(self.view, self.seeded, 0), memory.shifted(ROOM)
+        x, self.scratch = Numbers(self.view, self.seeded, 0), memory.shifted(SCRATCH)
         self.d, self.w, self.half, self.t = x.directors, x.w, x.half, x.t
 
     def seeded(self, x: Any, place: Any) -> Any:
@@ -114,8 +114,8 @@ class State:
 
     def of_state(self, term: Numbers, count: int) -> Any:
         """Return what a function of the state gives, in memory."""
-        call(term.function, self.t, self.memory, self.memory.shifted(W), self.room)
-        return self.room
+        call(term.function, self.t, self.memory, self.memory.shifted(W), self.scratch)
+        return self.scratch
 
     def of_potential(self, term: Numbers, at: Any, found: Any) -> None:
         """Set V and its gradient for what is seen."""
@@ -148,8 +148,8 @@ class DualState(State):
     def __init__(self, own: View, memory: Any, first: Any) -> None:
         self._own, self._first, side = own, first, machine_code.lanes()
         super().__init__(memory)
-        self.room = DualMemory(self.room, room(fields(Acting)["room"].size * side))
-        self._given, self._table = DualMemory(room(GIVEN), room(GIVEN * side)), room(FORCES // 2 * (1 + GIVEN))
+        self.scratch = DualMemory(self.scratch, scratch(fields(Acting)["scratch"].size * side))
+        self._given, self._table = DualMemory(scratch(GIVEN), scratch(GIVEN * side)), scratch(FORCES // 2 * (1 + GIVEN))
 
     def seeded(self, x: Any, place: Any) -> Any:
         """Return numbers as duals."""
@@ -169,8 +169,8 @@ class DualState(State):
         """Return what a function of the state gives, in memory."""
         put(self._given, (self.d, self.w, self.t))
         call(term.slopes, plain(self.t), self.memory, self.memory.shifted(W), self._table)
-        self._chain(GIVEN, self._given, count, self.room)
-        return self.room
+        self._chain(GIVEN, self._given, count, self.scratch)
+        return self.scratch
 
     def of_potential(self, term: Numbers, at: DualMemory, found: DualMemory) -> None:
         """Set V and its gradient for what is seen."""
@@ -206,7 +206,7 @@ class Potential(NamedTuple):
 
     def gradient(self, n: Any, g: Vector) -> Vector:
         """Return the discrete gradient by the vector number n, seen as g; the first one calls the function."""
-        term, room, delta, kind = self.term, self.state.room, -cross(self.state.half, g), self.term.kind
+        term, scratch, delta, kind = self.term, self.state.scratch, -cross(self.state.half, g), self.term.kind
         v = Variables(gradient=term.linear + term.quadratic @ g)
         for _ in when(kind == SPRING):
             rho, square = term.linear, term.square
@@ -216,7 +216,7 @@ class Potential(NamedTuple):
         for _ in when(kind == FUNCTION):
             for _ in when(n == 0):
                 self.evaluate()
-            v.gradient = (2.0 * room[1 + 3 * term.dimension]) * delta + vector_at(room, 1 + 3 * n)
+            v.gradient = (2.0 * scratch[1 + 3 * term.dimension]) * delta + vector_at(scratch, 1 + 3 * n)
         found: Vector = v.gradient
         return found
 
@@ -225,12 +225,12 @@ class Potential(NamedTuple):
         state = self.state
         for n in loop(self.term.dimension):
             g = state.d @ vector_at(self.row, TERM.vectors + 3 * n)
-            put(state.room.shifted(AT), g + sign * cross(state.half, g), 3 * n)
+            put(state.scratch.shifted(AT), g + sign * cross(state.half, g), 3 * n)
 
     def evaluate(self) -> None:
         """Set the room to V, its gradient at the mean, and what Δγ is multiplied by."""
         state, term, half = self.state, self.term, self.state.half
-        room, at, ends = state.room, state.room.shifted(AT), state.room.shifted(ENDS)
+        scratch, at, ends = state.scratch, state.scratch.shifted(AT), state.scratch.shifted(ENDS)
         factor, zero = 1 + 3 * term.dimension, state.lifted(0.0)
         v = Variables(length=zero, across=zero, first=zero, along=zero)
         self.put_seen(0.0)
@@ -238,19 +238,21 @@ class Potential(NamedTuple):
             g = vector_at(at, 3 * n)
             delta = cross(half, g)
             v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
-        state.of_potential(term, at, room)
-        for _ in when(logical_not(abs(room[0]) <= LOST)):  # of a state V itself is not used, but it must be there
-            room[1] = NAN
-        room[factor] = 0.0
+        state.of_potential(term, at, scratch)
+        for _ in when(
+            logical_not(abs(scratch[0]) <= OVERFLOW)
+        ):  # of a state V itself is not used, but it must be there
+            scratch[1] = NAN
+        scratch[factor] = 0.0
         for _ in when(v.across > SHORT * v.length):
             for n in loop(term.dimension):
-                v.along = v.along - 2.0 * (vector_at(room, 1 + 3 * n) @ cross(half, vector_at(at, 3 * n)))
+                v.along = v.along - 2.0 * (vector_at(scratch, 1 + 3 * n) @ cross(half, vector_at(at, 3 * n)))
             self.put_seen(1.0)
             state.of_potential(term, at, ends)
             v.first = ends[0]
             self.put_seen(-1.0)
             state.of_potential(term, at, ends)
-            room[factor] = (ends[0] - v.first - v.along) / v.across
+            scratch[factor] = (ends[0] - v.first - v.along) / v.across
 
 
 def moment_of(d: Matrix, F: Matrix) -> Vector:
@@ -291,24 +293,24 @@ def put_moments(state: State) -> tuple[Vector, Vector]:
             g = term.scale * potential.gradient(n, d @ a)
             v.H = Matrix(*(h - y * a for h, y in zip(v.H, g, strict=True)))
             v.torque = v.torque + cross(d @ a, g)
-    load, held = moment_of(d, v.F), moment_of(d, v.H)
-    v.load, v.held = load, select(action == STAGE, v.torque, held)
+    load, of_potentials = moment_of(d, v.F), moment_of(d, v.H)
+    v.load, v.of_potentials = load, select(action == STAGE, v.torque, of_potentials)
     for _ in when((action == PAPER) | (action == EXACT)):
-        y, z = without_turn(d, load), without_turn(d, held)
+        y, z = without_turn(d, load), without_turn(d, of_potentials)
         if not isinstance(state, DualState):
             rest = v.F + v.H - Matrix(*(cross(y + z, one) for one in d))
             across = Matrix(cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1]))
             view.rest = (rest @ ((1.0 / (d[0] @ across[0])) * across).T).symmetric
         is_paper = action == PAPER
-        v.load, v.held = select(is_paper, 2.0 * y, load), select(is_paper, 2.0 * z, held)
-    return v.load + v.free, v.held
+        v.load, v.of_potentials = select(is_paper, 2.0 * y, load), select(is_paper, 2.0 * z, of_potentials)
+    return v.load + v.free, v.of_potentials
 
 
 @kernel("i8")
 def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
     x = View(Acting, doubles(address))
-    x.load, x.held = put_moments(State(doubles(address)))
+    x.load, x.of_potentials = put_moments(State(doubles(address)))
 
 
 @kernel("i8")
@@ -318,6 +320,6 @@ def sloped(address: Any) -> None:
     own, x, side = View(Sloped, memory), View(Acting, memory), machine_code.lanes()
     for first in loop(0, own.directions, side):
         found = put_moments(DualState(own, memory, first))
-        x.load, x.held = plain(found)
+        x.load, x.of_potentials = plain(found)
         for k, y in enumerate((*found[0], *found[1])):
             own.slopes.store(k * own.directions + first, tangent(y, 0), side)

@@ -34,7 +34,7 @@ class Growth(NamedTuple):
     weights: Doubles  # (rows,) 1 over the squares of the units
     normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
     state: Doubles  # X (rows, LANES)
-    room: Doubles  # (rows, LANES)
+    scratch: Doubles  # (rows, LANES)
     lengths: Doubles  # (times, count) R_kk
 
 
@@ -60,7 +60,7 @@ def grow(rows: int) -> Kernel:
 
     def multiply(b: View, n: Any) -> None:
         """Replace X by M X."""
-        x, y, matrices = b.state, b.room, b.matrices.shifted(n)
+        x, y, matrices = b.state, b.scratch, b.matrices.shifted(n)
         for i in loop(rows):
             row = [matrices[(i * b.width + j) * b.stride] for j in range(rows)]
             combine(row, x, y.shifted(i * LANES), LANES)

@@ -32,7 +32,7 @@ def address_of(array: NDArray[Any] | None) -> int:
     return 0 if array is None else array.__array_interface__["data"][0]
 
 
-def slab(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
+def side_by_side(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
     """Return arrays of zeros that lie in one piece of memory, and their addresses; 0 for one without entries."""
     parts = spans(shapes)
     memory = np.zeros(max(part.stop for part, _ in parts.values()))

@@ -26,7 +26,7 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, jacobian, plain, tangent
 from ..kernels.elements import any_of, logical_not, remade, select, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, call, doubles, room, size_of, vector_at
+from ..kernels.memory import Doubles, View, Wholes, call, doubles, scratch, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .generalised import STATE, Sloped
 from .marching import UNIT, Text
@@ -112,7 +112,7 @@ class Step(NamedTuple):
     w: Vector
     half: Vector
     load: Vector  # what they give there
-    held: Vector
+    of_potentials: Vector
 
 
 class Varied(Body):
@@ -217,7 +217,7 @@ class Known(Nodes):
         E = body.E + 0.5 * Vector(b + c - a, c + a - b, a + b - c)
         k = k - k * k * Vector(a, b, c)
         found = Varied(*body._replace(E=E, off=(off[0] + products[1], off[1] + products[0]), k=k))
-        found.products, found.is_free = products, not self.parts.is_held
+        found.products, found.is_free = products, not self.parts.is_constrained
         return found
 
     def start(self, text: Text, W: Vector, N: Any) -> State:
@@ -226,16 +226,16 @@ class Known(Nodes):
         s = W = self.velocity(W)
         if not self.parts.is_director_scheme:
             s = self.body.momentum_of(W)
-        extra: Any = (0.0,) * text.extra
+        auxiliary: Any = (0.0,) * text.auxiliary
         if self.parts.is_director_scheme:
             N = self.vary.along("normal", N)
             if self.tilt is not None:
                 N = N + symmetric(tilted(N.matrix, self.tilt))
-            extra = (*N, *extra[6:])
+            auxiliary = (*N, *auxiliary[6:])
         elif text.remembered is not None and self.delta is None:
             ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
-            extra = text.remembered(at.h, *ends)
-        return State(Quaternion(1.0, 0.0, 0.0, 0.0), s, none, Quaternion(0.0, 0.0, 0.0, 0.0), extra)
+            auxiliary = text.remembered(at.h, *ends)
+        return State(Quaternion(1.0, 0.0, 0.0, 0.0), s, none, Quaternion(0.0, 0.0, 0.0, 0.0), auxiliary)
 
     def velocity(self, W: Vector) -> Vector:
         """Return the velocity at the beginning."""
@@ -323,7 +323,7 @@ class Calls(NamedTuple):
         """Evaluate them, with their derivatives: directors and w are given in space, the half turn in the body."""
         parts, b, n, count = self.parts, self.block, self.parts.lanes, self.places[""]
         at.directors, at.w, at.half = directors, w, half
-        own, found, slopes = View(Sloped, room(size_of(Sloped))), room(6 * count), self.slopes(at)
+        own, found, slopes = View(Sloped, scratch(size_of(Sloped))), scratch(6 * count), self.slopes(at)
         acting = own.acting
         acting.action, acting.terms, acting.called = b.action, b.terms, (b.speed, 0.0, 0.0)
         own.directions, own.seeds, own.slopes = count, b.seeds, found
@@ -332,7 +332,10 @@ class Calls(NamedTuple):
             acting.directors, acting.w, acting.half = lane.directors, lane.w, lane.half
             acting.t, acting.node = lane.t, lane.forces
             call(b.sloped if is_sloped else b.generalised, own.address)
-            lane.load, lane.held = acting.load if parts.generalised else acting.load + acting.held, acting.held
+            lane.load, lane.of_potentials = (
+                acting.load if parts.generalised else acting.load + acting.of_potentials,
+                acting.of_potentials,
+            )
             first, rest = 0 if parts.function else 3 * count, 3 * count
             for k in loop(self.size if is_sloped else 0):
                 slopes[k * n + l] = found[first + k] if parts.generalised else found[k] + found[rest + k]
@@ -384,11 +387,11 @@ class LinearFunctions:
         def with_slopes(k: Any, x: Any) -> tuple[Any, ...]:
             return tuple(y + memory.load((c * places[""] + k) * n, n) * x for c, y in enumerate(v.found))
 
-        there = room(len(changes) * (1 + width) * n)  # so that products with them stand once
+        there = scratch(len(changes) * (1 + width) * n)  # so that products with them stand once
         for k, x in enumerate(changes):
             for j, y in enumerate((plain(x), *(tangent(x, j) for j in range(width)))):
                 there.store((k * (1 + width) + j) * n, y, n)
-        given = (*(at.load if calls.parts.function else ()), *(at.held if calls.parts.generalised else ()))
+        given = (*(at.load if calls.parts.function else ()), *(at.of_potentials if calls.parts.generalised else ()))
         v = Variables(found=tuple(Dual(y, [0.0] * width) for y in given))
         for k in loop(len(changes)):
             y, *tangents = (there.load((k * (1 + width) + j) * n, n) for j in range(1 + width))
@@ -485,16 +488,16 @@ def derivatives(
     text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    solved, is_open, parts = Solved(), at.h == at.h, calls.parts
+    solved, is_active, parts = Solved(), at.h == at.h, calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     if parts.calls:
         call_at_middle(calls, at)
     with solving(solved):
         here = Known(parts, body, at, scale, Directions({}, 0), calls=calls)
-        is_stalled = text.step(here, here.start(text, W, N), is_open).stalled
+        is_stalled = text.step(here, here.start(text, W, N), is_active).stalled
         solved.begin()
         known = Known(parts, body, at, scale, directions, calls=calls)
-        state = text.step(known, known.start(text, W, N), is_open).state
+        state = text.step(known, known.start(text, W, N), is_active).state
     return ends(text, known, state), is_stalled
 
 
@@ -511,7 +514,7 @@ def call_at_middle(calls: Calls, at: View) -> None:
 
 def ends(text: Text, known: Known, state: State) -> list[Any]:
     """Return the changes of attitude, W and N at the end of a step, as duals."""
-    q, N = plain(state.p), state.extra[:6] if known.parts.is_director_scheme else ()
+    q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
     assert known.turn is not None
     turn = known.turn @ attitude(q) + 2.0 * (Quaternion(q[0], -q[1], -q[2], -q[3]) @ state.p).vector
     W = text.velocity(known.body, state.s)
@@ -565,14 +568,14 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
         scale, memory = b.factor[0] / body.unit, View(State, own.state)
         x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0
         state = memory.read()
-        v = Variables(state=state._replace(extra=state.extra[: text.extra]), done=0)
+        v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
             sampled(parts, b, x, i)
             add_own(own, i, 1.0)
             now, solved, at = v.state, Solved(), x.read()
             R, W = attitude(now.p), text.velocity(body, now.s)
-            N = Symmetric(*now.extra[:6]) if parts.is_director_scheme else ()
+            N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             with solving(solved):
                 found = text.step(Known(parts, body, at, scale, none, R), now, at.h == at.h)
                 solved.begin()
@@ -591,7 +594,7 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
                 v.done = v.done + 1
         now = v.state
-        memory.write(now._replace(extra=(*now.extra, *state.extra[text.extra :])))
+        memory.write(now._replace(auxiliary=(*now.auxiliary, *state.auxiliary[text.auxiliary :])))
 
     return Kernel(kernel, "i8")
 

@@ -11,8 +11,8 @@ A scheme is a `Text`. Its step gets
 - `acting`, which tells what acts at the nodes of the step (`sampling`), with ``acting.parts``: what there is, known
   when the text is traced, so that an `if` on it leaves things out; ``acting.body``; ``acting.h``, the step; and
   ``acting.memory``, room of the scheme itself behind the workspace;
-- the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.extra`` has as many numbers
-  as the text says;
+- the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.auxiliary`` has as many
+  numbers as the text says;
 - the mask of bodies that are alive: the iteration of a step must not wait for others, nor depend on them.
 
 It returns a `Step`: the state at the end, with s and p as compensated sums (`turned_by`, `compensated`), why bodies
@@ -72,10 +72,12 @@ class Text(NamedTuple):
 
     step: Callable[[Nodes, State, Any], Step]
     velocity: Callable[[Body, Vector], Vector]  # W of what is carried
-    extra: int = 0  # numbers of `State.extra` that it carries
-    remembered: Callable[[Any, Vector, Vector], Any] | None = None  # first guess of a known step: `extra`, of h, s, s⁺
+    auxiliary: int = 0  # numbers of `State.extra` that it carries
+    remembered: Callable[[Any, Vector, Vector], Any] | None = (
+        None  # first guess of a known step: `auxiliary`, of h, s, s⁺
+    )
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
-    carry: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
+    exchange: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
     flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps
 
 
@@ -120,12 +122,12 @@ def march(text: Text, parts: Parts) -> Callable[[Any], None]:
             last = smaller(first + parts.lanes, end)
             own = memory.shifted(size_of(Work) * parts.lanes)
             gather(parts, b, x, first, last)
-            if text.carry is not None:
-                text.carry(parts, b, own, first, last, False)
+            if text.exchange is not None:
+                text.exchange(parts, b, own, first, last, False)
             march_lanes(text, parts, b, x, own, first, last)
             scatter(parts, b, x, first, last)
-            if text.carry is not None:
-                text.carry(parts, b, own, first, last, True)
+            if text.exchange is not None:
+                text.exchange(parts, b, own, first, last, True)
 
     return kernel
 
@@ -134,14 +136,16 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
     """March the bodies in the workspace."""
     acting = Nodes(parts, b, x, memory)
     state, stored, lengths, begin, h = x.state.read(), b.stored, b.lengths, b.first, b.step[0]
-    v = Variables(state=state._replace(extra=state.extra[: text.extra]), done=b.done, alive=x.failure.status == OK)
+    v = Variables(
+        state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=b.done, alive=x.failure.status == OK
+    )
 
     def velocity() -> Vector:
         return text.velocity(acting.body, v.state.s)
 
     def show(now: State | None = None) -> None:
         now = v.state if now is None else now
-        x.state.write(now._replace(extra=(*now.extra, *x.state.extra[text.extra :])))
+        x.state.write(now._replace(auxiliary=(*now.auxiliary, *x.state.auxiliary[text.auxiliary :])))
         x.velocity = text.velocity(acting.body, now.s)
 
     def store(now: State | None = None) -> None:
@@ -163,8 +167,8 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         observe(x, parts.is_director_scheme)
         for _ in when(begin == 0):
             begin_observing(x)
-    end, ceased = begin + b.steps, b.ceased
-    last_of_steps = smaller(end, ceased) if parts.coasts else end
+    end, unloaded_from = begin + b.steps, b.unloaded_from
+    last_of_steps = smaller(end, unloaded_from) if parts.coasts else end
     for number in loop(begin, last_of_steps, whilst=lambda: any_of(v.alive)) if parts.acts else ():
         acting.begin((number - begin) * parts.nodes, v.state.p)
         found = text.step(acting, v.state, v.alive)
@@ -188,26 +192,26 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             for _ in when(number + 1 == stored[v.done + 1]):
                 store()
     if parts.coasts:
-        for _ in when(any_of(v.alive) & (end > ceased)):
+        for _ in when(any_of(v.alive) & (end > unloaded_from)):
             coast(text, acting, b, x, v, show, store)
     show()
-    for _ in when(b.leaves != 0):
+    for _ in when(b.writes_end != 0):
         write(parts, b, x, v.done + 1, first, last)
 
 
 def coast(
     text: Text, acting: Nodes, b: View, x: View, v: Variables, show: Callable[[State], None], store: Callable[..., None]
 ) -> None:
-    """Move a body on which nothing acts from the step `ceased` on: each state is evaluated from that in which it began.
+    """Move a body on which nothing acts from the step `unloaded_from` on: each state follows from the one there.
 
     What is observed is integrated by four Gauss nodes a step.
     """
     assert text.flow is not None
-    parts, h, begin, stored, lengths = acting.parts, acting.h, b.ceased, b.stored, b.lengths
-    end, resumed, moved = b.first + b.steps, b.resumed, text.flow(acting, v.state)
-    mu = cross(v.state.s, text.velocity(acting.body, v.state.s))[2] if parts.is_held else 0.0 * h
+    parts, h, begin, stored, lengths = acting.parts, acting.h, b.unloaded_from, b.stored, b.lengths
+    end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(acting, v.state)
+    mu = cross(v.state.s, text.velocity(acting.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
-    far, nothing = moved(h * (resumed - begin))[1], NAN + 0.0 * h
+    far, nothing = moved(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):
         note(parts, x, far, h != h, far, v.at, nothing, nothing)
         v.alive = without(v.alive, far)
@@ -228,7 +232,7 @@ def coast(
         for _ in when(until == stored[v.done + 1]):
             store(moved(h * (until - begin))[0])
         v.at = until
-    for _ in when(any_of(v.alive) & ((end == resumed) | (b.leaves != 0))):
+    for _ in when(any_of(v.alive) & ((end == loaded_from) | (b.writes_end != 0))):
         v.state = moved(h * (end - begin))[0]
 
 

@@ -24,7 +24,7 @@ from ..kernels.vectors import Matrix, Vector, inverse_of, sum_of
 EPS = 2.0**-52
 ITERATIONS, CHORDS = 40, 3
 ROUND_OFF = 16.0 * EPS
-FALLING, SMALL, LOST, REST = 0.5, 1e-9, 1e300, 1e-4
+FALLING, SMALL, OVERFLOW, REST = 0.5, 1e-9, 1e300, 1e-4
 
 
 class Solution(NamedTuple):
@@ -40,8 +40,8 @@ def solve(
     equations_at: Callable[[Vector, Any], Callable[[Vector], Vector]],
     sizes: Callable[[Vector, Vector], tuple[Any, Any, Any]],
     guess: Vector,
-    is_open: Any,
-    is_held: bool = False,
+    is_active: Any,
+    is_constrained: bool = False,
     is_long: bool = False,
 ) -> Solution:
     """Solve r(y) = 0 for the bodies whose mask is set.
@@ -56,7 +56,7 @@ def solve(
     guess : Vector
         Where it is -0.0, known when the text is traced, sums with it are left out.
     is_open : mask
-    is_held : bool
+    is_constrained : bool
         Whether the third unknown is known: two equations.
     is_long : bool
         Whether r is long, or calls functions of the state: it stands in the code once, and gets nothing that is no
@@ -65,32 +65,32 @@ def solve(
     known: Solved | None = getattr(_local, "solved", None)
     if known is not None and known.is_complete:
         return known.derivatives(equations_at, guess)
-    v = Variables(y=guess, open=is_open, lost=is_open & False, used=0.0, residual=0.0, before=-1.0, count=0)
-    v.A = ((0.0, 0.0),) * 2 if is_held else Matrix(*((0.0,) * 3,) * 3)
+    v = Variables(y=guess, active=is_active, diverged=is_active & False, used=0.0, residual=0.0, before=-1.0, count=0)
+    v.A = ((0.0, 0.0),) * 2 if is_constrained else Matrix(*((0.0,) * 3,) * 3)
 
     def iterate(y: Vector, is_new: Any, is_late: Any) -> None:
         r_of = equations_at(y, is_new)
         for _ in when(is_new):
-            v.A = inverse_of_two(r_of, y) if is_held else inverse_of(*jacobian(r_of, y))
+            v.A = inverse_of_two(r_of, y) if is_constrained else inverse_of(*jacobian(r_of, y))
         r, A = r_of(y), v.A
-        if is_held:
+        if is_constrained:
             d = Vector(-(A[0][0] * r[0] + A[0][1] * r[1]), -(A[1][0] * r[0] + A[1][1] * r[1]), 0.0)
             v.residual = abs(r[0]) + abs(r[1])
         else:
             d, v.residual = -(A @ r), abs(r[0]) + abs(r[1]) + abs(r[2])
-        v.used = select(v.open, v.used + 1.0, v.used)
+        v.used = select(v.active, v.used + 1.0, v.used)
         advance(v, y, d, *sizes(y, d), is_late)
         if is_long:
-            v.y = select(v.lost, y, v.y)
+            v.y = select(v.diverged, y, v.y)
 
     if not is_long:  # the first iteration without questions
         iterate(guess, True, False)
-    for _ in whilst(lambda: any_of(v.open) & (v.count < ITERATIONS)):
+    for _ in whilst(lambda: any_of(v.active) & (v.count < ITERATIONS)):
         is_late = v.count >= CHORDS
         iterate(v.y, (v.count == 0) | is_late if is_long else is_late, is_late)
-    found = Solution(v.y, v.used, v.residual, v.open | v.lost)
+    found = Solution(v.y, v.used, v.residual, v.active | v.diverged)
     if known is not None:
-        known.add(equations_at, found, is_held)
+        known.add(equations_at, found, is_constrained)
     return found
 
 
@@ -102,15 +102,15 @@ class Solved:
         self._noted: list[tuple[Any, Solution, bool]] = []
         self.is_complete = False
 
-    def add(self, equations_at: Any, solution: Solution, is_held: bool) -> None:
+    def add(self, equations_at: Any, solution: Solution, is_constrained: bool) -> None:
         """Note what was solved, and how."""
-        self._noted.append((equations_at, solution, is_held))
+        self._noted.append((equations_at, solution, is_constrained))
 
     def begin(self) -> None:
         """Begin the step on dual numbers, with the inverse of each Jacobian at the solution."""
-        for equations_at, solution, is_held in self._noted:
+        for equations_at, solution, is_constrained in self._noted:
             r_of = equations_at(solution.y, True)
-            A = inverse_of_two(r_of, solution.y) if is_held else inverse_of(*jacobian(r_of, solution.y))
+            A = inverse_of_two(r_of, solution.y) if is_constrained else inverse_of(*jacobian(r_of, solution.y))
             self._found.append((solution, A))
         self.is_complete = True
 
@@ -147,14 +147,14 @@ def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:
 
 def advance(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
     """Set ``v.y`` to y and an increment of it, and close bodies that are done."""
-    before, is_lost = v.before, v.open & logical_not(size <= LOST)
-    v.done = is_lost | (size <= level) | (size * size <= REST * level * before)
-    v.moves = v.open
+    before, is_diverged = v.before, v.active & logical_not(size <= OVERFLOW)
+    v.done = is_diverged | (size <= level) | (size * size <= REST * level * before)
+    v.moves = v.active
     for _ in when(is_late):
         is_stuck = size > FALLING * before
         done = v.done | (size * size * size <= REST * level * before * before)
         done = done | (is_stuck & (EPS * size <= SMALL * level))
         rests = without(is_stuck & (v.residual <= ROUND_OFF * terms), done)
-        v.done, v.moves = done | rests, without(v.open, rests)
-    v.y, v.open = select(v.moves, y + d, y), without(v.open, v.done)
-    v.lost, v.before, v.count = v.lost | is_lost, size, v.count + 1
+        v.done, v.moves = done | rests, without(v.active, rests)
+    v.y, v.active = select(v.moves, y + d, y), without(v.active, v.done)
+    v.diverged, v.before, v.count = v.diverged | is_diverged, size, v.count + 1

@@ -39,7 +39,7 @@ def observe_at(x: View, has_normal: bool, R: Matrix) -> None:
     Pi = Vector((e1 + e2) * W[0] + b0 * W[2], (e2 + e0) * W[1] + b1 * W[2], b0 * W[0] + b1 * W[1] + (e0 + e1) * W[2])
     K = 0.5 * (W @ Pi)
     if has_normal:
-        N = Symmetric(*x.state.extra[:6]).matrix
+        N = Symmetric(*x.state.auxiliary[:6]).matrix
         EN = Matrix((e0, 0.0, -b0), (0.0, e1, -b1), (-b0, -b1, e2)) @ N
         z = first_moment(EN)
         K = K + 0.5 * (EN[0] @ N[0] + EN[1] @ N[1] + EN[2] @ N[2]) + W @ z

@@ -41,7 +41,7 @@ from ..kernels.parts import part
 from .records import Block, Failure, Parts, State, Sums, Work, places
 from .workspace import OK, write
 
-GO, LEG, OUTPUT, NODE = range(4)
+MARCH, EXCURSION, OUTPUT, NODE = range(4)
 COMPONENTS, EIGHT = 6, 8  # of the increments that a member carries; stages that there is room for
 ITERATIONS, WORKED = fields(Sums)["iterations"].place, fields(Sums)["work"].place
 
@@ -52,8 +52,8 @@ class Call(NamedTuple):
     first: int
     steps: int
     done: int
-    ceased: int
-    resumed: int
+    unloaded_from: int
+    loaded_from: int
     step: int
     times: int
     moving: int
@@ -74,7 +74,7 @@ class Calls(NamedTuple):
     calls: int  # how many
     rows: int  # (count,) of `Call`
     reals: Doubles  # (count, 2): 1 over the length of the interval that ends there, the part of the step
-    room: Doubles  # of `Member`
+    scratch: Doubles  # of `Member`
     stride: int  # numbers of it
     stages: int  # of a Gauss step
     within: Doubles  # the polynomials through them
@@ -103,23 +103,23 @@ class Member(NamedTuple):
     total: Any
     base: Any  # its state at the beginning of a leg, at its end; sums of the leg, and of another call
     after: Any
-    leg: Any
+    excursion: Any
     own: Any
     fits: Any  # polynomials
 
-    def back_from_leg(self, size: Any) -> None:
+    def back_from_excursion(self, size: Any) -> None:
         """Put the member back to the end of the leg, and add what it gave to the sums."""
         copy(self.after, self.state, size)
         for k in loop(size_of(Sums)):
-            self.total[k] = joined(self.total[k], self.leg[k], k)
+            self.total[k] = joined(self.total[k], self.excursion[k], k)
 
 
 def member_of(b: View, head: View, l: Any) -> Member:
     """Return number l of those that are marched at a time."""
-    i, size, sums, room = b.order[b.begin + l], b.state_size, size_of(Sums), head.room.shifted(l * head.stride)
-    ends = room.shifted(2 * size)
+    i, size, sums, scratch = b.order[b.begin + l], b.state_size, size_of(Sums), head.scratch.shifted(l * head.stride)
+    ends = scratch.shifted(2 * size)
     rest = ends, ends.shifted(sums), ends.shifted(2 * sums)
-    return Member(b.states.shifted(i * size), b.totals.shifted(i * sums), room, room.shifted(size), *rest)
+    return Member(b.states.shifted(i * size), b.totals.shifted(i * sums), scratch, scratch.shifted(size), *rest)
 
 
 @part
@@ -148,17 +148,17 @@ def guessed(increments: Any, within: Any, s: Any, theta: Any, is_known: Any, pol
     v = Variables(count=s)
     for _ in when(is_known):
         v.count = 2 * s
-    count, room = v.count, 2 * COMPONENTS * s
+    count, scratch = v.count, 2 * COMPONENTS * s
     for c in loop(COMPONENTS):
         for i in loop(s):
             x = Variables(value=0.0 * theta)
             for k in loop(count):
                 x.value = x.value * (theta * within[i]) + polynomials[c * count + (count - 1 - k)]
-            polynomials[room + i] = x.value
+            polynomials[scratch + i] = x.value
         for i in loop(s):
             x = Variables(value=0.0 * theta)
             for k in loop(s):
-                x.value = x.value + within[(2 + k) * EIGHT + i] * polynomials[room + k]
+                x.value = x.value + within[(2 + k) * EIGHT + i] * polynomials[scratch + k]
             increments[c * s + i] = (theta * within[EIGHT + i]) * x.value
 
 
@@ -192,7 +192,7 @@ def carry_out(address: Any) -> None:
 
 def carry_out_outputs(parts: Parts) -> Kernel:
     """Return the kernel that carries out a list with outputs."""
-    names = "lanes", "is_director_scheme", "is_held", "dead", "generalised", "reports"
+    names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports"
     return _with_outputs(Parts(**{name: getattr(parts, name) for name in names}))
 
 
@@ -216,36 +216,36 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
     first, last, size, after_state = b.begin, b.end, b.state_size, size_of(State)
     v = Variables(is_inside=False, is_known=False, are_alive=True)
 
-    def back_from_leg() -> None:
+    def back_from_excursion() -> None:
         v.is_inside = False
         for l in loop(last - first):
-            member_of(b, head, l).back_from_leg(size)
+            member_of(b, head, l).back_from_excursion(size)
 
     for number in loop(head.calls, whilst=lambda: v.are_alive):
         row, reals = taken(b, head, number), head.reals.shifted(2 * number)
         op = row.op
         b.observed = observed
         for _ in when(v.is_inside & (op != OUTPUT)):
-            back_from_leg()
+            back_from_excursion()
         for _ in when(op >= OUTPUT):
             b.observed = 0
         for _ in when((op != OUTPUT) & (row.begins != 0)):
             forget(b, head, first, last)
         for l in loop(last - first):
             own = member_of(b, head, l)
-            for _ in when(op == LEG):
+            for _ in when(op == EXCURSION):
                 copy(own.state, own.base, size)
             for _ in when(op == OUTPUT):
                 copy(own.base, own.state, size)
                 for _ in when(s > 0):
                     guessed(own.state.shifted(after_state), within, s, reals[1], v.is_known, own.fits)
         call(select(op >= OUTPUT, head.side, head.kernel), address)
-        for _ in when(op == LEG):
+        for _ in when(op == EXCURSION):
             v.is_inside, v.is_known = True, (row.first > 0) & (row.begins == 0)
         v.are_alive = False
         for l in loop(last - first):
             own = member_of(b, head, l)
-            for _ in when(op == LEG):
+            for _ in when(op == EXCURSION):
                 copy(own.state, own.after, size)
                 for _ in when(s > 0):
                     fitted(
@@ -257,7 +257,7 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
         for _ in when(op >= OUTPUT):
             write(parts, b, x, row.place, first, last)
     for _ in when(v.is_inside):
-        back_from_leg()
+        back_from_excursion()
     b.observed = observed
 
 
@@ -267,9 +267,9 @@ def take_sums(b: View, lane: View, own: Member, place: Any, op: Any, per_time: A
     for k in loop(size_of(Sums)):
         own.own[k] = given[k]
         given[k] = 0.0
-        for _ in when(op == LEG):
-            own.leg[k] = own.own[k]
-        for _ in when(op == GO):
+        for _ in when(op == EXCURSION):
+            own.excursion[k] = own.own[k]
+        for _ in when(op == MARCH):
             T[k] = joined(T[k], own.own[k], k)
         for _ in when(op >= OUTPUT):
             lane.sums.set_number(k, joined(T[k], own.own[k], k) * select(k >= WORKED, 1.0, per_time))

@@ -65,9 +65,9 @@ class State(NamedTuple):
 
     p: Quaternion  # attitude
     s: Vector  # momentum, or W
-    carry: Vector  # what s was rounded by
+    compensation: Vector  # what s was rounded by
     c: Quaternion  # what p was rounded by
-    extra: Annotated[tuple[Any, ...], 9]  # N and zeros; rates for first guesses; or of the scheme
+    auxiliary: Annotated[tuple[Any, ...], 9]  # N and zeros; rates for first guesses; or of the scheme
 
 
 class Sums(NamedTuple):
@@ -113,9 +113,9 @@ class Acting(NamedTuple):
     terms: int
     node: int  # address of the forces of the node
     load: Vector  # moments of the load and of potentials
-    held: Vector
+    of_potentials: Vector
     rest: Symmetric  # σ
-    room: Annotated[tuple[Any, ...], 48]
+    scratch: Annotated[tuple[Any, ...], 48]
 
 
 class Found(NamedTuple):
@@ -123,7 +123,7 @@ class Found(NamedTuple):
 
     total: Vector
     load: Vector
-    held: Vector
+    of_potentials: Vector
     rest: Symmetric
 
 
@@ -149,7 +149,7 @@ class Block(NamedTuple):
 
     members: int
     director: int  # 1: they carry W and N, else the momentum
-    held: int  # 1: they have a constrained axis
+    is_constrained: int  # 1: they have a constrained axis
     order: Wholes  # numbers of the members
     begin: int  # first and last of them
     end: int
@@ -172,9 +172,9 @@ class Block(NamedTuple):
     done: int  # how many are
     first: int  # number of the first step
     steps: int
-    ceased: int  # the step from which on no moment but that of dead forces acts; none of this call: its last
-    resumed: int  # the step from which on one acts again, or the march ends
-    leaves: int  # 1: write the state at the end as that of the node `done` + 1, though it is not one
+    unloaded_from: int  # the step from which on no moment but that of dead forces acts; none of this call: its last
+    loaded_from: int  # the step from which on one acts again, or the march ends
+    writes_end: int  # 1: write the state at the end as that of the node `done` + 1, though it is not one
     fractions: Doubles  # of a step, one for each substep
     table: Doubles  # coefficients of the scheme
     times: Doubles  # of the nodes
@@ -204,7 +204,7 @@ class Parts(NamedTuple):
     lanes: int = 1
     nodes: int = 1  # of the load in a step
     is_director_scheme: bool = False  # carries W and N, else the momentum
-    is_held: bool = False
+    is_constrained: bool = False
     is_explicit: bool = False  # nothing is to be solved
     dissipates: bool = False
     moving: bool = False  # moments along the frame

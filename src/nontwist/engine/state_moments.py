@@ -34,7 +34,7 @@ class Functions(NamedTuple):
     parts: Parts
     block: View
     x: View
-    room: Any  # for `Acting` of one body after the other
+    scratch: Any  # for `Acting` of one body after the other
     t: Any
     forces: Any  # address of the director forces of the node
     R: Matrix
@@ -42,7 +42,7 @@ class Functions(NamedTuple):
     @part
     def evaluate(self, rows: Matrix, w: Vector, half: Vector) -> None:
         """Evaluate all at the attitude R Λ⁻¹, given the rows of Λ, w in b, and the half turn of the step in b."""
-        parts, b, x, acting, basis = self.parts, self.block, self.x, View(Acting, self.room), self.x.body.basis
+        parts, b, x, acting, basis = self.parts, self.block, self.x, View(Acting, self.scratch), self.x.body.basis
         d = Matrix(*(basis @ row for row in rows)).T
         for k, y in enumerate((*d[0], *d[1], *d[2], *(b.step[1] * (self.R @ w)), *(basis @ half))):
             x.set_number(FOUND + k, y)
@@ -52,13 +52,13 @@ class Functions(NamedTuple):
                 acting.set_number(k, lane.number(FOUND + k))
             acting.called, acting.t = (0.0, 0.0, 0.0), self.t
             if parts.function:
-                call(b.function, self.t, self.room, self.room.shifted(W), self.room.shifted(CALLED))
+                call(b.function, self.t, self.scratch, self.scratch.shifted(W), self.scratch.shifted(CALLED))
             if parts.generalised:
                 acting.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
                 acting.action, acting.terms, acting.node = b.action, b.terms, self.forces
-                call(b.generalised, self.room.address)
-                held, load = acting.held, acting.called + acting.load
-                lane.found.write(Found(load + held, load, held, acting.rest))
+                call(b.generalised, self.scratch.address)
+                of_potentials, load = acting.of_potentials, acting.called + acting.load
+                lane.found.write(Found(load + of_potentials, load, of_potentials, acting.rest))
             else:
                 lane.found.total = acting.called
 

@@ -14,7 +14,7 @@ from .workspace import turned_into
 
 EPS = 2.0**-52
 ROUND_OFF = 16.0 * EPS
-EXTRA = fields(State)["extra"].place
+AUXILIARY = fields(State)["auxiliary"].place
 
 
 @kernel("i8")
@@ -25,7 +25,7 @@ def enter(address: Any) -> None:
     carried. With N goes W, else the momentum.
     """
     b = View(Block, doubles(address))
-    unit, has_normal, is_held = 1.0 / b.step[1], b.director != 0, b.held != 0
+    unit, has_normal, is_constrained = 1.0 / b.step[1], b.director != 0, b.is_constrained != 0
     for i in loop(b.members):
         body, row = View(Body, b.bodies.shifted(i * b.body_stride)), b.states.shifted(i * b.state_size)
         q, w = b.quaternions.shifted(4 * i * b.kept), b.velocities.shifted(3 * i * b.kept)
@@ -35,7 +35,7 @@ def enter(address: Any) -> None:
         state.p = Quaternion(q[3], q[0], q[1], q[2]) @ body.frame
         W = unit * (vector_at(w) @ B)
         largest = larger(abs(W[0]), larger(abs(W[1]), abs(W[2])))
-        is_noise = is_held & (body.k[2] == 0.0) & ((b.director == 0) | (abs(W[2]) <= ROUND_OFF * largest))
+        is_noise = is_constrained & (body.k[2] == 0.0) & ((b.director == 0) | (abs(W[2]) <= ROUND_OFF * largest))
         W = Vector(W[0], W[1], select(is_noise, 0.0, W[2]))
         (e0, e1, e2), s = body.E, Variables(s=W)
         for _ in when(b.director == 0):
@@ -44,4 +44,4 @@ def enter(address: Any) -> None:
         for _ in when(has_normal & (b.normals.address != 0)):
             given = b.normals.shifted(6 * i * b.kept)
             N = turned_into(B.T, Symmetric(*(given[k] for k in range(6))))
-            put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), EXTRA)
+            put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)

@@ -70,7 +70,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
         put(q, tuple(sign * y for y in p))
         put(b.velocities.shifted(row * 3), (f * rate) * (B @ lane.velocity))
         if parts.is_director_scheme:
-            N = Symmetric(*lane.state.extra[:6])
+            N = Symmetric(*lane.state.auxiliary[:6])
             put(b.normals.shifted(row * 6), (f * rate) * turned_into(B, N))
         if parts.reports:
             means, sums = View(Sums, b.intervals.shifted((row - i - 1) * size_of(Sums))), lane.sums
@@ -85,7 +85,7 @@ def reported(parts: Parts) -> list[str]:
     """Return the sums that are made of steps; the others stay 0."""
     is_made = {
         "lam": parts.is_director_scheme,
-        "mu": parts.is_held,
+        "mu": parts.is_constrained,
         "dead": parts.dead or parts.generalised,
     }
     return [name for name in Sums._fields if is_made.get(name, True)]

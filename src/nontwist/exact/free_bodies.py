@@ -195,7 +195,7 @@ def symmetric_top(
 TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no digit of its attitude"
 
 
-def _solved(is_held: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> Motion:
+def _solved(is_constrained: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> Motion:
     """Return the motion; where the kernel reports a wrong argument, the checks in Python name it."""
     J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
     t, R = as_floats(times, "times", 1), attitude(rotation)
@@ -203,12 +203,12 @@ def _solved(is_held: bool, inertia: ArrayLike, velocity: ArrayLike, times: Array
         J = np.diag(J)
     if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:
         Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-        status = free_top(J, W, R, t, int(is_held), Lam, velocities)
+        status = free_top(J, W, R, t, int(is_constrained), Lam, velocities)
         if status == OK:
             return Lam, velocities
         if status == BAD_TIME and np.isfinite(t).all():
             raise ValueError(TOO_FAR)
-    if is_held:
+    if is_constrained:
         planar_inertia(inertia)
         without_spin(checked_velocity(velocity), D3)
     checked_inertia(inertia)

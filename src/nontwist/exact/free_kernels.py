@@ -18,7 +18,7 @@ from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import logical_not, select, sin, sqrt
 from ..kernels.kernel import kernel
-from ..kernels.memory import View, matrix_at, put, room, vector_at, view_in
+from ..kernels.memory import View, matrix_at, put, scratch, vector_at, view_in
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, cross
 from .free_constants import (
     BAD_TIME,
@@ -55,7 +55,7 @@ def prepare(J: Any, W: Any, c: Any) -> Any:
 
 def _free(J: Matrix, W: Vector) -> tuple[Any, Moved]:
     """Return a status, and what moves a free body."""
-    c = View(Constants, room(CONSTANTS))
+    c = View(Constants, scratch(CONSTANTS))
     status, V, I, motion = _prepared(J, W, c)
     D = Matrix(*(row / moment for row, moment in zip(V, I, strict=True)))  # ΔW = ΔP D
 
@@ -86,7 +86,7 @@ def _held_status(J: Matrix, n: Vector) -> Any:
 
 
 @kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, f8[:, :, :], f8[:, :] -> i8")
-def free_top(J: Any, W: Any, R: Any, times: Any, is_held: Any, attitudes: Any, velocities: Any) -> Any:
+def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes: Any, velocities: Any) -> Any:
     """Set the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body; return a status.
 
     Where it is held it may not turn about its third axis.
@@ -103,9 +103,9 @@ def free_top(J: Any, W: Any, R: Any, times: Any, is_held: Any, attitudes: Any, v
                 a = cross(row, turn)
                 put(attitudes[k, i], row + (rest + 2.0 * (1.0 + less) * a + 2.0 * cross(a, turn)))
 
-    for _ in when(is_held == 0):
+    for _ in when(is_constrained == 0):
         follow(moved)
-    for _ in when(logical_not(is_held == 0) & (v.status == OK)):
+    for _ in when(logical_not(is_constrained == 0) & (v.status == OK)):
         v.status = _held_status(J, Vector(0.0, 0.0, 1.0))
         for _ in when(abs(W[2]) > _SPIN * sqrt(W @ W)):
             v.status = SPIN
@@ -138,7 +138,7 @@ def free_members(
     The starts are at index 0; the states at `times` begin at index `place`. `bodies` (m or 1, 3, 3): convected inertia;
     `axes` (m or 1, 3) or (0, 3): constrained axis. Returns a status and the member that it is about.
     """
-    v, is_held = Variables(status=OK, member=0), axes.shape[0] > 0
+    v, is_constrained = Variables(status=OK, member=0), axes.shape[0] > 0
     for i in loop(first, last, whilst=lambda: v.status == OK):
         b = select(bodies.shape[0] > 1, i, 0)
         J, W, row = matrix_at(bodies[b]), vector_at(velocities[i, 0]), attitudes[i, 0]
@@ -156,9 +156,9 @@ def free_members(
                 put(velocities[i, place + k], velocity)
             v.status = s.status
 
-        for _ in when(is_held):
+        for _ in when(is_constrained):
             follow(_held_status(J, vector_at(axes[b])), _steady(W))
-        for _ in when(logical_not(is_held)):
+        for _ in when(logical_not(is_constrained)):
             follow(*_free(J, W))
         for _ in when(v.status != OK):
             v.member = i

@@ -43,9 +43,9 @@ def aligned(*shape: int, empty: bool = False) -> Array:
     Numbers are what they happen to be where it is to be `empty`.
     """
     count = prod(shape)
-    room = (np.empty if empty else np.zeros)(count + LINE - 1)
-    first = -(room.__array_interface__["data"][0] // room.itemsize) % LINE
-    found: Array = room[first : first + count].reshape(shape)
+    scratch = (np.empty if empty else np.zeros)(count + LINE - 1)
+    first = -(scratch.__array_interface__["data"][0] // scratch.itemsize) % LINE
+    found: Array = scratch[first : first + count].reshape(shape)
     return found
 
 

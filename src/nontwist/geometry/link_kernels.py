@@ -20,7 +20,7 @@ from .frame_kernels import length
 
 _SMALL = 0.1  # tangent up to which the series is right to 1e-17
 WORK = 2  # rows of numbers that a row of pairs needs
-ROOM = 8  # columns behind the points of `b`, for lanes that have no pair
+SCRATCH = 8  # columns behind the points of `b`, for lanes that have no pair
 
 
 def _series(t: Any) -> Any:
@@ -48,11 +48,11 @@ def row_integrals(
     """Set the Gauss integral, over 2π, of every `stride`-th segment of `a` with all of `b`; and of its magnitude.
 
     With `same` the polygons are one, each pair counts once, and neighbours, which lie in a plane, do not. Behind the
-    points of `b` lie `ROOM` more of any finite numbers; `work` is (WORK, columns of b), `numbers` counts these from 0.
+    points of `b` lie `SCRATCH` more of any finite numbers; `work` is (WORK, columns of b), `numbers` counts from 0.
     """
     points = a.shape[1]
     for i in loop(first, points - 1, stride):
-        end = select(same != 0, select(i > 1, i - 1, 0), b.shape[1] - ROOM - 1)
+        end = select(same != 0, select(i > 1, i - 1, 0), b.shape[1] - SCRATCH - 1)
         begin = select((same != 0) & (closed != 0) & (i == points - 2), 1, 0)
         p, q = (Vector(*(a[k, i + l] for k in range(3))) for l in (0, 1))
         for j in loop(0, end + 1, width()):

@@ -37,7 +37,7 @@ from ..kernels.vectors import Vector
 from .arrays import Array, as_array
 from .frame_kernels import reflected
 from .frames import solid_angle
-from .link_kernels import ROOM, WORK, row_integrals
+from .link_kernels import SCRATCH, WORK, row_integrals
 from .stacks import dot, norm
 
 _WHOLE = 1e-6  # departure from a whole number that round-off does not reach
@@ -251,7 +251,7 @@ def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
     total, sizes = np.zeros((2, len(a)))
     threads = max(1, min(os.cpu_count() or 1, len(a) // _ROWS))
     x, y = (np.ascontiguousarray((np.concatenate([one, one[:1]]) if closed else one).T) for one in (a, b))
-    y = np.pad(y, ((0, 0), (0, ROOM)), mode="edge")
+    y = np.pad(y, ((0, 0), (0, SCRATCH)), mode="edge")
     numbers = np.arange(float(y.shape[1]))
 
     def part(first: int) -> None:

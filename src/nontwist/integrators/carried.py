@@ -18,8 +18,8 @@ def factors(scheme: Compiled, bodies: Array, unit: float, size: int) -> Array:
     if scheme.is_director_scheme:
         found[:, STATE.s :] = 1 / unit
     else:
-        found[:, STATE.s : STATE.c], found[:, STATE.extra :] = moment * unit, moment
-    found[:, STATE.c : STATE.extra] = 1.0
+        found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * unit, moment
+    found[:, STATE.c : STATE.auxiliary] = 1.0
     if (more := size - STATE.size) > 0:  # increments of the momentum, and of directions
         found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * unit, 1.0
     return found
@@ -29,13 +29,13 @@ def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
     """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
     sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
     apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
-    apart += [_apart(carried, states, slice(STATE.s, STATE.carry))]
+    apart += [_apart(carried, states, slice(STATE.s, STATE.compensation))]
     if scheme.is_director_scheme:
-        apart += [_apart(carried, states, slice(STATE.extra, STATE.size))]
-    apart += [abs(carried[:, STATE.c : STATE.extra]).max() * SAME / (4 * EPS)]
+        apart += [_apart(carried, states, slice(STATE.auxiliary, STATE.size))]
+    apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
     return not max(apart) > SAME
 
 
 def _apart(a: Array, b: Array, part: slice) -> float:
-    size = abs(b[:, STATE.s : STATE.carry]).max()
+    size = abs(b[:, STATE.s : STATE.compensation]).max()
     return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())

@@ -57,11 +57,11 @@ class Compiled(Integrator):
         """Return the forms of the steps, given those that the engine finds."""
         return found
 
-    def is_explicit(self, form: int, is_held: bool) -> bool:
+    def is_explicit(self, form: int, is_constrained: bool) -> bool:
         """Whether nothing is to be solved in steps of a form unless a moment in space acts."""
         return False
 
-    def room(self, lanes: int) -> int:
+    def scratch(self, lanes: int) -> int:
         """Return how many numbers a march needs beside the workspace."""
         return 0
 

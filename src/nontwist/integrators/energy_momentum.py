@@ -198,9 +198,9 @@ class Start(NamedTuple):
     chi: Any
 
 
-def step(acting: Nodes, state: State, is_open: Any) -> Step:
+def step(acting: Nodes, state: State, is_active: Any) -> Step:
     """Take the step: Newton's iteration for y, then the changes of W and N, and the multipliers."""
-    parts, body, h, W, N = acting.parts, acting.body, acting.h, state.s, Symmetric(*state.extra).matrix
+    parts, body, h, W, N = acting.parts, acting.body, acting.h, state.s, Symmetric(*state.auxiliary).matrix
     loads, f, chi = acting.loads(), 0.5 * h, None
     if parts.dissipates:
         turn = h * sqrt(W @ W)
@@ -237,8 +237,10 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
             terms = terms + sum_of(*map(taxicab, S.columns))
         return size, EPS * speed, terms
 
-    guess = Vector(-0.0, -0.0, -W[2] if parts.is_held else -0.0)
-    y, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls or parts.dissipates)
+    guess = Vector(-0.0, -0.0, -W[2] if parts.is_constrained else -0.0)
+    y, used, left, stalled = solve(
+        equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls or parts.dissipates
+    )
     Om = W + y
     a = f * Om
     s = shrinking(a)
@@ -250,10 +252,10 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
     X = Matrix(*(Mt @ row for row in Y))
     change = 0.5 * Vector(X[1][2] - X[2][1], X[2][0] - X[0][2], X[0][1] - X[1][0])
     p, c, gap = turned_by_half(state.p, state.c, a)
-    next_W, carry = compensated(W, state.carry, change)
-    N_next = tuple(n + x for n, x in zip(state.extra, symmetric_part(X), strict=True))
+    next_W, compensation = compensated(W, state.compensation, change)
+    N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
     far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
-    found = Step(State(p, next_W, carry, c, N_next), stalled, far, gap, used, left, turn)
+    found = Step(State(p, next_W, compensation, c, N_next), stalled, far, gap, used, left, turn)
     return multipliers(acting, start, found, a, s, Y, Mt, loads) if parts.tells else found
 
 
@@ -262,7 +264,7 @@ def velocity(body: Body, W: Vector) -> Vector:
     return W
 
 
-TEXT = Text(step, velocity, extra=6)
+TEXT = Text(step, velocity, auxiliary=6)
 
 
 def shrinking(a: Vector) -> Any:
@@ -385,7 +387,7 @@ def multipliers(
     if parts.dead:
         F = loads.dead
         L = L + F - Matrix(*(cross(a, row) for row in F))
-        if parts.is_held:
+        if parts.is_constrained:
             dead = first_moment(Matrix(*(mean(s, a, column) for column in F.T)).T)
             found = found._replace(dead=R @ dead)
     lam = symmetric_part(L)

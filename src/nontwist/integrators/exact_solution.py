@@ -47,7 +47,7 @@ from ..models.system import DirectorSystem
 from .base import Integrator
 from .costs import Cost
 from .members import in_threads, one_by_one, outcome_of, progress
-from .problem import Intervals, March, Outcome, Problem, room
+from .problem import Intervals, March, Outcome, Problem, scratch
 
 BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal
@@ -97,7 +97,7 @@ class Exact(Integrator):
             if m > 1:
                 return one_by_one(self.march, problem, threads)
             return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
-        out, since = room(problem), times - problem.t_start
+        out, since = scratch(problem), times - problem.t_start
         place = int(since[0] == 0.0)  # the start is there already
         since = since[place:].copy()
 
@@ -292,7 +292,7 @@ def _loaded(problem: Problem) -> March:
 
 def _gyrostat(problem: Problem) -> Outcome:
     """Return the motion of a standard body with rotors of constant momentum; they act with -(Λ c)'."""
-    out, times = room(problem), problem.output
+    out, times = scratch(problem), problem.output
     place = int(times[0] == problem.t_start)
     c = problem.load.rotor_momentum(times[:1])[0]
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)

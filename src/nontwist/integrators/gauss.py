@@ -113,7 +113,21 @@ from .compiled import ONCE, Compiled, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_newton import lanes_where, rows_by_elimination, solve
-from .gauss_stages import LOST, ROUGH, SEEN, SHY, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, iterated, rows_of
+from .gauss_stages import (
+    CHECKED,
+    DITHERED,
+    LEVEL,
+    OVERFLOW,
+    TINY,
+    TURN,
+    VECTOR,
+    ZEROS,
+    Equations,
+    Stage,
+    Stages,
+    iterated,
+    rows_of,
+)
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -215,7 +229,7 @@ class Gauss(Compiled):
 
         return linearised(self.nodes, MOTIONS.get(form, "rows"), parts, wanted)
 
-    def room(self, lanes: int) -> int:
+    def scratch(self, lanes: int) -> int:
         """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
         m = 3 * WIDTH
         return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
@@ -269,10 +283,10 @@ def text_of(s: int, motion: str) -> Text:
         y = Stages(acting.memory, acting.table, s, n, n, n == 1 and tracer() is not None)
         return steady_step(acting, state, y) if motion == "steady" else collocated(acting, state, alive, y, motion)
 
-    return Text(step, velocity_of, extra=1, integrates=True, carry=carry)
+    return Text(step, velocity_of, auxiliary=1, integrates=True, exchange=exchange)
 
 
-def carry(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:
+def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:
     """Bring the increments that the members carry into the room of their stages, or back."""
     s, n = parts.nodes, parts.lanes
     for l in loop(last - first) if back else loop(n):
@@ -292,16 +306,18 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
     e.sample()
     if e.has_rows:
         y.put(e.names[1:], [ZEROS] * 3)
-    is_eager = s > SHY and not e.has_rows
-    unseen = state.extra[0] if is_eager else 0.0
-    rough = ROUGH * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
-    hard, used = iterated(y, e.names, e.follow, alive, rough, TABLE.guess, k, taxicab(k * P), unseen, state.carry)
-    v = Variables(hard=hard, used=used, residual=zero)
-    for _ in when(any_of(hard)):
-        solve(acting, y, state, motion, hard, v)
-    least = e.ended(without(alive, hard))
+    is_eager = s > DITHERED and not e.has_rows
+    unchecked = state.auxiliary[0] if is_eager else 0.0
+    level = LEVEL * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
+    for_newton, used = iterated(
+        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation
+    )
+    v = Variables(for_newton=for_newton, used=used, residual=zero)
+    for _ in when(any_of(for_newton)):
+        solve(acting, y, state, motion, for_newton, v)
+    least = e.ended(without(alive, for_newton))
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
-    next_P, next_carry = compensated(P, state.carry, dP)
+    next_P, next_compensation = compensated(P, state.compensation, dP)
     if e.has_rows:
         less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
     elif motion == "moved":
@@ -319,15 +335,15 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         q = Quaternion(cos(half), *(sin(half) * o))
         p, c = q @ p, q @ c
     far = (arc > 0.5 * PI * (s + 1.0)) | (least > -SMALLEST)
-    extra = (larger(select(hard, 0.0, used - SEEN), zero) if is_eager else zero,)
-    gap = select(arc <= LOST, gap, arc)
+    auxiliary = (larger(select(for_newton, 0.0, used - CHECKED), zero) if is_eager else zero,)
+    gap = select(arc <= OVERFLOW, gap, arc)
     W = k * P
-    how_far = select(arc <= LOST, arc, h * sqrt(W @ W))
-    found = Step(State(p, next_P, next_carry, c, extra), v.hard, far, gap, v.used, v.residual, how_far)
+    how_far = select(arc <= OVERFLOW, arc, h * sqrt(W @ W))
+    found = Step(State(p, next_P, next_compensation, c, auxiliary), v.for_newton, far, gap, v.used, v.residual, how_far)
     if not parts.tells:
         return found
     mu = torque
-    if parts.is_held:
+    if parts.is_constrained:
         mu = mu - (body.off[0] * k[0] * dP[0] + body.off[1] * k[1] * dP[1])
     if parts.spin:
         mu = mu - dP[2]
@@ -337,7 +353,7 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
 def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
     """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
     acting, parts, R = e.acting, e.parts, e.acting.R
-    has_dead = parts.dead and parts.is_held and motion in ("heavy", "rows")
+    has_dead = parts.dead and parts.is_constrained and motion in ("heavy", "rows")
     has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor))
     has_push = e.has_rows and (parts.space or parts.calls)
     if motion in ("free", "heavy") and (has_dead or parts.observes):
@@ -377,9 +393,9 @@ def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:
         b, W = h * y.coefficient(TABLE.weights, i), stage.W
         return [b * cross(y.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
 
-    hard, _ = iterated(y, TURN, following, alive, ROUGH + 0.0 * acting.body.free)
-    for _ in when(any_of(hard)):
-        for l in lanes_where(hard, y.lanes):
+    for_newton, _ = iterated(y, TURN, following, alive, LEVEL + 0.0 * acting.body.free)
+    for _ in when(any_of(for_newton)):
+        for l in lanes_where(for_newton, y.lanes):
             rows_by_elimination(y.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * y.lanes), h)
     for i, stage in y.each():
         for name, turn, axis in zip(VECTOR, TURN, AXES, strict=True):
@@ -434,8 +450,8 @@ def about_a_line(y: Stages, h: Any, name: str, g0: Vector, g1: Vector, f: Any) -
     g0, g1 = f * g0, f * g1
     r = line(y.total("angle"), g0, g1)
     for _, stage in y.each():
-        stage.lift = arc(stage.angle, f * getattr(stage, name), r)
-    q = turned_about(r, y.total("lift"), g0, g1)
+        stage.axial = arc(stage.angle, f * getattr(stage, name), r)
+    q = turned_about(r, y.total("axial"), g0, g1)
     f = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return f * q[0] - 1.0, f * q.vector
 
@@ -477,8 +493,8 @@ def steady_step(acting: Nodes, state: State, y: Stages) -> Step:
     zero, turn, far_turn = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
     p, c, gap = turned_on(state.p, state.c, *about(turn))
     never, far = zero > 1.0, far_turn > 0.5 * PI * (y.number + 1.0)
-    after = state._replace(p=p, c=c, extra=(zero,))
-    found = Step(after, never, far, select(far_turn <= LOST, gap, far_turn), zero, zero, turn=far_turn)
+    after = state._replace(p=p, c=c, auxiliary=(zero,))
+    found = Step(after, never, far, select(far_turn <= OVERFLOW, gap, far_turn), zero, zero, turn=far_turn)
     if not acting.parts.tells:
         return found
     if acting.parts.observes:

@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.elimination import Room, eliminate
+from ..engine.elimination import Scratch, eliminate
 from ..engine.linearised import NODAL, Calls, Directions, Known, Step, Steps, Wanted, called_at
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
@@ -38,7 +38,7 @@ from ..kernels.memory import View, doubles, put, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_stages import LOST, ROUGH, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
+from .gauss_stages import LEVEL, OVERFLOW, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
 CORRECTIONS, CLOSE, SAME = 20, 1e-9, 1e-6
@@ -88,8 +88,8 @@ class StageEquations(Equations):
         self.acting.evaluate(i, self.k * P, g, False)
         acting, at, parts = self.acting, self.acting.known(i), self.parts
         load = acting.factor * (at.load @ acting.R) if parts.function else None
-        held = acting.factor * (at.held @ acting.basis) if parts.generalised else None
-        return P, g, self.now(stage, P, g, load, held)
+        of_potentials = acting.factor * (at.of_potentials @ acting.basis) if parts.generalised else None
+        return P, g, self.now(stage, P, g, load, of_potentials)
 
     def orbital(self, g: Any) -> Vector:
         """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""
@@ -112,7 +112,7 @@ class StageEquations(Equations):
         return rate if self.orbit is None else rate - cross(self.orbital(g), V)
 
 
-def rooms(s: int, columns: int) -> dict[str, int]:
+def scratches(s: int, columns: int) -> dict[str, int]:
     """Return how many numbers of a lane the matrices of steps of s stages take."""
     return {
         "C": 9 * s,  # rows of the stages
@@ -130,9 +130,9 @@ def rooms(s: int, columns: int) -> dict[str, int]:
     }
 
 
-def room_of(s: int, columns: int, slopes: int) -> int:
+def scratch_of(s: int, columns: int, slopes: int) -> int:
     """Return how many numbers of a lane a kernel needs; `slopes`: those of functions of the state at a node."""
-    return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(rooms(s, columns).values())
+    return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
 
 
 def columns_of(s: int, wanted: Wanted) -> dict[str, int]:
@@ -174,10 +174,10 @@ class Collocation:
         self._node_size = (size_of(Step) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size
         self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
-        room = Room(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
-        self.rooms = dict[str, Room]()
-        for name, size in rooms(s, self.columns[""]).items():
-            self.rooms[name], room = room, room.shifted(size)
+        scratch = Scratch(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
+        self.scratches = dict[str, Scratch]()
+        for name, size in scratches(s, self.columns[""]).items():
+            self.scratches[name], scratch = scratch, scratch.shifted(size)
         self.scale = b.factor[0] / body.unit
 
     # What is known.
@@ -240,12 +240,12 @@ class Collocation:
 
     def matrix(self, name: str, k: Any) -> Matrix:
         """Return a matrix that lies in a room, row by row."""
-        a = self.rooms[name].shifted(9 * k)
+        a = self.scratches[name].shifted(9 * k)
         return Matrix(*(vector_at(a, 3 * r) for r in range(3)))
 
     def put(self, name: str, k: Any, A: Any) -> None:
         """Write a matrix into a room."""
-        put(self.rooms[name].shifted(9 * k), A)
+        put(self.scratches[name].shifted(9 * k), A)
 
     def weight(self, i: Any) -> Any:
         """Return b_i."""
@@ -284,23 +284,23 @@ class Collocation:
             for name, g in zip(e.names[1:], e.start, strict=True):
                 setattr(stage, name, (self.h * self.weight(j)) * cross(g, mean))
         fastest = larger(larger(e.k[0], e.k[1]), e.k[2])
-        rough, alive = ROUGH * (1.0 + self.h * taxicab(P) * fastest), self.h == self.h
-        hard, _ = iterated(stages, e.names, e.follow, alive, rough, k=e.k, speed=taxicab(e.k * P))
+        level, alive = LEVEL * (1.0 + self.h * taxicab(P) * fastest), self.h == self.h
+        for_newton, _ = iterated(stages, e.names, e.follow, alive, level, k=e.k, speed=taxicab(e.k * P))
         for i, stage in self.each():
             P, g = e.placed(i)
             stage.V = e.turning(body.velocity_of(P), g)
             for name, x in zip(self.names, g, strict=True):
                 setattr(stage, name, x)
-        now = Variables(open=hard, goes=True, count=0)
+        now = Variables(active=for_newton, goes=True, count=0)
         for _ in whilst(lambda: now.goes):
             if self.names:
                 self.set_rows(True)
             self.set_slopes()
             now.goes = False
-            for _ in when(any_of(now.open) & (now.count < CORRECTIONS)):
+            for _ in when(any_of(now.active) & (now.count < CORRECTIONS)):
                 self.correct(now)
                 now.goes, now.count = True, now.count + 1
-        return now.open
+        return now.active
 
     def have_other_ends(self) -> Any:
         """Return the mask of steps that end elsewhere than is known: large ones have several solutions."""
@@ -323,7 +323,7 @@ class Collocation:
 
     def set_rows(self, has_inverse: bool) -> None:
         """Find the rows of the stages by their velocities, the vectors g, and U where it is asked for."""
-        s, a, h = self.s, self.rooms["a"], self.h
+        s, a, h = self.s, self.scratches["a"], self.h
         m = 3 * s
         width = m + 3 + (m if has_inverse else 0)
         for i, stage in self.each():
@@ -354,7 +354,7 @@ class Collocation:
     def eliminate(self, m: int, width: int) -> None:
         """Let the elimination stand once in the code, whatever the sizes."""
         v = Variables(m=m, width=width)
-        eliminate(self.rooms["a"], v.m, v.width)
+        eliminate(self.scratches["a"], v.m, v.width)
 
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
@@ -391,7 +391,7 @@ class Collocation:
 
     def set_system(self, width: int, is_transposed: bool) -> None:
         """Set α - T, or the transposed matrix, with room for right-hand sides."""
-        a, s = self.rooms["a"], self.s
+        a, s = self.scratches["a"], self.s
         for i in loop(s):
             for j in loop(s):
                 alpha = self.inverse(i, j)
@@ -409,7 +409,7 @@ class Collocation:
 
     def correct(self, v: Variables) -> None:
         """Take a step of Newton's iteration for the steps that are open, and close those that are done."""
-        m, a = 3 * self.s, self.rooms["a"]
+        m, a = 3 * self.s, self.scratches["a"]
         self.set_system(m + 1, False)
         for i, stage in self.each():
             for r, x in enumerate(stage.next_dp):
@@ -418,11 +418,11 @@ class Collocation:
         most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + TINY, stiff=0.0 * self.h)
         for i, stage in self.each():
             d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
-            stage.V = stage.V + select(v.open, d, 0.0 * d)
-            most.change = larger(most.change, select(taxicab(d) <= LOST, taxicab(d), 2.0 * LOST))
+            stage.V = stage.V + select(v.active, d, 0.0 * d)
+            most.change = larger(most.change, select(taxicab(d) <= OVERFLOW, taxicab(d), 2.0 * OVERFLOW))
             most.speed = larger(most.speed, taxicab(stage.V))
             most.stiff = larger(most.stiff, self.stiffness(i))
-        v.open = without(v.open, most.change <= CLOSE * most.speed + ROUND_OFF * most.stiff)
+        v.active = without(v.active, most.change <= CLOSE * most.speed + ROUND_OFF * most.stiff)
 
     # The end of the step.
 
@@ -468,7 +468,7 @@ class Collocation:
 
     def set_gains(self) -> None:
         """Set the response of the end to what stands on the right at each stage, six rows."""
-        m, a = 3 * self.s, self.rooms["a"]
+        m, a = 3 * self.s, self.scratches["a"]
         width = m + 6
         self.set_system(width, True)
         for j in loop(self.s):
@@ -478,11 +478,14 @@ class Collocation:
         self.eliminate(m, width)
         for j in loop(self.s):
             for o in range(6):
-                put(self.rooms["gain"].shifted(18 * j + 3 * o), tuple(a[(3 * j + c) * width + m + o] for c in range(3)))
+                put(
+                    self.scratches["gain"].shifted(18 * j + 3 * o),
+                    tuple(a[(3 * j + c) * width + m + o] for c in range(3)),
+                )
 
     def emit(self, first: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
-        b, h, gain = self.b, self.h, self.rooms["gain"]
+        b, h, gain = self.b, self.h, self.scratches["gain"]
         places, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
@@ -493,7 +496,7 @@ class Collocation:
         for name in nodal:
             places[name], width = width, width + self.wanted[name]
         e = self.equations(places, width)
-        ends, direct = self.rooms["ends"], self.matrix("direct", 0)
+        ends, direct = self.scratches["ends"], self.matrix("direct", 0)
         W = e.acting.velocity(self.W[0])
         V = W - e.orbital(AXES) if self.parts.orbit else W
 

@@ -30,11 +30,11 @@ from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import fma, larger, logical_not, real, select
-from ..kernels.memory import View, room, size_of
+from ..kernels.memory import View, scratch, size_of
 from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_stages import EPS, LOST, ROUND_OFF, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, drawn, rows_of
+from .gauss_stages import EPS, OVERFLOW, ROUND_OFF, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, drawn, rows_of
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -194,13 +194,13 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called, held = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
+            called, of_potentials = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, held, drawn_of_duals).rate
+                rate = e.now(stage, P, [turned(c) for c in g], called, of_potentials, drawn_of_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
-                    dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
+                    dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
                 rest, stiff = dP - stage.dp, 0.0 * b
                 for c in range(3):
                     row, H = self.slopes.shifted((3 * i + c) * (m + 1)), b * tangents(rate[c], 3)
@@ -213,18 +213,18 @@ class Residuals:
 
     def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Vector, Any]:
         """Return what functions say, with their derivatives as differences; one call stands in the code."""
-        e, W, found = self.equations, stage.W, room(7 * 6)
-        v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= LOST)
+        e, W, found = self.equations, stage.W, scratch(7 * 6)
+        v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
         change = DIFFERENCE * taxicab(W)
         change = select(change > 0.0, change, DIFFERENCE)
         for q in loop(7, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns
             w = Vector(*(x + select(q == j + 1, change, 0.0) for j, x in enumerate(W)))
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
-            f, held = e.called(i, rows, rows @ w)
-            for j, x in enumerate((*f, *(held or ()))):
+            f, of_potentials = e.called(i, rows, rows @ w)
+            for j, x in enumerate((*f, *(of_potentials or ()))):
                 found[6 * q + j] = x
-            is_sound = (q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST)
+            is_sound = (q > 0) | (taxicab(f) + taxicab(of_potentials or ZEROS) <= OVERFLOW)
             note_call(e, is_sound)
             v.is_fine = v.is_fine & is_sound
 
@@ -237,7 +237,7 @@ class Residuals:
         called = Vector(*(dual(j, True) for j in range(3)))
         if not e.parts.generalised:
             return called, None
-        stage.held = Vector(found[3], found[4], found[5])
+        stage.of_potentials = Vector(found[3], found[4], found[5])
         return called, Vector(*(dual(j + 3, False) for j in range(3)))
 
     def turn(self, i: Any, q: Any) -> Vector:
@@ -270,7 +270,7 @@ class Residuals:
             speed = taxicab(k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
             v.worst = larger(larger(change / speed, taxicab(x.turn)), v.worst)
             v.left = larger(taxicab(k * rest) / (speed + self.stiffness[i] * fastest), v.left)
-            v.is_fine = taxicab(dL) <= LOST
+            v.is_fine = taxicab(dL) <= OVERFLOW
         v.worst = select(v.is_fine, v.worst, float("inf"))
 
 
@@ -296,15 +296,15 @@ def newton(
     e = Equations(motion, acting, stages, x.state.s)
     r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
-    v.before = zero + LOST
+    v.before = zero + OVERFLOW
     if e.parts.calls:
         for i in loop(stages.number):
-            v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
+            v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= OVERFLOW)
         note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:
         stages.put(VECTOR, AXES)
-    rough = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
+    level = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
     for _ in whilst(lambda: v.goes):
         r.place()
         v.goes = False
@@ -315,8 +315,8 @@ def newton(
                 r.solve()
                 r.correct(v)
                 now = v.worst * (1.0 / EPS)
-                is_done = (now <= NEAR) | (v.left <= ROUND_OFF) | ((now <= rough) & (now >= v.before))
-                v.is_fine, v.before = now <= LOST, now
+                is_done = (now <= NEAR) | (v.left <= ROUND_OFF) | ((now <= level) & (now >= v.before))
+                v.is_fine, v.before = now <= OVERFLOW, now
                 v.is_found = v.is_fine & is_done
                 # the last change is round-off of velocities, but more than the vectors may be off
                 v.goes = v.is_fine & select(v.is_found, now > NEAR, v.count < NEWTON)
@@ -327,23 +327,23 @@ def newton(
 
 def lanes_where(mask: Any, lanes: int) -> Iterator[Any]:
     """Yield the bodies whose mask is set, in a loop of the machine."""
-    flags = room(lanes)
+    flags = scratch(lanes)
     flags.store(0, select(mask, 1.0, 0.0), lanes)
     for l in loop(lanes):
         for _ in when(flags[l] > 0.0):
             yield l
 
 
-def solve(acting: Nodes, y: Stages, state: State, motion: str, hard: Any, v: Variables) -> None:
+def solve(acting: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
     """Solve the stages of bodies whose mask is set by Newton's iteration."""
     n = y.lanes
-    acting.x.state.p, acting.x.state.s, found = state.p, state.s, room(3 * n)
+    acting.x.state.p, acting.x.state.s, found = state.p, state.s, scratch(3 * n)
     for k in range(3):
         found.store(k * n, 0.0, n)
-    for l in lanes_where(hard, n):
+    for l in lanes_where(for_newton, n):
         x, memory = acting.x.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * n)
         where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
         is_found, count, residual = newton(motion, acting.parts, *where)
         found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
-    v.hard = found.load(0, n) > 0.0
+    v.for_newton = found.load(0, n) > 0.0
     v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)

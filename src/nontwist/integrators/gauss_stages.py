@@ -9,7 +9,7 @@ the same order in both.
 Fixed points. An iteration evaluates all stages, Y_i = y_n + Σ μ_ij L_j, and takes L = h b F(Y) for the next L. A body
 is done where the increments of L are round-off, or have stopped falling and are small; it then keeps its L, whatever
 its neighbours do. To look at the increments takes as long as to make them. So with many stages a step first takes as
-many iterations unseen as the step before took, less `SEEN`: one too many does no harm.
+many iterations unseen as the step before took, less `CHECKED`: one too many does no harm.
 
 The velocity of a needle about its length is P/J with J small, and has the round-off of all P. Where that is more than
 `NEEDLE`, L comes as near to ``h b F(Y)`` as that and no nearer, and K would change by as much. Newton's iteration
@@ -18,8 +18,8 @@ leaves a fraction of the last change of P, so such a body is given to it, with t
 With few stages at large steps L comes to a standstill, or alternates between two values, within the round-off of the
 equations. Of the values within that reach it is those with some rounding errors that stop an iteration, so their mean
 is not zero: with one stage at a radian a step K grows by 1e-19 of itself a step, with three by 2e-20, always the same
-way. What is one iteration away from an L that did not come about so has no such preference. So up to `SHY` stages the L
-of a body that was not done quickly is changed by some round-off, and iterated once or twice more. What is added is
+way. What is one iteration away from an L that did not come about so has no such preference. So up to `DITHERED` stages
+L of a body that was not done quickly is changed by some round-off, and iterated once or twice more. What is added is
 without a preference itself, and known to a run that resumes: what the compensated sums of the other components of P
 have left over. Needles are left alone, as what is added would be their spin.
 """
@@ -40,9 +40,9 @@ EPS = 2.0**-52
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
 EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P again: increments grow as they like
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
-SEEN = 4.0  # last iterations that are looked at
-SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
-ITERATIONS, SMALL, ROUGH, NEEDLE, LOST, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
+CHECKED = 4.0  # last iterations that are looked at
+DITHERED, QUICK, DITHER = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
+ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
 ROUND_OFF = 16.0 * EPS
 INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
@@ -69,9 +69,9 @@ class Stage(NamedTuple):
     moving: Vector  # moments along the frame, in space, of functions of the state; torques of potentials
     space: Vector
     called: Vector
-    held: Vector
+    of_potentials: Vector
     rotor: Vector
-    lift: float  # increment of a held momentum
+    axial: float  # increment of a held momentum
     P: Vector
     W: Vector
     V: Vector  # what the vectors turn with
@@ -210,7 +210,7 @@ class Equations:
                     setattr(stage, name, x)
             if self.parts.spin:
                 J3 = self.acting.body.spin * (1.0 / self.k[2])
-                stage.lift = (self.acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
+                stage.axial = (self.acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
 
     def sampled(self, j: Any) -> Sampled:
         """Return what acts at a node of the step."""
@@ -229,14 +229,16 @@ class Equations:
         )
         return P, Matrix(*g) if g else ()
 
-    def now(self, stage: Any, P: Vector, g: Any, called: Any = None, held: Any = None, inverse: Any = drawn) -> Now:
+    def now(
+        self, stage: Any, P: Vector, g: Any, called: Any = None, of_potentials: Any = None, inverse: Any = drawn
+    ) -> Now:
         """Return what the equations say at P and g; on dual numbers as well.
 
-        `called` and `held` are what functions say there, `inverse` gives C⁻¹ f.
+        `called` and `of_potentials` are what functions say there, `inverse` gives C⁻¹ f.
         """
         body, parts = self.acting.body, self.parts
         W, whole = body.velocity_of(P), P
-        if parts.is_held and (self.has_rows or body.coupling is not None):
+        if parts.is_constrained and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
         own = sum_of(
             stage.moving if parts.moving or parts.rotor else None,
@@ -248,8 +250,8 @@ class Equations:
             still = sum_of(cross(force, v), still)
         push = sum_of(stage.space if parts.space else None, called)
         push = None if push is None else inverse(g, push)
-        torque = sum_of(cross(whole, W), own, sum_of(still, held), push)
-        third = body.free * torque[2] if parts.is_held else torque[2]
+        torque = sum_of(cross(whole, W), own, sum_of(still, of_potentials), push)
+        third = body.free * torque[2] if parts.is_constrained else torque[2]
         return Now(W, Vector(torque[0], torque[1], third), own, push, torque)
 
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Now]:
@@ -263,12 +265,12 @@ class Equations:
         for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
             one = self.stages.one(j)
             rows = rows_of(one)
-            one.called, held = self.called(j, rows, rows @ (self.k * one.P))
-            if held is not None:
-                one.held = held
+            one.called, of_potentials = self.called(j, rows, rows @ (self.k * one.P))
+            if of_potentials is not None:
+                one.of_potentials = of_potentials
             if fine is not None:
-                v.is_fine = taxicab(one.called) <= LOST
-        return P, g, self.now(stage, P, g, stage.called, stage.held if self.parts.generalised else None)
+                v.is_fine = taxicab(one.called) <= OVERFLOW
+        return P, g, self.now(stage, P, g, stage.called, stage.of_potentials if self.parts.generalised else None)
 
     def called(self, j: Any, rows: Matrix, w: Vector) -> tuple[Vector, Any]:
         """Return the moment of functions at a stage, as seen at the beginning, and the torque of potentials."""
@@ -279,7 +281,7 @@ class Equations:
         functions.evaluate(acting.R @ rows, w, 0.0 * w)
         if not self.parts.generalised:
             return functions.found("total") @ acting.R, None
-        return functions.found("load") @ acting.R, functions.found("held") @ acting.body.basis
+        return functions.found("load") @ acting.R, functions.found("of_potentials") @ acting.body.basis
 
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
@@ -298,7 +300,7 @@ class Equations:
         b = self.acting.h * self.stages.coefficient(TABLE.weights, i)
         dP, V = b * now.rate, self.turning(now.W, g)
         if self.parts.spin:
-            dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
+            dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
         return [dP, *(b * cross(v, V) for v in g)]
 
     def ended(self, takes: Any) -> Any:
@@ -333,12 +335,12 @@ def iterated(
     names: Sequence[str],
     following: Callable[[Any, View, Any], list[Vector]],
     alive: Any,
-    rough: Any,
+    level: Any,
     matrix: Any = TABLE.mu,
     k: Any = None,
     speed: Any = None,
-    unseen: Any = 0.0,
-    carry: Any = None,
+    unchecked: Any = 0.0,
+    compensation: Any = None,
 ) -> tuple[Any, Any]:
     """Iterate increments; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
@@ -363,19 +365,19 @@ def iterated(
     unseen : number
         How many iterations are not looked at.
     """
-    zero, is_shy = 0.0 * rough, carry is not None and stages.number <= SHY
-    v = Variables(open=alive, hard=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
+    zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
+    v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
-    soonest = None if isinstance(unseen, float) else -largest_of(-unseen)
-    for _ in whilst(lambda: any_of(v.open)):
+    soonest = None if isinstance(unchecked, float) else -largest_of(-unchecked)
+    for _ in whilst(lambda: any_of(v.active)):
         count, v.change, v.reach, v.turn = v.count, zero, zero, zero
-        is_seen = True if soonest is None else count >= soonest
+        is_checked = True if soonest is None else count >= soonest
         for i, stage in stages.each():
             new = following(i, stage, v.matrix)
             d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
             for name, x in zip(names, new, strict=True):
                 setattr(stage, name if stages.are_together else ahead(name), x)
-            for _ in when(is_seen):
+            for _ in when(is_checked):
                 turns = d
                 if k is not None:
                     v.change = larger(v.change, peak(stages, k * d[0]))
@@ -383,30 +385,30 @@ def iterated(
                     turns = d[1:]
                 if turns:
                     v.turn = larger(v.turn, peak(stages, *turns))
-        v.used, v.takes = select(v.open, v.used + 1.0, v.used), v.open
-        v.worse = v.hard & False
-        for _ in when(is_seen):
+        v.used, v.takes = select(v.active, v.used + 1.0, v.used), v.active
+        v.worse = v.for_newton & False
+        for _ in when(is_checked):
             now = v.turn * (1.0 / EPS)
             if k is not None:
                 now = larger(v.change / (EPS * (speed + v.reach) + TINY), now)
-            progress(v, stages.number, zero + count, count - unseen, now, rough)
+            progress(v, stages.number, zero + count, count - unchecked, now, level)
         if not stages.are_together:
             stages.take(names, v.takes)
         if k is not None:
             for _ in when(any_of(v.worse)):
                 stages.put(names[:1], [ZEROS], v.worse)
         v.count, v.matrix = count + 1, TABLE.mu
-        if is_shy:
+        if is_dithered:
             for _ in when(v.last > 0):
-                v.open = v.takes & (count + 1 < v.last)
+                v.active = v.takes & (count + 1 < v.last)
         for _ in when((v.last == 0) & (count + 1 >= ITERATIONS)):
-            v.hard, v.open = v.hard | v.open, v.open & False
-        if is_shy:
-            for _ in when((v.last == 0) & logical_not(any_of(v.open))):
-                v.open = without(alive & (rough <= NEEDLE) & (v.used > QUICK), v.hard)
+            v.for_newton, v.active = v.for_newton | v.active, v.active & False
+        if is_dithered:
+            for _ in when((v.last == 0) & logical_not(any_of(v.active))):
+                v.active = without(alive & (level <= NEEDLE) & (v.used > QUICK), v.for_newton)
                 v.last = count + (3 if stages.number == 1 else 2)
-                shake(stages, carry, v.open)
-    return v.hard, v.used
+                dither(stages, compensation, v.active)
+    return v.for_newton, v.used
 
 
 def peak(stages: Stages, *vectors: Vector) -> Any:
@@ -414,32 +416,32 @@ def peak(stages: Stages, *vectors: Vector) -> Any:
     d = taxicab(vectors[0])
     for v in vectors[1:]:
         d = d + taxicab(v)
-    return stages.largest(select(d <= LOST, d, INFINITE))
+    return stages.largest(select(d <= OVERFLOW, d, INFINITE))
 
 
-def progress(v: Variables, s: int, count: Any, seen: Any, now: Any, rough: Any) -> None:
+def progress(v: Variables, s: int, count: Any, checked: Any, now: Any, level: Any) -> None:
     """Close bodies that are done, and those that do not contract.
 
-    `seen` is how many iterations before this one were looked at, less than 0 where this one is not either. `now` is the
+    `checked` is how many iterations before this one were looked at, less than 0 where this one is not. `now` is the
     size of the increments in round-off of the velocity, ``v.before`` and ``v.earlier`` those of the last two
     iterations: increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is
-    to be small beside round-off; `rough` is the round-off of the equations. Needles within it are for Newton.
+    to be small beside round-off; `level` is the round-off of the equations. Needles within it are for Newton.
     """
     near, then = FEW if s <= 4 else MANY
-    v.takes = v.open & ((now <= LOST) | (seen < 0.0))
-    worse = without(v.open, v.takes)
-    done = (now <= near) & (seen > 0.0) | (now * now <= then * v.before) & (seen > 1.0)
-    done = v.takes & (done | (now <= rough) & (now >= v.earlier) & (seen > 2.0))
-    needles = done & (rough > NEEDLE) & (now > 0.0)
+    v.takes = v.active & ((now <= OVERFLOW) | (checked < 0.0))
+    worse = without(v.active, v.takes)
+    done = (now <= near) & (checked > 0.0) | (now * now <= then * v.before) & (checked > 1.0)
+    done = v.takes & (done | (now <= level) & (now >= v.earlier) & (checked > 2.0))
+    needles = done & (level > NEEDLE) & (now > 0.0)
     grown = (now > GROWING * v.before) | (now > FALLING * v.earlier) & (count > PATIENCE)
-    grown = without(without(v.takes, done) & grown & (seen > 0.0) & (count > EARLY), now <= SMALL + rough)
+    grown = without(without(v.takes, done) & grown & (checked > 0.0) & (count > EARLY), now <= SMALL + level)
     v.worse = worse | grown
-    v.hard, v.open = v.hard | needles | v.worse, without(without(v.takes, done), grown)
-    v.earlier, v.before = select(seen > 0.0, v.before, v.earlier), select(seen > 0.0, now, v.before)
+    v.for_newton, v.active = v.for_newton | needles | v.worse, without(without(v.takes, done), grown)
+    v.earlier, v.before = select(checked > 0.0, v.before, v.earlier), select(checked > 0.0, now, v.before)
 
 
-def shake(stages: Stages, carry: Vector, mask: Any) -> None:
+def dither(stages: Stages, compensation: Vector, mask: Any) -> None:
     """Add some round-off to the increments of P, for bodies whose mask is set: what the last sum of P has left."""
-    d = select(mask, SHAKEN * Vector(carry[1], carry[2], carry[0]), 0.0 * carry)
+    d = select(mask, DITHER * Vector(compensation[1], compensation[2], compensation[0]), 0.0 * compensation)
     for _, stage in stages.each():
         stage.dp = stage.dp + d

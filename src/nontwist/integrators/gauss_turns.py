@@ -169,11 +169,11 @@ class Line(Turn):
         super().begin(e, W, count)
         self.own = self.directions(e.acting.body, W, self.steps.W[1])
         for k in range(4 * count):
-            self.steps.rooms["along"][k] = 0.0 * self.steps.h
+            self.steps.scratches["along"][k] = 0.0 * self.steps.h
 
     def note(self, i: Any, stage: View, g: Any) -> None:
         """Take up changes of ψ, and of the vertical at the end."""
-        sums, b = self.steps.rooms["along"], self.known.h * self.steps.weight(i)
+        sums, b = self.steps.scratches["along"], self.known.h * self.steps.weight(i)
         seen = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]
         found = [arc(b * stage.V, seen, self.r)]
         if not self.is_momentum:
@@ -184,7 +184,7 @@ class Line(Turn):
 
     def changes(self, V: Vector) -> list[Vector]:
         """Return what changes the turn in each direction beside V at the stages."""
-        steps, sums, found = self.steps, self.steps.rooms["along"], []
+        steps, sums, found = self.steps, self.steps.scratches["along"], []
         g0 = self.own[1] if self.is_momentum else self.equations.start[0]
         for j in range(self.count):
             dh, dg0 = tangent(self.known.h, j), tangent(g0, j)

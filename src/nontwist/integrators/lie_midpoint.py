@@ -144,7 +144,7 @@ class LieMidpoint(Dissipative):
         """Return 0 for bodies whose step is explicit, else 1."""
         return np.asarray(~np.isin(found, (STEADY, DRIVEN)), dtype=np.int64)
 
-    def is_explicit(self, form: int, is_held: bool) -> bool:
+    def is_explicit(self, form: int, is_constrained: bool) -> bool:
         """Whether nothing is to be solved unless a moment in space acts."""
         return form == 0
 
@@ -152,13 +152,15 @@ class LieMidpoint(Dissipative):
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
 
 
-def step(acting: Nodes, state: State, is_open: Any) -> Step:
+def step(acting: Nodes, state: State, is_active: Any) -> Step:
     """Take the step: Newton's iteration for z, then the changes of P and of the rates, and the multiplier."""
     parts, body, h, P = acting.parts, acting.body, acting.h, state.s
     f, k, loads = 0.5 * h, body.k, acting.loads()
-    rates = [Vector(*state.extra[3 * i : 3 * i + 3]) for i in range(3)]  # first guess, and those of the last two steps
+    rates = [
+        Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)
+    ]  # first guess, and those of the last two steps
     zero, speed, S = 0.0 * P[0], taxicab(k * P), Variables(columns=(0.0 * plain(P),) * 3 if parts.calls else None)
-    lift = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
+    axial = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 
     def equations_at(z: Vector, is_new: Any) -> Any:
         m, Om = loads.space, turning(acting, loads, P + z)
@@ -197,20 +199,20 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
         stalled = zero > 1.0
     else:
         guess = h * rates[0]
-        guess = Vector(guess[0], guess[1], lift) if parts.is_held else guess
-        z, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls)
+        guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
+        z, used, left, stalled = solve(equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls)
     Om = turning(acting, loads, P + z)
     a = f * Om
     p, c, gap = turned_by_half(state.p, state.c, a)
-    ahead, carry = compensated(P, state.carry, 2.0 * z)
-    extra = state.extra
+    ahead, compensation = compensated(P, state.compensation, 2.0 * z)
+    auxiliary = state.auxiliary
     if not parts.is_explicit:
         rate = (1.0 / h) * z
         parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
-        extra = (*parabola, *rate, *rates[1])
+        auxiliary = (*parabola, *rate, *rates[1])
     far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
-    found = Step(State(p, ahead, carry, c, extra), stalled, far, gap, used, 2.0 * left, turn)
-    return means(acting, loads, found, P, z, Om, lift) if parts.tells else found
+    found = Step(State(p, ahead, compensation, c, auxiliary), stalled, far, gap, used, 2.0 * left, turn)
+    return means(acting, loads, found, P, z, Om, axial) if parts.tells else found
 
 
 def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
@@ -227,7 +229,7 @@ def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
 def torque(acting: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
     """Return Q̃ × Ω + G(Ω); m is all that is given in space."""
     a, off = 0.5 * acting.h * Om, acting.body.off
-    if acting.parts.is_held:
+    if acting.parts.is_constrained:
         Q = Vector(Q[0], Q[1], Q[2] + (off[0] * Om[0] + off[1] * Om[1]))
     g = cross(Q, Om)
     if (own := along_the_frame(loads, Om)) is not None:
@@ -251,7 +253,7 @@ def dead_moment(F: Matrix, a: Vector) -> Vector:
     return found
 
 
-def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, lift: Any) -> Step:
+def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
     """Return the step with the multiplier, moments and work."""
     parts, body, f, R = acting.parts, acting.body, 0.5 * acting.h, acting.R
     a, m, of_load = f * Om, loads.space, loads.space
@@ -259,14 +261,14 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
     if parts.calls:
         total = loads.functions.moment(a, Om)
         m, of_load = sum_of(m, total), sum_of(of_load, loads.functions.load(total))
-    if parts.is_held:
+    if parts.is_constrained:
         off, k = body.off, body.k
-        mu = torque(acting, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + lift) / f
+        mu = torque(acting, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + axial) / f
     own = along_the_frame(loads, Om)
     moment = sum_of(None if own is None else mean(s, a, own), of_load)
     if moment is not None:
         found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
-    if parts.dead and parts.is_held:
+    if parts.dead and parts.is_constrained:
         dead = first_moment(Matrix(*(mean(s, a, column) for column in loads.dead.T)).T)
         found = found._replace(dead=R @ dead)
     return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
@@ -277,4 +279,4 @@ def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, velocity_of, extra=9, remembered=remembered)
+TEXT = Text(step, velocity_of, auxiliary=9, remembered=remembered)

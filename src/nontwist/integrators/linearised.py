@@ -33,7 +33,7 @@ from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
-from .gauss_derivatives import room_of
+from .gauss_derivatives import scratch_of
 from .linear_inputs import Entries, Nodes, Sampled
 from .load_samples import as_marched, has_table, orbit_of, parts_of
 from .problem import Problem
@@ -116,11 +116,11 @@ class Linearised:
         table, seeds = scheme.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
             self._kernel: Any = linearised(scheme.text(form), parts, sizes)
-            self._room = LANES * (size_of(Step) + 3 * seeds.shape[1])
+            self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
             self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), sizes)
         else:
             self._kernel = scheme.linear(form, parts, sizes)
-            self._room = LANES * room_of(s, self.width, 6 * seeds.shape[1])
+            self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
@@ -214,7 +214,7 @@ class Linearised:
 
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a part."""
-        return Workspace(self._block, self._room, self.width * self.rows)
+        return Workspace(self._block, self._scratch, self.width * self.rows)
 
     def matrices(self, own: Workspace, acting: Acting, states: States) -> None:
         """Make the matrices of some steps from the states at all nodes.
@@ -311,11 +311,11 @@ class Acting(NamedTuple):
 class Workspace:
     """Memory for the matrices of a part, and the block of addresses that point there."""
 
-    def __init__(self, block: NDArray[np.int64], room: int, entries: int) -> None:
+    def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
         self.block, stride = block.copy(), int(block[STEPS.stride])
-        self.matrices, self._room = aligned(entries * stride, empty=True), aligned(room, empty=True)
+        self.matrices, self._scratch = aligned(entries * stride, empty=True), aligned(scratch, empty=True)
         self.block[STEPS.out] = self.matrices.ctypes.data
-        self.block[STEPS.workspace] = self._room.ctypes.data
+        self.block[STEPS.workspace] = self._scratch.ctypes.data
         self.address = self.block.ctypes.data
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import ANY, HEAVY
 from ..engine.layout import put
-from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
+from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, EXCURSION, MARCH, NODE, OUTPUT
 from ..engine.records import SUMS
 from ..geometry.arrays import Array
 from .coasting import Coasting
@@ -107,7 +107,10 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
     done = np.searchsorted(march.stored, begin, side="right") - 1
     rows = _rows(march, begin, end - begin, done, march.sizes, stretch)
     rows[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
-    rows[free, CALL.ceased], rows[free, CALL.resumed] = coasting.begin[within[free]], coasting.end[within[free]]
+    rows[free, CALL.unloaded_from], rows[free, CALL.loaded_from] = (
+        coasting.begin[within[free]],
+        coasting.end[within[free]],
+    )
     if march.loads is not NOTHING:
         rows[:, CALL.times : CALL.op] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
@@ -116,7 +119,13 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
 def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, which: Rows) -> Rows:
     """Return calls that take so many steps from `first` on, each of one of the `sizes`."""
     rows = np.zeros((len(first), CALL.size), dtype=np.int64)
-    columns = {"first": first, "steps": steps, "done": done, "ceased": first + steps, "resumed": first + steps}
+    columns = {
+        "first": first,
+        "steps": steps,
+        "done": done,
+        "unloaded_from": first + steps,
+        "loaded_from": first + steps,
+    }
     for name, column in (columns | {"step": sizes.ctypes.data + sizes.strides[0] * which}).items():
         rows[:, getattr(CALL, name)] = column
     return rows
@@ -134,7 +143,7 @@ def _with_outputs(march: StackMarch, form: int, first: int, last: int, coasting:
     origin, is_step = coasting.begin[stretch[free]], inside & ~free
     steps = legs(march, first, last, coasting, node[~free], node[is_step] + 1)
     is_left = np.isin(steps[:, CALL.first], np.append(node[is_step], coasting.begin))
-    steps[:, CALL.op] = np.where(is_left, LEG, GO)
+    steps[:, CALL.op] = np.where(is_left, EXCURSION, MARCH)
     sizes = march.sizes[np.searchsorted(stack.grid.numbers[1:-1], node, side="right"), 0]
     length = since / march.unit
     length[free] = (stack.times(node[free]) - stack.times(origin) + since[free]) / march.unit
@@ -143,7 +152,7 @@ def _with_outputs(march: StackMarch, form: int, first: int, last: int, coasting:
     lengths, begin = np.stack([length, np.full(n, 1.0 / march.unit)], axis=1), node.copy()
     begin[free] = origin
     own = _rows(march, begin, (inside | free).astype(np.int64), 0, lengths, np.arange(n))
-    own[free, CALL.ceased] = origin
+    own[free, CALL.unloaded_from] = origin
     own[:, CALL.op], own[:, CALL.place] = np.where(inside | free, OUTPUT, NODE), here + 1
     t, h = stack.times(node[is_step]), since[is_step]
     loads = march.sampled_at(lambda: (t[:, None] + h[:, None] * middles).ravel(), lambda: (t, t + h, h), middles)

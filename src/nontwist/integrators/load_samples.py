@@ -72,7 +72,7 @@ def parts_of(systems: SystemStack, load: Load, bodies: Array, scheme: Compiled) 
     kinds, spin = {term.kind for term in load.terms}, systems.spin
     return Parts(
         is_director_scheme=scheme.is_director_scheme,
-        is_held=systems.axis is not None,
+        is_constrained=systems.axis is not None,
         dissipates=bool(scheme.chi),
         moving="body" in kinds,
         space="space" in kinds,

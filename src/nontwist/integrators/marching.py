@@ -83,15 +83,15 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array]) -> Intervals:
     The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
     is not held is not counted where it moves exactly.
     """
-    sums, is_held = arrays["intervals"][..., todo.skipped :, :], todo.stack.systems.axis is not None
+    sums, is_constrained = arrays["intervals"][..., todo.skipped :, :], todo.stack.systems.axis is not None
     first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
     return Intervals(
-        sums[..., first : SUMS.moment if is_held else SUMS.mu],
+        sums[..., first : SUMS.moment if is_constrained else SUMS.mu],
         sums[..., SUMS.moment : SUMS.dead],
         sums[..., SUMS.work],
         sums[..., SUMS.iterations].astype(np.int64),
-        None if is_held and todo.load.potentials else sums[..., SUMS.dead : SUMS.work],
-        sums[..., SUMS.twist] if is_held or not todo.scheme.is_exact_without_load else None,
+        None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work],
+        sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..engine import states as between
-from ..engine.layout import put, slab, views
+from ..engine.layout import put, side_by_side, views
 from ..engine.prepared import GIVEN, HEAD, run_prepared
 from ..engine.records import BLOCK, BODY
 from ..geometry.arrays import Array
@@ -68,7 +68,7 @@ class PreparedMarch:
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, what is given and comes back, the address of the head, all of it."""
-        march, (arrays, places) = self._march, slab(**self._march.shapes)
+        march, (arrays, places) = self._march, side_by_side(**self._march.shapes)
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
         assert memory is not None
         block, *alive = march.laid(self._todo)

@@ -217,7 +217,7 @@ class Outcome(NamedTuple):
         return Failure(Status(int(status)), int(step), residual, turn, self.reasons.get(i, "")) if status else None
 
 
-def room(problem: Problem) -> Outcome:
+def scratch(problem: Problem) -> Outcome:
     """Return an outcome in which all states but the first are to be written."""
     m, k = len(problem), len(problem.output)
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)

@@ -72,7 +72,7 @@ from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, logical_not, real, select, smaller, without
-from ..kernels.memory import View, room
+from ..kernels.memory import View, scratch
 from ..kernels.vectors import (
     AXES,
     Matrix,
@@ -158,8 +158,10 @@ class Split(Compiled):
 
     def turns_exactly(self, problem: Problem) -> bool:
         """Whether a step is an exponential: without load, and with a constrained axis under body-fixed moments."""
-        is_held = problem.systems.axis is not None and not problem.systems.has_dead_force
-        return super().turns_exactly(problem) or (is_held and all(term.kind == "body" for term in problem.load.terms))
+        is_constrained = problem.systems.axis is not None and not problem.systems.has_dead_force
+        return super().turns_exactly(problem) or (
+            is_constrained and all(term.kind == "body" for term in problem.load.terms)
+        )
 
     def lag(self, theta: float) -> float:
         """Return the error of a step for the turn `theta` of a steady rotation, rad."""
@@ -179,9 +181,9 @@ class Split(Compiled):
             return ONCE, GAUSS[self.order].nodes
         return fractions(self.order), nodes(self.order)
 
-    def is_explicit(self, form: int, is_held: bool) -> bool:
+    def is_explicit(self, form: int, is_constrained: bool) -> bool:
         """Whether nothing is to be solved unless a moment in space acts."""
-        return form in ((STEADY, DRIVEN) if is_held else (FREE, MOVED, HEAVY))
+        return form in ((STEADY, DRIVEN) if is_constrained else (FREE, MOVED, HEAVY))
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why rotors, a prescribed spin, or a constrained axis that is not principal are not accepted."""
@@ -238,16 +240,16 @@ GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
 def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
     """Return the state turned by the quaternion (1 + less, v), P changed by dP; how far p was from unit length."""
     p, c, gap = turned_on(state.p, state.c, less, v)
-    P, carry = compensated(state.s, state.carry, dP)
-    return State(p, P, carry, c, state.extra), gap
+    P, compensation = compensated(state.s, state.compensation, dP)
+    return State(p, P, compensation, c, state.auxiliary), gap
 
 
 def flow(acting: Nodes, start: State) -> Any:
     """Return what moves the body freely from a state on: of the time the state, and whether it turns too far."""
     body, W, zero = acting.body, acting.body.k * start.s, 0.0 * start.s
-    if acting.parts.is_held:
+    if acting.parts.is_constrained:
         return lambda t: (rotated(start, *exponential(t * W), zero)[0], is_too_far(t * W))
-    constants = View(Constants, room(CONSTANTS))
+    constants = View(Constants, scratch(CONSTANTS))
     motion = free_motion(moments_of_inertia(body), start.s, constants)
     set_origin(motion, constants)
 
@@ -270,7 +272,7 @@ def is_too_far(turn: Vector) -> Any:
     return (size > FARTHEST) | (size != size)
 
 
-class Given:
+class StepSums:
     """What the substeps of a step give to means and sums, and to what is observed."""
 
     def __init__(self, acting: Nodes) -> None:
@@ -294,27 +296,27 @@ class Given:
             s.mu, s.work = s.mu + part * mu, s.work + work
             s.moment, s.dead = s.moment + part * moment, s.dead + part * dead
 
-    def told(self, found: Step) -> Step:
+    def completed(self, found: Step) -> Step:
         """Return the step with what it gives."""
         parts, s = self.acting.parts, self.sums
         if parts.observes:
             self.acting.x.observed.work = self.before
         if not parts.tells:
             return found
-        dead = s.dead if parts.is_held and not parts.is_explicit else None
+        dead = s.dead if parts.is_constrained and not parts.is_explicit else None
         return found._replace(twist=0.0 * s.mu, mu=s.mu, moment=s.moment, work=s.work, dead=dead)
 
 
-def step(acting: Nodes, state: State, is_open: Any) -> Step:
+def step(acting: Nodes, state: State, is_active: Any) -> Step:
     """Take the step."""
     parts = acting.parts
-    return quadrature(acting, state) if parts.is_held and parts.is_explicit else composed(acting, state)
+    return quadrature(acting, state) if parts.is_constrained and parts.is_explicit else composed(acting, state)
 
 
 def quadrature(acting: Nodes, state: State) -> Step:
     """Turn a body that is held, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
     parts, k, h, P, zero, s = acting.parts, acting.body.k, acting.h, state.s, 0.0 * state.s, acting.parts.nodes
-    rule, given = GAUSS[2 * s], Given(acting)
+    rule, given = GAUSS[2 * s], StepSums(acting)
     M = [acting.moving(j) if parts.moving else zero for j in range(s)]
     across = [Vector(B[0], B[1], zero[2]) for B in M]
 
@@ -336,28 +338,32 @@ def quadrature(acting: Nodes, state: State) -> Step:
             given.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
         given.sums.work = dP @ (k * (P + 0.5 * dP))
     far, none = is_too_far(h * (k * P)), zero[0]
-    return given.told(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
+    return given.completed(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
 
 
 def composed(acting: Nodes, state: State) -> Step:
     """Take the substeps of a composition, each of order 2, up to one that cannot be taken."""
     parts, body, h, zero = acting.parts, acting.body, acting.h, 0.0 * state.s[0]
-    never, first, given = zero > 1.0, acting.node, Given(acting)
+    never, first, given = zero > 1.0, acting.node, StepSums(acting)
     v = Variables(state=state, half=zero, gap=zero, used=zero, residual=zero, far=never, stalled=never)
 
     def is_fine() -> Any:
         return without(v.gap <= UNIT, v.far | v.stalled)
 
     def drift(t: Any) -> None:
-        status, dP, less, turn = free_step(moments_of_inertia(body), v.state.s, t, View(Constants, room(CONSTANTS)))
+        status, dP, less, turn = free_step(moments_of_inertia(body), v.state.s, t, View(Constants, scratch(CONSTANTS)))
         v.far = status == BAD_TIME
         v.state, v.gap = rotated(v.state, less, turn, dP)
 
     count = parts.nodes
-    for i in loop(count if parts.is_held else count + 1, whilst=is_fine):
-        part = acting.fraction(i) if parts.is_held else select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
+    for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):
+        part = (
+            acting.fraction(i)
+            if parts.is_constrained
+            else select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
+        )
         length = h * part
-        if parts.is_held:
+        if parts.is_constrained:
             v.far = is_too_far(length * (body.k * v.state.s))
         else:  # half a free motion, and with it the half that is left of the substep before
             drift(v.half + 0.5 * length)
@@ -366,10 +372,12 @@ def composed(acting: Nodes, state: State) -> Step:
             acting.begin(first + i, v.state.p)
             kick(acting, length, part, v, given)
     residual = select(v.stalled, v.residual, v.gap)
-    return given.told(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, abs(h) * taxicab(body.k * v.state.s)))
+    return given.completed(
+        Step(v.state, v.stalled, v.far, v.gap, v.used, residual, abs(h) * taxicab(body.k * v.state.s))
+    )
 
 
-def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: Given) -> None:
+def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> None:
     """Change the momentum by the moments of a substep; turn a body that is held."""
     parts, k, now, mu = acting.parts, acting.body.k, v.state, 0.0 * h
     if parts.is_explicit:
@@ -383,13 +391,13 @@ def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: Given) -> None:
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V
-    given.see(turned(now.p, 0.5 * turn) if parts.is_held else now.p, V, h)
-    if parts.is_held:
+    given.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
+    if parts.is_constrained:
         mu = cross(middle, V)[2] + torque[2]
-        v.state, v.gap = rotated(now._replace(extra=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
+        v.state, v.gap = rotated(now._replace(auxiliary=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
     else:
-        P, carry = compensated(now.s, now.carry, dP)
-        v.state = now._replace(s=P, carry=carry)
+        P, compensation = compensated(now.s, now.compensation, dP)
+        v.state = now._replace(s=P, compensation=compensation)
     given.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
 
 
@@ -415,14 +423,14 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
 
     def at(y: Vector) -> tuple[Vector, tuple[Vector, Vector, Matrix]]:
         there = loads
-        if parts.is_held:
+        if parts.is_constrained:
             acting.begin(node, turned(start.p, (0.5 * h) * (W + y)))
             there = acting.loads()._replace(moving=loads.moving)
         torque, load = moments(there, W + y)
         return f * torque, (torque, load, acting.R)
 
     e0, e1, e2 = (axis + zero for axis in AXES)
-    guess = h * (k * Vector(start.extra[0], start.extra[1], zero[0])) if parts.is_held else zero
+    guess = h * (k * Vector(start.auxiliary[0], start.auxiliary[1], zero[0])) if parts.is_constrained else zero
     v = Variables(y=guess, inverse=Matrix(e0, e1, e2), columns=(e0, e1, e2), residual=taxicab(W), size=1e300 + zero[0])
     v.moments, v.count, v.open, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False
     for _ in whilst(lambda: v.open & (abs(h) * taxicab(W + v.y) <= FARTHEST)):
@@ -432,11 +440,11 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
         for _ in when(v.residual > 0.1 * before):
             e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), SMALLEST)
             v.columns = e0, e1, e2
-            for j in loop(2 if parts.is_held else 3):
+            for j in loop(2 if parts.is_constrained else 3):
                 moved = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
                 v.columns = v.columns[1], v.columns[2], (1.0 / e) * ((moved - at(moved)[0]) - r)
             c0, c1, c2 = v.columns
-            v.inverse = inverse_of(c1, c2, c0) if parts.is_held else inverse_of(c0, c1, c2)
+            v.inverse = inverse_of(c1, c2, c0) if parts.is_constrained else inverse_of(c0, c1, c2)
         d = v.inverse @ r
         v.y, size, is_small = v.y - d, taxicab(d), v.residual < 1e300
         level = taxicab(W + v.y)
@@ -446,4 +454,4 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
     return logical_not(v.found), real(v.count), v.residual, v.moments
 
 
-TEXT = Text(step, velocity_of, extra=2, integrates=True, flow=flow)
+TEXT = Text(step, velocity_of, auxiliary=2, integrates=True, flow=flow)

@@ -20,7 +20,7 @@ from ..engine import states as between
 from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
-from ..engine.layout import put, slab, spans
+from ..engine.layout import put, side_by_side, spans
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK
@@ -79,15 +79,21 @@ class StackMarch:
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
         self.spans = spans(self.shapes)
-        self.arrays, places = slab(**self.shapes)
+        self.arrays, places = side_by_side(**self.shapes)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
-        self.guesses = slice(STATE.extra + 6 * director, size)
+        self.guesses = slice(STATE.auxiliary + 6 * director, size)
         self.stored, self.lengths = stack.stored, self._lengths(stack.stored)
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
         put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)
-        put(self.block, BLOCK, held=stack.systems.axis is not None, action=scheme.action, function=self.called.address)
+        put(
+            self.block,
+            BLOCK,
+            is_constrained=stack.systems.axis is not None,
+            action=scheme.action,
+            function=self.called.address,
+        )
         put(self.block, BLOCK, generalised=self.called.generalised, terms=self.called.terms, orbit=self.about)
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
@@ -109,7 +115,7 @@ class StackMarch:
         """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
         scheme = self.scheme
         parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(form)[1]), **changes)
-        is_explicit = scheme.is_explicit(form, parts.is_held) and not parts.space
+        is_explicit = scheme.is_explicit(form, parts.is_constrained) and not parts.space
         coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
         return kernel_of(scheme.text(form), parts._replace(is_explicit=is_explicit, coasts=coasts))
 
@@ -269,10 +275,10 @@ class StackMarch:
     def _leave(self, form: int, span: tuple[int, int], step: int, done: int) -> None:
         """Write the states of members of a form as if they were those of the node after `done`."""
         part = max(step - 1, 0), max(step, 1)
-        row, self.block[BLOCK.leaves] = legs(self, *part, self.coasting)[-1:], 1
+        row, self.block[BLOCK.writes_end] = legs(self, *part, self.coasting)[-1:], 1
         put(row[0], CALL, first=step, steps=0, done=done, begins=0)
         self._run(listed(self, form, 1, *part, row), 1, *span)
-        self.block[BLOCK.leaves] = 0
+        self.block[BLOCK.writes_end] = 0
 
     def _tasks(self, threads: int) -> list[tuple[int, int, tuple[int, int], int]]:
         """Return forms, how many bodies are marched at a time, which members, and in what blocks."""
@@ -313,8 +319,8 @@ class StackMarch:
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
-        block, head, room = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
-        workspace = aligned(width * WORK.size + self.scheme.room(width))
-        put(head, CALLS, room=room)
+        block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
+        workspace = aligned(width * WORK.size + self.scheme.scratch(width))
+        put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
-        return block, workspace, (head, room, todo)
+        return block, workspace, (head, scratch, todo)

@@ -29,14 +29,14 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     """
     count = start.shape[1]
     padded = -(-count // LANES) * LANES
-    x, room, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
+    x, scratch, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run = chained.forward(steps.rows)
     for acting, link in steps.layouts(count, entries):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
-        run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:]))
+        run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=found[done:]))
         done += int(part.sum())
     return steps.turned_back(found[:, :, :count])
 
@@ -48,7 +48,7 @@ def back(
 
     `slopes` are those by the states at the ends of the kept steps, (kept, 6).
     """
-    x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
+    x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
     run = chained.back
@@ -56,7 +56,7 @@ def back(
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         left -= int(part.sum())
-        run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=slopes[left:], found=found))
+        run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=slopes[left:], found=found))
     return steps.turned_back(x[:, None])[:, 0], found[:count]
 
 
@@ -103,7 +103,7 @@ class PreparedTangents:
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
-        x, room, scale = aligned(steps.rows, padded), aligned(steps.rows, padded), np.ones(1)
+        x, scratch, scale = aligned(steps.rows, padded), aligned(steps.rows, padded), np.ones(1)
         found, done = aligned(1 + int(self._kept.sum()), 6, padded, empty=True), 1
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for acting, link in self._parts:
@@ -111,11 +111,11 @@ class PreparedTangents:
             acting.put(block, states.part(slice(acting.first, acting.last + 1)))
             block[STEPS.factor] = scale.ctypes.data
             link = Link(link.block.copy(), link.alive)
-            at = link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:])
+            at = link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=found[done:])
             calls.append((block, block.ctypes.data, at))
             alive.append((link, part))
             done += int(part.sum())
-        return states, x, found, scale, calls, (own, room, alive)
+        return states, x, found, scale, calls, (own, scratch, alive)
 
 
 class CarriedTangents:
@@ -143,7 +143,7 @@ class CarriedTangents:
         if self._turn is not None:
             start = self._turn @ start
         scale[0], state[:], (of_p, of_W) = factor, 0.0, self._steps.entering
-        state[STATE.p : STATE.s], state[STATE.s : STATE.carry] = of_p @ p, of_W @ W
+        state[STATE.p : STATE.s], state[STATE.s : STATE.compensation] = of_p @ p, of_W @ W
         x[: len(start), : self._count], found[0, :, : self._count] = start, start[:6]
         for block, address in calls:
             self._kernel(address)

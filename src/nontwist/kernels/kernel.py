@@ -96,12 +96,12 @@ class Kernel:
         function = self._function or self.function
         if self.signature.is_address:
             return function(*arguments)
-        room, copies = self.signature.laid_out(arguments)
-        function(room.__array_interface__["data"][0])
+        scratch, copies = self.signature.laid_out(arguments)
+        function(scratch.__array_interface__["data"][0])
         for value, copy in copies:
             if value.flags.writeable:
                 value[...] = copy
-        return self.signature.results_in(room)
+        return self.signature.results_in(scratch)
 
     def bound(self, *arguments: Any) -> Callable[[], Any]:
         """Return a function that calls the machine code with arguments that are laid out once; arrays are contiguous.
@@ -111,14 +111,14 @@ class Kernel:
         TypeError
             As for a call; an array that is not contiguous.
         """
-        function, (room, copies) = self.function, self.signature.laid_out(arguments)
+        function, (scratch, copies) = self.function, self.signature.laid_out(arguments)
         if copies:
             raise TypeError("an array is not contiguous")
-        address = room.ctypes.data
+        address = scratch.ctypes.data
 
         def call() -> Any:
             function(address)
-            return self.signature.results_in(room)
+            return self.signature.results_in(scratch)
 
         call.arguments = arguments  # type: ignore[attr-defined]  # which have to live as long
         return call

@@ -96,7 +96,7 @@ def memory_at(address: Any, is_whole: bool = False) -> Any:
 doubles = memory_at
 
 
-def room(count: int) -> Any:
+def scratch(count: int) -> Any:
     """Return memory on the stack for so many doubles, the same at each passage."""
     if tracer() is not None:
         return Pointer(writer().slot("double", count))

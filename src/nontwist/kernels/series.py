@@ -14,7 +14,7 @@ from typing import Any
 
 from .control import Variables, loop
 from .dual import Dual
-from .memory import room
+from .memory import scratch
 
 
 class Recurrence:
@@ -35,11 +35,11 @@ class Recurrence:
 
     def unknown(self) -> Stored:
         """Return a series whose first coefficient is to be put."""
-        return Stored(self, room((self.order + 1) * self.size))
+        return Stored(self, scratch((self.order + 1) * self.size))
 
     def kept(self, coefficient: Callable[[Any], Any]) -> Stored:
         """Return a series that is kept in memory as its coefficients are made."""
-        found = Stored(self, room(self.order * self.size), coefficient)
+        found = Stored(self, scratch(self.order * self.size), coefficient)
         self._made.append(found)
         return found
 

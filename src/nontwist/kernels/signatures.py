@@ -62,13 +62,13 @@ class Signature:
             if not value.flags.c_contiguous:
                 copies.append((value, value := value.copy(order="C")))
             numbers += value.__array_interface__["data"][0], *value.shape
-        room: Any = np.empty(self._size, dtype=np.int64)
-        self._in.pack_into(room, 0, *numbers)
-        return room, copies
+        scratch: Any = np.empty(self._size, dtype=np.int64)
+        self._in.pack_into(scratch, 0, *numbers)
+        return scratch, copies
 
-    def results_in(self, room: Any) -> Any:
+    def results_in(self, scratch: Any) -> Any:
         """Return the results that a C function has left in its memory, a number where it is one."""
-        found = self._out.unpack_from(room, self._first)
+        found = self._out.unpack_from(scratch, self._first)
         return found if len(found) > 1 else found[0] if found else None
 
 

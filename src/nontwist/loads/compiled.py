@@ -16,7 +16,7 @@ from weakref import WeakValueDictionary
 from ..kernels import machine_code
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
-from ..kernels.memory import Pointer, call, room
+from ..kernels.memory import Pointer, call, scratch
 from ..kernels.numpy_functions import array_of
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
@@ -119,7 +119,7 @@ def c_function(parts: Parts, count: int = 3) -> Any:
         return parts[0][0]
 
     def total(t: Any, d: Pointer, w: Pointer) -> list[Any]:
-        own, found = room(count), [0.0] * count
+        own, found = scratch(count), [0.0] * count
         for part, factor in parts:
             call(part.address, t, d, w, own)
             found = [factor * own[k] + found[k] for k in range(count)]

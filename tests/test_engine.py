@@ -24,7 +24,7 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.engine.layout import layout, slab
+from nontwist.engine.layout import layout, side_by_side
 from nontwist.engine.records import BODY
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.compiled import Compiled
@@ -226,7 +226,7 @@ def test_the_table_of_a_row_gives_the_places():
 
 
 def test_a_slab_is_one_piece_of_memory():
-    arrays, addresses = slab(a=(2, 3), b=(0,), c=(4,))
+    arrays, addresses = side_by_side(a=(2, 3), b=(0,), c=(4,))
     assert addresses["b"] == 0
     assert addresses["c"] - addresses["a"] == 48
     assert arrays["a"].shape == (2, 3)

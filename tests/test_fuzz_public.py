@@ -47,7 +47,7 @@ def functions():
             found[name] = thing
         for method, raw in vars(thing).items():
             public = not method.startswith("_") and isinstance(raw, (FunctionType, staticmethod, classmethod))
-            if public and not hasattr(Integrator, method) and not hasattr(BaseModel, method):
+            if public and not hasattr(Compiled, method) and not hasattr(BaseModel, method):
                 found[f"{name}.{method}"] = getattr(thing, method)
     return found
 

@@ -1,7 +1,7 @@
 # `make reproduce` and `make test` work on a fresh clone: they make .venv, install pinned versions, and run.
 PYTHON ?= python3
 BIN := .venv/bin
-PLACES := src tests benchmarks examples
+PLACES := src tests benchmarks examples docs/_extensions
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 INSTALL := $(PIP) install --no-compile -c constraints.txt # what is imported is compiled then
 unexport PYTHONDONTWRITEBYTECODE # each of the many processes would compile all modules anew

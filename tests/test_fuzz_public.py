@@ -23,7 +23,7 @@ from fuzz_values import NEEDED, strategy
 from fuzz_wrong import THINGS, damaged
 from nontwist import errors
 from nontwist.geometry.values import shown
-from nontwist.integrators import Integrator
+from nontwist.integrators.compiled import Compiled
 from test_docstrings import MADE, NOT_CALLED, PUBLIC
 
 PLACES = (builtins, nontwist, errors)  # of exceptions and warnings

@@ -62,6 +62,6 @@ def write_numbers(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Number labels when a page has been read, its docstrings included, and before menus are made of its titles."""
+    """Count labels when a page has been read, its docstrings included, and before menus are made of its titles."""
     app.connect("doctree-read", write_numbers, priority=100)
     return {"parallel_read_safe": True}

@@ -12,7 +12,7 @@ TIGHT = {"lspace": "0", "rspace": "0"}
 
 
 def mathml(latex: str, display: str = "inline") -> str:
-    """Return a formula as browsers draw it best: primes, which fonts raise, on the line, dots close to their letters."""
+    """Return a formula as browsers draw it best: primes, which fonts raise, on the line, dots close to letters."""
     formula = convert_to_element(latex, display=display)
     for part in list(formula.iter()):
         if part.tag == "mover" and part[1].text == DOT:

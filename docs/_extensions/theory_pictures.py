@@ -105,7 +105,7 @@ def canvas(panels: int) -> Any:
 
 
 def frame(ink: Ink) -> Any:
-    """A direction that moves, and the frame that it carries without twist."""
+    """Draw a direction that moves, and the frame that it carries without twist."""
     figure, (ax,) = canvas(1)
     globe, u = Globe(ax, ink), np.linspace(0, 1, 201)
     longitude, latitude = -1.75 + 2.1 * u, 0.05 + 0.75 * np.sin(np.pi * u) ** 2 + 0.25 * np.sin(3 * np.pi * u)
@@ -121,7 +121,7 @@ def frame(ink: Ink) -> Any:
 
 
 def area(ink: Ink) -> Any:
-    """A frame that went round a closed path has turned by the area inside."""
+    """Draw a frame that went round a closed path has turned by the area inside."""
     figure, (ax,) = canvas(1)
     globe, centre = Globe(ax, ink, (0.55, -0.55, 0.62)), np.array([0.45, -0.45, 0.77])
     d3 = circle(centre, np.cos(np.radians(38)), 361)
@@ -142,7 +142,7 @@ def area(ink: Ink) -> Any:
 
 
 def bodies(ink: Ink) -> Any:
-    """The axes of two free bodies with the same inertia and the same start."""
+    """Draw the axes of two free bodies with the same inertia and the same start."""
     figure, axes = canvas(2)
     how = {"material_angular_velocity": (1.5, 4.5, 0), "tolerance": 1e-9, "times": np.linspace(0, 4, 801)}
     for ax, body, name, colour in (
@@ -158,7 +158,7 @@ def bodies(ink: Ink) -> Any:
 
 
 def momenta(ink: Ink) -> Any:
-    """The momentum of a body, split along the third director."""
+    """Draw the momentum of a body, split along the third director."""
     figure, (ax,) = canvas(1)
     globe = Globe(ax, ink)
     d3 = np.array([0.62, 0.30, 0.55]) / np.linalg.norm([0.62, 0.30, 0.55])
@@ -178,7 +178,7 @@ def momenta(ink: Ink) -> Any:
 
 
 def gauss(ink: Ink) -> Any:
-    """The momentum in the body by two schemes of order 4 with the same large step: one keeps its curve."""
+    """Draw the momentum in the body by two schemes of order 4 with the same large step: one keeps its curve."""
     inertia, start, h, steps = np.array([3.0, 4.0, 5.0]), np.array([0.4, 2.0, 0.5]), 1.5, 40
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the step is coarse: that is the point

@@ -23,6 +23,7 @@ from fuzz_values import NEEDED, strategy
 from fuzz_wrong import THINGS, damaged
 from nontwist import errors
 from nontwist.geometry.values import shown
+from nontwist.integrators import Integrator
 from nontwist.integrators.compiled import Compiled
 from test_docstrings import MADE, NOT_CALLED, PUBLIC
 
@@ -45,9 +46,10 @@ def functions():
             continue
         if not issubclass(thing, MADE_BY_THE_PACKAGE):
             found[name] = thing
+        base = Compiled if issubclass(thing, Compiled) else Integrator
         for method, raw in vars(thing).items():
             public = not method.startswith("_") and isinstance(raw, (FunctionType, staticmethod, classmethod))
-            if public and not hasattr(Compiled, method) and not hasattr(BaseModel, method):
+            if public and not hasattr(base, method) and not hasattr(BaseModel, method):
                 found[f"{name}.{method}"] = getattr(thing, method)
     return found
 

@@ -16,7 +16,7 @@ class Scratch(NamedTuple):
     lanes: int
 
     def shifted(self, k: Any) -> Scratch:
-        """Return the room that begins k numbers further."""
+        """Return the memory that begins k numbers further."""
         return Scratch(self.memory.shifted(k * self.lanes), self.lanes)
 
     def __getitem__(self, k: Any) -> Any:

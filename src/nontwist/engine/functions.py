@@ -18,6 +18,9 @@ from ..loads.state_derivatives import slopes_of, value_of
 from ..loads.terms import REMEDY, Term
 from .generalised import FUNCTION, GIVEN, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 
+KEPT = 8  # states whose derivatives are kept
+GIVE = {OF_FORCES: 9, OF_MOMENT: 3, FUNCTION: 0}  # numbers that functions of the state give; 0: V and its gradient
+
 
 class Called:
     """The terms of a load that are evaluated while a run marches.
@@ -107,13 +110,10 @@ class Varied(Called):
         self.action, self._kept, self.error = action, [], None
 
         def slopes(term: Term) -> Any:
-            n = GIVEN if (count := GIVE[kind_of(term)]) else term.vectors.size  # type: ignore[attr-defined]
             if term.slopes is not None:
                 return term.slopes
-
-            known: dict[
-                tuple[bytes, float], Array
-            ] = {}  # of the last states: that of a step is asked for more than once
+            n = GIVEN if (count := GIVE[kind_of(term)]) else term.vectors.size  # type: ignore[attr-defined]
+            known = dict[tuple[bytes, float], Array]()  # of the last states, which are asked for more than once
 
             def table(t: float, first: Any, second: Any) -> Array:
                 x, speed = given(term, t, first, second), second[3] if count else 0.0
@@ -139,10 +139,6 @@ class PythonFunction(NamedTuple):
 
     function: Callable[[float, Any, Any], Array]
     size: int
-
-
-KEPT = 8
-GIVE = {OF_FORCES: 9, OF_MOMENT: 3, FUNCTION: 0}  # numbers that functions of the state give; potentials, with gradient
 
 
 def given(term: Term, t: float, first: Any, second: Any) -> Array:

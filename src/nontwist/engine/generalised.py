@@ -81,7 +81,7 @@ OF_TABLE = fields(Acting)["half"].place + 3  # places of seeds
 OF_TERMS = OF_TABLE + FORCES
 STATE = (*range(W + 3), *range(fields(Acting)["t"].place, OF_TABLE - 3), *range(OF_TABLE - 3, OF_TABLE))
 GIVEN = W + 4  # numbers that a function of the state gets
-AT, ENDS = 16, 32  # within the room: what V is called with, and what it gives at both ends
+AT, ENDS = 16, 32  # within the scratch: what V is called with, and what it gives at both ends
 
 
 class Numbers:
@@ -228,7 +228,7 @@ class Potential(NamedTuple):
             put(state.scratch.shifted(AT), g + sign * cross(state.half, g), 3 * n)
 
     def evaluate(self) -> None:
-        """Set the room to V, its gradient at the mean, and what Δγ is multiplied by."""
+        """Set the scratch to V, its gradient at the mean, and what Δγ is multiplied by."""
         state, term, half = self.state, self.term, self.state.half
         scratch, at, ends = state.scratch, state.scratch.shifted(AT), state.scratch.shifted(ENDS)
         factor, zero = 1 + 3 * term.dimension, state.lifted(0.0)

@@ -332,10 +332,9 @@ class Calls(NamedTuple):
             acting.directors, acting.w, acting.half = lane.directors, lane.w, lane.half
             acting.t, acting.node = lane.t, lane.forces
             call(b.sloped if is_sloped else b.generalised, own.address)
-            lane.load, lane.of_potentials = (
-                acting.load if parts.generalised else acting.load + acting.of_potentials,
-                acting.of_potentials,
-            )
+            lane.load, lane.of_potentials = acting.load, acting.of_potentials
+            if not parts.generalised:
+                lane.load = acting.load + acting.of_potentials
             first, rest = 0 if parts.function else 3 * count, 3 * count
             for k in loop(self.size if is_sloped else 0):
                 slopes[k * n + l] = found[first + k] if parts.generalised else found[k] + found[rest + k]

@@ -10,7 +10,7 @@ A scheme is a `Text`. Its step gets
 
 - `acting`, which tells what acts at the nodes of the step (`sampling`), with ``acting.parts``: what there is, known
   when the text is traced, so that an `if` on it leaves things out; ``acting.body``; ``acting.h``, the step; and
-  ``acting.memory``, room of the scheme itself behind the workspace;
+  ``acting.memory``, scratch of the scheme itself behind the workspace;
 - the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.auxiliary`` has as many
   numbers as the text says;
 - the mask of bodies that are alive: the iteration of a step must not wait for others, nor depend on them.
@@ -72,10 +72,9 @@ class Text(NamedTuple):
 
     step: Callable[[Nodes, State, Any], Step]
     velocity: Callable[[Body, Vector], Vector]  # W of what is carried
-    auxiliary: int = 0  # numbers of `State.extra` that it carries
-    remembered: Callable[[Any, Vector, Vector], Any] | None = (
-        None  # first guess of a known step: `auxiliary`, of h, s, s⁺
-    )
+    auxiliary: int = 0  # numbers of `State.auxiliary` that it carries
+    # The first guess of a known step: `State.auxiliary`, of h, s, s⁺.
+    remembered: Callable[[Any, Vector, Vector], Any] | None = None
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
     exchange: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
     flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps

@@ -55,7 +55,7 @@ def solve(
         Of y and an increment: the size of the increment, that of round-off, that of the terms of r.
     guess : Vector
         Where it is -0.0, known when the text is traced, sums with it are left out.
-    is_open : mask
+    is_active : mask
     is_constrained : bool
         Whether the third unknown is known: two equations.
     is_long : bool

@@ -97,18 +97,18 @@ def joined(a: Any, b: Any, k: Any) -> Any:
 
 
 class Member(NamedTuple):
-    """What a member carries, its sums since the last output, and room."""
+    """What a member carries, its sums since the last output, and scratch."""
 
     state: Any
     total: Any
-    base: Any  # its state at the beginning of a leg, at its end; sums of the leg, and of another call
+    base: Any  # its state at the beginning of an excursion, at its end; sums of it, and of another call
     after: Any
     excursion: Any
     own: Any
     fits: Any  # polynomials
 
     def back_from_excursion(self, size: Any) -> None:
-        """Put the member back to the end of the leg, and add what it gave to the sums."""
+        """Put the member back to the end of the excursion, and add what it gave to the sums."""
         copy(self.after, self.state, size)
         for k in loop(size_of(Sums)):
             self.total[k] = joined(self.total[k], self.excursion[k], k)

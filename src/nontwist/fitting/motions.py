@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +34,7 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual
-from ..kernels.elements import larger, power, remade, smaller
+from ..kernels.elements import larger, logical_not, mapped, power, smaller
 from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, doubles, view_of
 from ..kernels.series import Constant, Recurrence, Stored
@@ -216,7 +216,7 @@ def follow(kind: Kind, run: View) -> None:
     if kind.damping:
         drag = Vector(*(x + seeded(0.0, place + k * (kind.damping == 3)) for k, x in enumerate(drag)))
     found = Parameters.of(J.matrix, arm, drag, wheel, axis, kind.is_constrained)
-    p = Parameters(*map(constants, found))
+    p = mapped(Constant, found)
     unknowns = [recurrence.unknown() for _ in range(d)]
     changes = rates(kind, p, State.of(kind, unknowns))
     changing, size = unknowns[: len(changes)], d * recurrence.size
@@ -248,7 +248,7 @@ def follow(kind: Kind, run: View) -> None:
                 ahead.border = HUGE
         v.steps = v.steps + 1
         v.goes = (reach == reach) & (v.steps < MOST_STEPS)
-        for _ in when(v.goes ^ True):
+        for _ in when(logical_not(v.goes)):
             run.failed = 1
         for _ in whilst(lambda: v.goes & (v.sample < run.samples)):
             t = run.times[v.sample]
@@ -256,7 +256,7 @@ def follow(kind: Kind, run: View) -> None:
             for _ in when(v.goes):
                 put(run.out, v.sample, [one.at(t - v.now) for one in unknowns])
                 v.sample = v.sample + 1
-        v.goes = (run.failed == 0) & ((is_last ^ True) | (v.piece < run.kicks))
+        v.goes = (run.failed == 0) & (logical_not(is_last) | (v.piece < run.kicks))
         for _ in when(v.goes):
             x = [one.at(reach) for one in unknowns]
             v.now = v.now + reach
@@ -268,23 +268,13 @@ def follow(kind: Kind, run: View) -> None:
                 v.now, v.piece = until, v.piece + 1
 
 
-def constants(x: Any) -> Any:
-    """Return numbers as constant series, of vectors and matrices entry by entry."""
-    return remade(x, list(map(constants, x))) if isinstance(x, tuple) else Constant(x)
-
-
 def reach_of(series: Sequence[Stored]) -> Any:
     """Return how far the series are exact."""
-    last, sizes = (ORDER - 1, ORDER), []
-    for n in (0, *last):
-        found = abs(series[0][n].value)
-        for one in series[1:]:
-            found = larger(found, abs(one[n].value))
-        sizes.append(found)
-    each = [
-        power(EXACT * sizes[0] / larger(x, TINY), 1.0 / j) for j, x in zip((ORDER - 1, ORDER), sizes[1:], strict=True)
-    ]
-    return smaller(*each)
+
+    def size(n: int) -> Any:
+        return reduce(larger, (abs(x[n].value) for x in series))
+
+    return smaller(*(power(EXACT * size(0) / larger(size(n), TINY), 1.0 / n) for n in (ORDER - 1, ORDER)))
 
 
 def responses(

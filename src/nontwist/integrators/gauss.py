@@ -287,7 +287,7 @@ def text_of(s: int, motion: str) -> Text:
 
 
 def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:
-    """Bring the increments that the members carry into the room of their stages, or back."""
+    """Bring the increments that the members carry into the memory of their stages, or back."""
     s, n = parts.nodes, parts.lanes
     for l in loop(last - first) if back else loop(n):
         own = b.states.shifted(b.order[smaller(first + l, last - 1)] * b.state_size + size_of(State))

@@ -106,7 +106,7 @@ def vectors_of_space(
 ) -> None:
     """Solve for the vectors of space at the stages, which turn with the velocities there, and set their increments.
 
-    The room `a` then holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
+    Then `a` holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
     given, and the vectors.
     """
     s, m = stages.number, 3 * stages.number

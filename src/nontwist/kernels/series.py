@@ -14,6 +14,7 @@ from typing import Any
 
 from .control import Variables, loop
 from .dual import Dual
+from .elements import fma
 from .memory import scratch
 
 
@@ -112,10 +113,11 @@ class Stored(Series):
 
     def at(self, t: Any) -> Dual:
         """Return the sum of the series."""
-        v = Variables(x=numbers(self[self.of.order]))
+        v = Variables(x=self[self.of.order])
         for n in loop(1, self.of.order + 1):
-            v.x = numbers(Dual(v.x[0], v.x[1:]) * t + self[self.of.order - n])
-        return Dual(v.x[0], v.x[1:])
+            v.x = v.x * t + self[self.of.order - n]
+        found: Dual = v.x
+        return found
 
 
 class Constant(Series):
@@ -137,15 +139,10 @@ class Constant(Series):
     __rmul__ = __mul__
 
 
-def numbers(x: Dual) -> tuple[Any, ...]:
-    """Return value and tangents as a tuple, which `Variables` take."""
-    return x.value, *x.tangents
-
-
 def convolution(a: Series, b: Series, n: Any) -> Dual:
     """Return coefficient n of a product."""
-    v = Variables(x=numbers(a[0] * b[n]))
+    v = Variables(x=a[0] * b[n])
     for i in loop(1, n + 1):
-        x = a[i]
-        v.x = numbers(x.fused(x, b[n - i], Dual(v.x[0], v.x[1:])))
-    return Dual(v.x[0], v.x[1:])
+        v.x = fma(a[i], b[n - i], v.x)
+    found: Dual = v.x
+    return found

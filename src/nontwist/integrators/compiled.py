@@ -41,6 +41,7 @@ class Compiled(Integrator):
     observes: ClassVar[bool] = True
     is_director_scheme: ClassVar[bool] = False  # carries W and N, gives λ; else it carries the momentum
     in_lanes: ClassVar[bool] = True  # whether bodies are marched side by side
+    has_series: ClassVar[bool] = False  # whether its nodes lie on one trajectory, nearly (`dense`)
     # What linearises steps, of a form, what there is, and the inputs asked for; None: the text itself.
     linear: ClassVar[Any] = None
     order: int = 2
@@ -112,7 +113,13 @@ class Compiled(Integrator):
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""
+        from .marching import dense_of
         from .prepared_march import PreparedMarch
+        from .stack_march import StackMarch
 
         self.require(problem)
-        return PreparedMarch(problem, self)
+        if (dense := dense_of(problem, self)) is not None:
+            from .dense import PreparedDense
+
+            return PreparedDense(dense)
+        return PreparedMarch(StackMarch(problem, self))

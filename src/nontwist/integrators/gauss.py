@@ -172,6 +172,7 @@ class Gauss(Compiled):
         12: (14, 16, 20),
         16: (10, 12, 16),
     }
+    has_series: ClassVar[bool] = True
     controlled_orders: ClassVar[tuple[int, ...]] = (4, 8, 12, 16)
     order: int = 8
 

@@ -378,7 +378,7 @@ def fma(a: Any, b: Any, c: Any) -> Any:
     if isinstance(b, tuple):
         return mapped(lambda x, y: fma(a, x, y), b, c)
     for x in (a, b, c):
-        if hasattr(x, "tangents"):
+        if hasattr(x, "fused"):
             return x.fused(a, b, c)
     if any(isinstance(x, Element) for x in (a, b, c)):
         return intrinsic("fma", a, b, c) if writer().is_fused else a * b + c

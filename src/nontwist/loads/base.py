@@ -137,6 +137,11 @@ class Load:
         return any(term.kind not in ("body", "space") for term in self.terms)
 
     @property
+    def is_linear(self) -> bool:
+        """Whether all that depends on time is linear between breakpoints."""
+        return all(term.is_linear for term in self.terms if not isinstance(term, Damping))
+
+    @property
     def damping(self) -> Array:
         """The sum of the damping matrices C, (3, 3), N m s."""
         matrices = (term.scale * term.damping for term in self.terms if isinstance(term, Damping))

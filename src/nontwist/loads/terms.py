@@ -56,6 +56,7 @@ class Term(ABC):
     """
 
     kinds: ClassVar[tuple[Kind, ...]] = ("body", "space", "state")  # that the class can have
+    is_linear = False  # between its breakpoints, in time
 
     kind: Kind
     _: KW_ONLY
@@ -187,6 +188,11 @@ class Pulse(Term):
     end: float
     shape: str
 
+    @property
+    def is_linear(self) -> bool:  # type: ignore[override]
+        """Whether it is, between its breakpoints."""
+        return self.shape != "half-sine"
+
     @cached_property
     def acting(self) -> Array:
         """From its start to its end."""
@@ -236,6 +242,7 @@ class Table(Term):
     times: Array
     values: Array
     end_value: float
+    is_linear = True
 
     @cached_property
     def acting(self) -> Array:
@@ -299,6 +306,7 @@ class Rotor(Term):
     rotor: Array  # a, (3,), a unit vector
     times: Array
     values: Array  # h
+    is_linear = True
 
     def momentum(self, times: Array) -> Array:
         """Return h a at (n,) times, (n, 3), without the factor."""

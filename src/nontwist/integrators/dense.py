@@ -28,14 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.layout import put, side_by_side, spans, views
-from ..engine.records import BODY, SUMS, Body, Parts, places
+from ..engine.records import BODY, SUMS, Body, Parts, Sums, places
 from ..engine.sampling import Nodes
 from ..geometry.arrays import Array
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, scratch
+from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch
 from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
@@ -43,7 +43,7 @@ from ..loads import Load
 from ..loads.terms import Damping, Rotor
 from .compiled import Compiled
 from .gauss import MOTIONS
-from .gauss_stages import VECTORS, Equations, Sampled
+from .gauss_stages import VECTORS, Equations, Now, Sampled
 from .listing import Outputs
 from .load_samples import as_marched
 from .marching import intervals_in, states_in
@@ -52,7 +52,7 @@ from .problem import Problem
 from .stack_march import StackMarch
 
 FEWEST, MORE, MOST = 13, 4, 41  # coefficients: at first, by how many they rise, at most
-LAST, APART, TINY = 1e-13, 1e-7, 1e-300
+LAST, APART, TINY = 2e-12, 1e-7, 1e-300
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
 STATE = 7  # numbers of P and p
 UNTIMED = SUMS.work, SUMS.twist  # of which a sum is no mean
@@ -107,9 +107,22 @@ def vectors_of(parts: Parts) -> int:
     return parts.moving + parts.space + 2 * parts.rotor
 
 
+def summed(parts: Parts) -> list[str]:
+    """Return what is summed, and is not 0."""
+    has_moment = parts.moving or parts.space or parts.rotor or parts.damping
+    is_made = {
+        "mu": parts.is_constrained,
+        "moment": has_moment,
+        "dead": parts.is_constrained and parts.dead,
+        "work": has_moment,
+        "twist": True,
+    }
+    return [name for name, is_there in is_made.items() if is_there and parts.reports]
+
+
 def sums_of(parts: Parts) -> list[int]:
     """Return the places in `Sums` of what is summed."""
-    return list(range(SUMS.mu, SUMS.iterations)) if parts.reports else []
+    return [fields(Sums)[name].place + k for name in summed(parts) for k in range(fields(Sums)[name].size)]
 
 
 def motion_of(forms: Any) -> str:
@@ -209,8 +222,7 @@ class Expansion:
         now = e.now(Sampled(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
         W, v, w = now.W, p.vector, p[0]
         rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]
-        if self.parts.reports:
-            rates += self.sum_rates(now, p, space)
+        rates += self.sum_rates(now, p, space)
         for each in g:
             rates += cross(each, W)
         h = self.length.load(0, self.lanes)
@@ -231,34 +243,32 @@ class Expansion:
             moving = -rate if moving is None else moving - rate
         return moving, space, rotor
 
-    def sum_rates(self, now: Any, p: Quaternion, space: Any) -> list[Any]:
+    def sum_rates(self, now: Now, p: Quaternion, space: Any) -> list[Any]:
         """Return the rates of the sums: μ, the moment and that of dead forces in space, work and twist."""
-        body, parts, nothing = self.body, self.parts, Stored(self.recurrence, scratch(MOST * self.lanes))
-        for n in loop(MOST):
-            nothing.put(n, 0.0 * self.length.load(0, self.lanes))
-        mu, work, none = nothing, nothing, Vector(nothing, nothing, nothing)
-        moment = sum_of(None if now.own is None else turned(p, now.own), space)
-        dead = turned(p, now.still) if parts.is_constrained and now.still is not None else none
-        for x in (now.own, now.push):
-            if x is not None:
-                work = work + now.W @ x
-        if parts.is_constrained:
-            (b0, b1), k = body.off, body.k
-            mu = now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1]
-        found = [mu, *(none if moment is None else moment), *dead, work]
-        return [*(body.unit * x for x in found), body.axis @ now.W]
+        body, parts, found, names = self.body, self.parts, list[Any](), summed(self.parts)
+        (b0, b1), k = body.off, body.k
+        if "mu" in names:
+            found.append(now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1])
+        if "moment" in names:
+            found += sum_of(None if now.own is None else turned(p, now.own), space)
+        if "dead" in names:
+            found += turned(p, now.still)
+        if "work" in names:
+            found.append(sum_of(*(None if x is None else now.W @ x for x in (now.own, now.push))))
+        return [*(body.unit * x for x in found), body.axis @ now.W] if parts.reports else []
 
 
 def fill(motion: str, parts: Parts, run: View, i: Any, first: Any, v: Variables) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
     found, signs, apart = scratch(2 * count * MOST * lanes), scratch(lanes), scratch(lanes)
+    own = scratch(2 * count * MOST)
     series = [[found.shifted((side * count + c) * MOST * lanes) for c in range(count)] for side in range(2)]
     v.known, v.goes = 1, True
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
-            own = found.shifted(side * (count * MOST * lanes))
-            e = Expansion(motion, parts, run, i, [own.shifted(c * MOST * lanes) for c in range(count)], side)
+            half = found.shifted(side * (count * MOST * lanes))
+            e = Expansion(motion, parts, run, i, [half.shifted(c * MOST * lanes) for c in range(count)], side)
             for _ in when(v.known == 1):
                 e.gather(first)
             e.expand(v.known, v.k)
@@ -274,7 +284,11 @@ def fill(motion: str, parts: Parts, run: View, i: Any, first: Any, v: Variables)
     apart.store(0, select((rest_of(series, v.k) <= LAST) & (off <= inf), off, inf), lanes)
     for l in loop(smaller(run.taken[i] - first, lanes)):
         run.apart[i] = larger(run.apart[i], apart[l])
-        write_outputs(parts, run, i, [[one.shifted(l) for one in each] for each in series], v.k, first + l, signs[l])
+        for c, each in enumerate([*series[0], *series[1]]):
+            for n in loop(v.k):
+                own[c * MOST + n] = each[n * lanes + l]
+        ends = [[own.shifted((side * count + c) * MOST) for c in range(count)] for side in range(2)]
+        write_outputs(parts, run, i, ends, v.k, first + l, signs[l])
 
 
 def rest_of(series: list[Any], k: Any) -> Any:
@@ -309,7 +323,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         s, zero = 1.0 - t, 0.0 * t
         v = Variables(a=(zero,) * count, b=(zero,) * count)
         for n in loop(1, k + 1):
-            place = (k - n) * lanes
+            place = k - n
             v.a = tuple(x * t + one[place] for x, one in zip(v.a, series[0], strict=True))
             v.b = tuple(x * s + one[place] for x, one in zip(v.b, series[1], strict=True))
         weight = t * t * t * t * (35.0 - t * (84.0 - t * (70.0 - t * 20.0)))

@@ -33,7 +33,7 @@ from ..engine.sampling import Nodes
 from ..geometry.arrays import Array
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.elements import any_of, larger, select, smaller, sqrt
+from ..kernels.elements import larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch
 from ..kernels.series import Recurrence, Stored
@@ -51,7 +51,7 @@ from .prepared_march import PreparedMarch
 from .problem import Problem
 from .stack_march import StackMarch
 
-FEWEST, MORE, MOST = 13, 4, 41  # coefficients: at first, by how many they rise, at most
+FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
 LAST, APART, TINY = 2e-12, 1e-7, 1e-300
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
 STATE = 7  # numbers of P and p
@@ -139,9 +139,8 @@ def kernel_of(motion: str, parts: Parts) -> Kernel:
         run = View(Run, doubles(address))
         for i in loop(run.first, run.last):
             run.apart[i] = 0.0
-            v = Variables(k=FEWEST, known=1, goes=True)
             for first in loop(0, run.taken[i], lanes_of_text()):
-                fill(motion, parts, run, i, first, v)
+                fill(motion, parts, run, i, first)
             join(parts, run, i)
 
     return Kernel(kernel, "i8")
@@ -258,13 +257,16 @@ class Expansion:
         return [*(body.unit * x for x in found), body.axis @ now.W] if parts.reports else []
 
 
-def fill(motion: str, parts: Parts, run: View, i: Any, first: Any, v: Variables) -> None:
+def fill(motion: str, parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
     found, signs, apart = scratch(2 * count * MOST * lanes), scratch(lanes), scratch(lanes)
     own = scratch(2 * count * MOST)
     series = [[found.shifted((side * count + c) * MOST * lanes) for c in range(count)] for side in range(2)]
-    v.known, v.goes = 1, True
+    rest, enough = scratch(lanes), scratch(lanes).shifted(0, True)
+    for l in loop(lanes):
+        enough[l] = 0
+    v = Variables(k=FEWEST, known=1, goes=True)
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
             half = found.shifted(side * (count * MOST * lanes))
@@ -272,7 +274,14 @@ def fill(motion: str, parts: Parts, run: View, i: Any, first: Any, v: Variables)
             for _ in when(v.known == 1):
                 e.gather(first)
             e.expand(v.known, v.k)
-        v.known, v.goes = v.k, any_of(rest_of(series, v.k) > LAST) & (v.k < MOST)
+        rest.store(0, rest_of(series, v.k), lanes)
+        v.known, v.goes = v.k, False
+        for l in loop(lanes):
+            for _ in when(enough[l] == 0):
+                for _ in when(rest[l] <= LAST):
+                    enough[l] = v.k
+                v.goes = v.goes | (enough[l] == 0)
+        v.goes = v.goes & (v.k < MOST)
         for _ in when(v.goes):
             v.k = v.k + MORE
     a, b = (at_middle(each[:STATE], v.k) for each in series)
@@ -281,14 +290,14 @@ def fill(motion: str, parts: Parts, run: View, i: Any, first: Any, v: Variables)
     d = [x - y for x, y in zip(a, (*b[:3], *(sign * y for y in b[3:])), strict=True)]
     off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
     signs.store(0, sign, lanes)
-    apart.store(0, select((rest_of(series, v.k) <= LAST) & (off <= inf), off, inf), lanes)
+    apart.store(0, select(off <= inf, off, inf), lanes)
     for l in loop(smaller(run.taken[i] - first, lanes)):
-        run.apart[i] = larger(run.apart[i], apart[l])
+        run.apart[i] = larger(run.apart[i], select(enough[l] == 0, inf, apart[l]))
         for c, each in enumerate([*series[0], *series[1]]):
-            for n in loop(v.k):
+            for n in loop(enough[l]):
                 own[c * MOST + n] = each[n * lanes + l]
         ends = [[own.shifted((side * count + c) * MOST) for c in range(count)] for side in range(2)]
-        write_outputs(parts, run, i, ends, v.k, first + l, signs[l])
+        write_outputs(parts, run, i, ends, enough[l], first + l, signs[l])
 
 
 def rest_of(series: list[Any], k: Any) -> Any:
@@ -502,8 +511,9 @@ class PreparedDense:
         if memory is None:
             return self._substeps.read(nodes)
         dense, arrays = self._dense, views(memory, self._spans)
-        means = intervals_in(dense.march, arrays, dense.skipped).of_one
-        return self._march.read(nodes) | means | {"states": states_in(arrays, dense.skipped).part(0)}
+        means, march = intervals_in(dense.march, arrays, dense.skipped).of_one, dense.march
+        carried = nodes[march.spans["states"][0]] * march.factors[0]
+        return {"states": states_in(arrays, dense.skipped).part(0), **means, "memory": carried}
 
     def _workspace(self) -> tuple[Array, Array, Array, Between]:
         """Return memory for one thread: states at nodes, the factor of the load, outputs, what finds them."""

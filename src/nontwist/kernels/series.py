@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from .control import Variables, loop
@@ -37,6 +38,7 @@ class Recurrence:
     def __init__(self, order: int, tangents: int = 0, lanes: int = 1, room: Callable[[int], Any] = scratch) -> None:
         self.order, self.tangents, self.lanes, self._room = order, tangents, lanes, room
         self.size = 1 + tangents * lanes if tangents else lanes  # of a coefficient
+        self.count = 0  # of series in memory
         self._sums, self._products = defaultdict[int, list[Stored]](list), defaultdict[int, list[Product]](list)
 
     def read(self, memory: Any, n: Any) -> Any:
@@ -67,9 +69,10 @@ class Recurrence:
         return found
 
     def product(self, a: Series, b: Series) -> Stored:
-        """Return the product of two series, which is kept as well."""
+        """Return the product of two series, which is kept as well; the factor that was made first counts upwards."""
+        factors = a.stored, b.stored
         found = Stored(self, self._room(self.order * self.size), 1 + max(a.level, b.level))
-        self._products[found.level].append(Product(found, a.stored, b.stored))
+        self._products[found.level].append(Product(found, *sorted(factors, key=attrgetter("number"))))
         return found
 
     def solve(self, unknowns: Sequence[Stored], rates: Sequence[Series], first: Any = 0, last: Any = None) -> None:
@@ -132,6 +135,8 @@ class Stored(Series):
 
     def __init__(self, of: Recurrence, memory: Any, level: int = 0, made: Callable[[Any], Any] | None = None) -> None:
         self.of, self.memory, self.level, self.made = of, memory, level, made or self.__getitem__
+        of.count += 1
+        self.number = of.count
 
     def __getitem__(self, n: Any) -> Any:
         return self.of.read(self.memory, n)

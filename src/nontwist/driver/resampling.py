@@ -9,6 +9,7 @@ interval is divided there.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,6 +101,15 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
     is_stored = t[of] == wanted
     _put(found, is_stored, stored, of[is_stored])
     rest = np.flatnonzero(~is_stored)
+    if len(rest) and wanted[-1] < t[-1]:
+        one = stored.part(slice(0, 1))
+        grid = stretched(t, np.ones(len(t) - 1))
+        body, n = stacked(system), grid.steps
+        start = Problem(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
+        inner = scheme.between(replace(start, asked=wanted[rest]), stored)
+        if inner is not None:
+            _put(found, rest, inner, slice(None))
+            rest = rest[:0]
     if scheme.any_times:
         groups = [(0, rest)] if len(rest) else []
     else:

@@ -23,9 +23,9 @@ its worst over the stored states. A tolerance bounds it.
 
 All members of an ensemble have one grid; the worst member decides. Where neither step nor tolerance is given, the
 tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached, and
-where ten floors are more than 1e-3. Where all steps of such a run are stored, they turn the body by at most 0.05 rad,
-as those of other integrators do, and are at most 0.2 rad of the phase of a swing: figures, twist angles and extrema are
-made from these states.
+where ten floors are more than 1e-3. In between the stored states of such a run the body turns by at most 0.05 rad, and
+by at most 0.2 rad of the phase of a swing: figures, twist angles and extrema are made from these states. Where they are
+found between the steps (`integrators.dense`), steps are as long as the tolerance allows; otherwise as short as that.
 """
 
 from __future__ import annotations
@@ -187,10 +187,14 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
         h = (TENTH * max(plan.goal, EPS) / (c * span * rate)) ** (1 / p) / rate  # less is refused after a run
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
-    shown = min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
-    longest = shown if plan.is_shown else inf
+    longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
     return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
+
+
+def apart_shown(span: float, fastest: float, swing: float) -> float:
+    """Return how far states are apart from which figures are made, s."""
+    return min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
 
 
 def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:

@@ -17,6 +17,7 @@ from .base import Integrator, Outcome, Prepared, Problem
 if TYPE_CHECKING:
     from ..engine.marching import Text
     from ..engine.records import Body
+    from ..geometry.attitudes import States
     from ..kernels.vectors import Vector
     from ..loads import Load
 
@@ -41,7 +42,6 @@ class Compiled(Integrator):
     observes: ClassVar[bool] = True
     is_director_scheme: ClassVar[bool] = False  # carries W and N, gives λ; else it carries the momentum
     in_lanes: ClassVar[bool] = True  # whether bodies are marched side by side
-    has_series: ClassVar[bool] = False  # whether its nodes lie on one trajectory, nearly (`dense`)
     # What linearises steps, of a form, what there is, and the inputs asked for; None: the text itself.
     linear: ClassVar[Any] = None
     order: int = 2
@@ -106,6 +106,14 @@ class Compiled(Integrator):
 
         self.require(problem)
         return march(problem, threads, self)
+
+    def between(self, problem: Problem, states: States) -> States | None:
+        """Return the states of one body at the times asked for, given those at all nodes of its grid."""
+        if not self.has_series(problem.systems, problem.load):
+            return None
+        from .dense import between
+
+        return between(self, problem, states)
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""

@@ -31,6 +31,7 @@ from ..engine.layout import put, side_by_side, spans, views
 from ..engine.records import BODY, SUMS, Body, Parts, Sums, places
 from ..engine.sampling import Nodes
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, select, smaller, sqrt
@@ -40,12 +41,14 @@ from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
 from ..loads import Load
+from ..loads.base import with_moments
+from ..loads.potentials import Potential
 from ..loads.terms import Damping, Rotor
+from ..models.stack import SystemStack
 from .compiled import Compiled
 from .gauss import MOTIONS
 from .gauss_stages import VECTORS, Equations, Now, Sampled
 from .listing import Outputs
-from .load_samples import as_marched
 from .marching import intervals_in, states_in
 from .prepared_march import PreparedMarch
 from .problem import Problem
@@ -82,13 +85,13 @@ class Run(NamedTuple):
     degree: int
     taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
-    count: int  # rows of an output, the start the first one
-    rows: Wholes  # (count,) the node at or before each
-    inside: Wholes  # (count,) 1 where it lies after it
-    intervals: Doubles  # (count,) 1 over the time since the output before
-    quaternions: Doubles  # (m, count, 4)
-    velocities: Doubles  # (m, count, 3)
-    sums: Doubles  # (m, count - 1, `Sums`)
+    kept: int  # rows of an output, the start the first one
+    rows: Wholes  # (kept,) the node at or before each
+    inside: Wholes  # (kept,) 1 where it lies after it
+    intervals: Doubles  # (kept,) 1 over the time since the output before
+    quaternions: Doubles  # (m, kept, 4)
+    velocities: Doubles  # (m, kept, 3)
+    sums: Doubles  # (m, kept - 1, `Sums`)
     apart: Doubles  # (m,) the largest d
 
 
@@ -159,7 +162,8 @@ def body_of(run: View, i: Any) -> Body:
 def turned(p: Quaternion, x: Vector) -> Vector:
     """Return Λ x."""
     t = cross(p.vector, x) * 2.0
-    return x + t * p[0] + cross(p.vector, t)
+    found: Vector = x + t * p[0] + cross(p.vector, t)
+    return found
 
 
 class Expansion:
@@ -343,7 +347,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
-            row = i * run.count + run.places[step] + (number - begin) + l
+            row = i * run.kept + run.places[step] + (number - begin) + l
             target = run.sums.shifted((row - i - 1) * SUMS.size)
             for k in range(4):
                 run.quaternions[4 * row + k] = out[k * lanes + l]
@@ -359,7 +363,7 @@ def join(parts: Parts, run: View, i: Any) -> None:
     for c in range(SUMS.size):
         total[c] = 0.0
     for number in loop(run.good[i]):
-        row, inside, at = run.rows[number], run.inside[number], i * run.count + number
+        row, inside, at = run.rows[number], run.inside[number], i * run.kept + number
         q, W, sums = (
             run.quaternions.shifted(4 * at),
             run.velocities.shifted(3 * at),
@@ -435,7 +439,7 @@ class Dense:
             "intervals": unit / np.append(1.0, outputs.length),
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
-        self._counts = {"nodes": len(nodes), "degree": degree, "count": len(node), "last": m, **strides}
+        self._counts = {"nodes": len(nodes), "degree": degree, "kept": len(node), "last": m, **strides}
         self._kernel = kernel_of(motion_of(march.forms), march.parts._replace(lanes=1))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
@@ -477,6 +481,17 @@ class Between:
         """Find them; return whether the nodes lie on one trajectory."""
         self._kernel(self._address)
         return not (self._apart > APART).any()
+
+
+def between(scheme: Compiled, problem: Problem, states: States) -> States | None:
+    """Return the states of one body at the times asked for, given those at all nodes; None where these are apart."""
+    plain = replace(problem, intervals=False, observed=False, progress=None)
+    dense = Dense(plain, scheme)
+    march = dense.march
+    march.arrays["quaternions"][0] = states.quaternion[march.stack.stored]
+    march.arrays["velocities"][0] = states.velocity[march.stack.stored]
+    found = dense.outputs(np.array([len(march.stack.stored)]), None)
+    return None if found is None else states_in(found[0], dense.skipped).part(0)
 
 
 class PreparedDense:
@@ -547,8 +562,11 @@ def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: flo
     return np.ascontiguousarray(both), degree
 
 
-def can(problem: Problem) -> bool:
-    """Whether the equations can be run on series: no function of the state is called."""
-    spin, load = problem.systems.spin, as_marched(problem, False)[1]
-    is_plain = all(term.kind in ("body", "space") or isinstance(term, (Damping, Rotor)) for term in load.terms)
-    return is_plain and (spin is None or spin.is_constant)
+def can_expand(systems: SystemStack, load: Load) -> bool:
+    """Whether the equations can be run on series: nothing that acts is a function of the state."""
+    return (systems.spin is None or systems.spin.is_constant) and all(
+        term.kind in ("body", "space")
+        or isinstance(term, Damping | Rotor)
+        or (isinstance(term, Potential) and term.dead_force is not None)
+        for term in with_moments(load).terms
+    )

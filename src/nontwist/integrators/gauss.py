@@ -108,6 +108,7 @@ from ..kernels.vectors import (
     taxicab,
 )
 from ..loads import Load
+from ..models.stack import SystemStack
 from .base import Problem
 from .compiled import ONCE, Compiled, velocity_of
 from .costs import damping_rate
@@ -172,7 +173,6 @@ class Gauss(Compiled):
         12: (14, 16, 20),
         16: (10, 12, 16),
     }
-    has_series: ClassVar[bool] = True
     controlled_orders: ClassVar[tuple[int, ...]] = (4, 8, 12, 16)
     order: int = 8
 
@@ -191,6 +191,12 @@ class Gauss(Compiled):
         bounds.
         """
         return LARGEST_TURN[self.order]
+
+    def has_series(self, systems: SystemStack, load: Load) -> bool:
+        """Whether its nodes lie on one trajectory, nearly, and the equations between them can be run on series."""
+        from .dense import can_expand
+
+        return self.order > 2 and can_expand(systems, load)
 
     def remark(self, problem: Problem) -> str | None:
         """Return the warning about damped modes that the step does not resolve."""

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 def dense_of(problem: Problem, scheme: Compiled) -> Dense | None:
     """Return what finds outputs between nodes, where these lie on one trajectory; None where they are substeps."""
-    if problem.asked is None or not scheme.has_series:
+    if problem.asked is None or not scheme.has_series(problem.systems, problem.load):
         return None
-    from . import dense
+    from .dense import Dense
 
-    return dense.Dense(problem, scheme) if dense.can(problem) else None
+    return Dense(problem, scheme)
 
 
 def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:

@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import lru_cache
 from math import inf, log
 from typing import Any, NamedTuple
 
@@ -183,13 +184,20 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
 
     def step(scheme: Integrator, longer: float = 1.0) -> float:
         p = _order(scheme)
-        c = max(scheme.lag(STEADY), EPS) / STEADY ** (p + 1)
-        h = (TENTH * max(plan.goal, EPS) / (c * span * rate)) ** (1 / p) / rate  # less is refused after a run
+        h = (TENTH * max(plan.goal, EPS) / (_lag(scheme) * span * rate)) ** (
+            1 / p
+        ) / rate  # less is refused after a run
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
     longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
     return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
+
+
+@lru_cache(maxsize=64)
+def _lag(scheme: Integrator) -> float:
+    """Return c, where a step misses a steady turn by θ by c θ^(p + 1)."""
+    return float(max(scheme.lag(STEADY), EPS) / STEADY ** (_order(scheme) + 1))
 
 
 def apart_shown(span: float, fastest: float, swing: float) -> float:

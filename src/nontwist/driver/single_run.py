@@ -192,14 +192,14 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance."""
-    own = plan._replace(is_dense=plan.has_series)
+    own = plan._replace(is_dense=True, store=1) if plan.is_shown and plan.has_series else plan
     scheme, grid = first_grid(own, begin)
     check_cost(own._replace(scheme=scheme), begin, grid)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
         found = controlled(own, begin, intervals=plan.means, progress=report)
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
-    if plan.is_shown and own.is_dense:
+    if own.is_dense and not plan.is_dense:
         times = times_shown(plan, begin, outcome)
         problem = replace(own._replace(asked=times).problem(begin, problem.grid), intervals=plan.means)
         outcome = completion.march(found.scheme, problem)

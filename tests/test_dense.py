@@ -137,6 +137,25 @@ def test_a_run_is_resampled_between_its_own_states(expansions):
     assert expansions == [True, True]
 
 
+@pytest.mark.parametrize("body", BODIES)
+def test_the_kernel_computes_on_floats_what_its_code_does(body, monkeypatch):
+    """One step after the other instead of several side by side."""
+    found, own = [], dense.Between.find
+
+    def both(self):
+        for run in (own, lambda self: self._kernel.on_floats(self._address)):
+            run(self)
+            found.append([self.arrays[name].copy() for name in ("quaternions", "velocities", "intervals")])
+        return True
+
+    monkeypatch.setattr(dense.Between, "find", both)
+    system, W = BODIES[body]
+    load = LOADS["table"] + rotor((0, 0.6, 0.8), 0.3) + damping(0.2)
+    integrate(system, t_end=0.4, step=0.1, order=8, times=TIMES[TIMES < 0.4], load=load, material_angular_velocity=W)
+    for code, floats in zip(*found, strict=True):
+        assert floats == pytest.approx(code, rel=1e-13, abs=1e-13)
+
+
 def test_series_solve_an_equation_that_scipy_solves():
     """x' = y z, y' = -x z, z' = -1/2 x y + 1: products of unknowns, of sums, and constants."""
     recurrence = Recurrence(24)

@@ -166,21 +166,40 @@ def turned(p: Quaternion, x: Vector) -> Vector:
     return found
 
 
+class Rooms:
+    """Memory for both ends of steps, the same one after the other whenever an expansion is made again."""
+
+    def __init__(self) -> None:
+        self._made, self._next, self._side = list[Any](), 0, 0
+
+    def of(self, side: Any) -> Rooms:
+        """Begin again, for one of the ends."""
+        self._next, self._side = 0, side
+        return self
+
+    def __call__(self, count: int) -> Any:
+        """Return the next memory, of so many numbers."""
+        if self._next == len(self._made):
+            self._made.append(scratch(2 * count))
+        self._next += 1
+        return self.at(self._next - 1, self._side, count)
+
+    def at(self, number: int, side: Any, count: int) -> Any:
+        """Return that of a number, for one of the ends."""
+        return self._made[number].shifted(side * count)
+
+
 class Expansion:
     """Series of P, p and the sums, in as many steps as there are lanes, from one of their ends."""
 
-    def __init__(self, motion: str, parts: Parts, run: View, i: Any, series: list[Any], side: Any) -> None:
+    def __init__(self, motion: str, parts: Parts, run: View, i: Any, side: Any, room: Rooms) -> None:
         self.motion, self.parts, self.run, self.i, self.side, self.body = motion, parts, run, i, side, body_of(run, i)
         lanes = self.lanes = lanes_of_text()
-
-        def room(count: int) -> Any:
-            return scratch(2 * count).shifted(side * count)
-
         self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
-        self.unknowns = [Stored(self.recurrence, one) for one in series]
+        self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[motion])]
         self.given = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
-        self.length, self._start = room(lanes), scratch(len(series) * lanes)
+        self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
 
     def gather(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
@@ -264,17 +283,17 @@ class Expansion:
 def fill(motion: str, parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
-    found, signs, apart = scratch(2 * count * MOST * lanes), scratch(lanes), scratch(lanes)
-    own = scratch(2 * count * MOST)
-    series = [[found.shifted((side * count + c) * MOST * lanes) for c in range(count)] for side in range(2)]
-    rest, enough = scratch(lanes), scratch(lanes).shifted(0, True)
+    rooms, own, (signs, apart, rest, enough) = Rooms(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    enough = enough.shifted(0, True)
+    for _ in range(count):
+        rooms(MOST * lanes)
+    series = [[rooms.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
     for l in loop(lanes):
         enough[l] = 0
     v = Variables(k=FEWEST, known=1, goes=True)
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
-            half = found.shifted(side * (count * MOST * lanes))
-            e = Expansion(motion, parts, run, i, [half.shifted(c * MOST * lanes) for c in range(count)], side)
+            e = Expansion(motion, parts, run, i, side, rooms.of(side))
             for _ in when(v.known == 1):
                 e.gather(first)
             e.expand(v.known, v.k)
@@ -349,10 +368,10 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         for l in loop(smaller(end - number, lanes)):
             row = i * run.kept + run.places[step] + (number - begin) + l
             target = run.sums.shifted((row - i - 1) * SUMS.size)
-            for k in range(4):
-                run.quaternions[4 * row + k] = out[k * lanes + l]
-            for k in range(3):
-                run.velocities[3 * row + k] = out[(4 + k) * lanes + l]
+            for c in range(4):
+                run.quaternions[4 * row + c] = out[c * lanes + l]
+            for c in range(3):
+                run.velocities[3 * row + c] = out[(4 + c) * lanes + l]
             for c, place in enumerate(sums):
                 target[place] = out[(STATE + c) * lanes + l]
 

@@ -74,7 +74,7 @@ class Plain(Memory):
 
     def shifted(self, i: int, is_whole: bool = False) -> Plain:
         """Return the memory that lies i numbers further, also of doubles as one of whole numbers."""
-        return Plain(self.address + 8 * int(i), is_whole or self.is_whole)
+        return Plain(self.address + 8 * int(i), is_whole or self.is_whole, self.owner)
 
     def load(self, i: int, n: int = 1) -> Any:
         """Return the number at a place."""

@@ -35,7 +35,7 @@ class Plan(NamedTuple):
     asked: Array | None  # output times that need not lie on a grid
     tolerance: float | None = None
     schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
-    is_dense: bool = False  # whether states are found between steps, however long these are
+    shows: Literal["steps", "between", "nothing"] = "steps"  # from what states that nobody has chosen are: short steps
     means: bool = True  # whether means over the stored intervals are computed, most of what a run holds
 
     @property
@@ -56,12 +56,13 @@ class Plan(NamedTuple):
     @property
     def is_shown(self) -> bool:
         """Whether steps that nobody has chosen are stored: figures and analyses are made from their states."""
-        return self.tolerance is None and self.store != "end" and not self.is_dense
+        return self.tolerance is None and self.store != "end" and self.shows != "nothing" and not self.is_between
 
     @property
-    def has_series(self) -> bool:
-        """Whether states between nodes are found by power series."""
-        return self.scheme.has_series(self.systems, self.load)
+    def is_between(self) -> bool:
+        """Whether such states are found between steps, however long these are."""
+        is_open = self.tolerance is None and self.store != "end" and self.shows == "between"
+        return is_open and self.scheme.has_series(self.systems, self.load)
 
     @property
     def off_grid(self) -> bool:

@@ -248,4 +248,4 @@ def integrate(
         system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
     )
     plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time, tolerance)
-    return run_of(plan, begin, progress, events=as_events(events))
+    return run_of(plan._replace(shows="between"), begin, progress, events=as_events(events))

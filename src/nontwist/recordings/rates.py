@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array
-from ..geometry.values import counted, shown
+from ..geometry.values import shown
 from ..io.results import open_run
 from ..units import RATE, known
 from . import spellings
@@ -22,12 +22,13 @@ from .headers import plain, rate_unit, sensors
 from .options import ReadOptions
 from .reading import read_content
 from .rows import of_one_sensor, own_rows
-from .samples import gaps, ordered
-from .table import Lines, Table, listed, place
+from .samples import kept_rows
+from .table import Lines, Table, listed
 from .times import clock
 
 FASTEST = 80.0  # rad/s, 4600 °/s: more than common gyroscopes measure
 FEWEST = 12  # samples
+COLUMNS = ("time", "rates", "acceleration", "speed", "quaternions")
 
 
 @dataclass(frozen=True)
@@ -55,22 +56,15 @@ class Rates:
 
         `lines` are those of the rows in their file, by which messages name them.
         """
-        count, said = len(self.time), list[InputWarning]()
-        if self.quaternions is not None and len(self.quaternions) != count:
-            raise InputError("lengths", attitudes=len(self.quaternions), rates=count)
-        bad = ~(np.isfinite(self.time) & np.isfinite(self.rates).all(axis=1))
-        if bad.any():
-            first = place(int(bad.argmax()), lines)
-            said.append(InputWarning("missing-rates", rows=counted(int(bad.sum()), "row"), place=first))
-        kept = ordered(self.time, np.flatnonzero(~bad), said, lines)
-        if len(kept) < FEWEST:
-            raise InputError("too-few-samples", what="a fit", why="", left=len(kept), count=count, least=FEWEST)
-        said += gaps(self.time[kept], kept, lines)
-        if (fastest := float(abs(self.rates[kept]).max())) > FASTEST:
+        if self.quaternions is not None and len(self.quaternions) != len(self.time):
+            raise InputError("lengths", attitudes=len(self.quaternions), rates=len(self.time))
+        good = np.isfinite(self.rates).all(axis=1)
+        rows, said = kept_rows(self.time, good, lines, "missing-rates", "a fit", FEWEST)
+        if (fastest := float(abs(self.rates[rows]).max())) > FASTEST:
             said.append(InputWarning("fast", fastest=fastest))
-        a, spin, quat = (one if one is None else one[kept] for one in (self.acceleration, self.speed, self.quaternions))
-        t, W, left_out = self.time[kept], self.rates[kept], count - len(kept)
-        return Rates(t, W, self.name, self.notes, a, spin, quat, left_out, tuple(said))
+        columns = {name: getattr(self, name) for name in COLUMNS}
+        kept: dict[str, Any] = {name: one[rows] for name, one in columns.items() if one is not None}
+        return replace(self, **kept, left_out=len(good) - len(rows), warnings=tuple(said))
 
 
 def read_rates(

@@ -69,34 +69,42 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
     `beside` has the times of the motion, or none.
     """
     given = [motion] if beside is None else [motion, beside]
-    t, count, lines, notes = motion.time, len(motion.values), motion.lines, list[InputWarning]()
+    t, lines = motion.time, motion.lines
     if any(lines is not None and one.lines is not None and not np.array_equal(one.lines, lines) for one in given):
         lines = None
-    bad = np.any([_missing(one.values) for one in given], axis=0) | (False if t is None else ~np.isfinite(t))
-    rows = np.flatnonzero(~bad)
-    if bad.any():
-        fields = {"rows": counted(count - rows.size, "row"), "place": place(int(bad.argmax()), lines)}
-        notes.append(InputWarning("missing-rows", **fields))
-    if t is not None:
-        rows = ordered(t, rows, notes, lines)
-    if rows.size < 2:
-        why = f": {'; '.join(map(str, notes))}" if notes else ""
-        raise InputError("too-few-samples", what="a twist", least=2, left=rows.size, count=count, why=why)
-    kept = None if t is None else t[rows]
-    notes += [] if kept is None else gaps(kept, rows, lines)
-    left_out = count - rows.size
+    good = np.all([_is_there(one.values) for one in given], axis=0)
+    rows, notes = kept_rows(t, good, lines, "missing-rows", "a twist", 2)
+    kept, left_out = None if t is None else t[rows], len(good) - rows.size
     found = [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in given]
     return found[0], found[1] if beside is not None else None
 
 
-def _missing(values: Any) -> NDArray[np.bool_]:
+def _is_there(values: Any) -> NDArray[np.bool_]:
     if not isinstance(values, np.ndarray):
-        return np.zeros(len(values), dtype=np.bool_)
+        return np.ones(len(values), dtype=np.bool_)
     flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    return np.array(~np.isfinite(flat).all(axis=1) | ~flat.any(axis=1), dtype=np.bool_)
+    return np.asarray(np.isfinite(flat).all(axis=1) & flat.any(axis=1))
 
 
-def ordered(t: Array, rows: NDArray[np.int64], notes: list[InputWarning], lines: Lines | None) -> NDArray[np.int64]:
+def kept_rows(
+    t: Array | None, good: NDArray[np.bool_], lines: Lines | None, code: str, what: str, least: int
+) -> tuple[NDArray[np.int64], list[InputWarning]]:
+    """Return the good rows in the order of time, and what is wrong; `code` is that of rows that are not good.
+
+    An InputError where fewer are left than the `least` that `what` needs.
+    """
+    notes = list[InputWarning]()
+    bad = ~(good if t is None else good & np.isfinite(t))
+    if bad.any():
+        notes.append(InputWarning(code, rows=counted(int(bad.sum()), "row"), place=place(int(bad.argmax()), lines)))
+    rows = np.flatnonzero(~bad) if t is None else _ordered(t, np.flatnonzero(~bad), notes, lines)
+    if rows.size < least:
+        why = f": {'; '.join(map(str, notes))}" if notes else ""
+        raise InputError("too-few-samples", what=what, least=least, left=rows.size, count=len(good), why=why)
+    return rows, notes if t is None else notes + _gaps(t[rows], rows, lines)
+
+
+def _ordered(t: Array, rows: NDArray[np.int64], notes: list[InputWarning], lines: Lines | None) -> NDArray[np.int64]:
     """Return rows in the order of their times, those that repeat a time left out; `notes` say what was wrong.
 
     An InputError where the clock starts again: rows of the second part are not of the first.
@@ -135,7 +143,7 @@ def _rounded(t: Array, duplicate: NDArray[np.bool_]) -> dict[str, Any]:
     return {"step": step, "each": each, "hertz": hertz, "rate": Option(f"rate={hertz:.4g}"), "half": step / 2}
 
 
-def gaps(t: Array, rows: NDArray[np.int64], lines: Lines | None) -> list[InputWarning]:
+def _gaps(t: Array, rows: NDArray[np.int64], lines: Lines | None) -> list[InputWarning]:
     """Return what is to be said of long gaps between times."""
     step = np.diff(t)
     wide = np.flatnonzero(step > GAP * np.median(step))

@@ -12,9 +12,10 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
-from ..recordings.motions import Motion, measured_quaternions, raw_motion
+from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.rates import Rates, read_rates
 from ..recordings.reading import read_motion
+from ..recordings.rotations import Motion
 from .orienting import continuous, derived_rates
 from .speeds import Speed, as_speed, constant
 

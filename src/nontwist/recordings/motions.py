@@ -5,7 +5,6 @@ SciPy's rotations take a third of a second to import: quaternions that are given
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -15,27 +14,15 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats
 from .attitudes import of_table
+from .formats.content import Content
 from .options import ReadOptions
-from .rotations import MEASURED
+from .rotations import MEASURED, Motion
 from .table import Lines, Table, place
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 EXACT = 1e-9  # accepted departure from orthonormality
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion as it is given: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last.
-
-    With its times, as given, what these count from, s, and the lines of its rows in a file, where there are any.
-    """
-
-    values: Any
-    time: Any = None
-    start: float | None = None
-    lines: Lines | None = None
 
 
 def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
@@ -81,14 +68,14 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     if hasattr(motion, "as_quat"):
         return Motion(motion)
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
-        columns = {str(name): motion[name].to_numpy() for name in motion.columns}
+        content = Content(Table({str(name): motion[name].to_numpy() for name in motion.columns}))
         try:
-            found = of_table(Table(columns), ReadOptions())
+            found = of_table(content, ReadOptions())
         except InputError as error:
             if error.code != "scalar-unknown" or scalar_first is None:
                 raise
-            found = of_table(Table(columns), ReadOptions(scalar_first=scalar_first))
-        return Motion(found.values, found.clock.time)
+            found = of_table(content, ReadOptions(scalar_first=scalar_first))
+        return Motion(found.values, found.time)
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
         if not known and "twist_angle" in motion.data_vars:

@@ -16,12 +16,11 @@ from ..geometry.values import shown
 from ..io.results import open_run
 from ..units import RATE, known
 from . import spellings
-from .attitudes import named_columns
 from .checks import sensor, stated_rate
 from .headers import plain, rate_unit, sensors
 from .options import ReadOptions
 from .reading import read_content
-from .rows import of_one_sensor, own_rows
+from .rows import named_columns, of_one_sensor, own_rows
 from .samples import kept_rows
 from .table import Lines, Table, listed
 from .times import clock
@@ -100,9 +99,6 @@ def read_rates(
         W = run["material_angular_velocity"].values
         return Rates(run["time"].values, W, name, ("rates: a run",), quaternions=quaternions).cleaned()
     content = read_content(source, how)
-    how = replace(how, columns=how.columns or (content.table.headers if content.headless else None))
-    if not content.table.columns:
-        raise InputError("no-columns")
     table, how, told = (content.table, how, ()) if quaternions is not None else of_one_sensor(content.table, how)
     three, how = named_columns(table, how, (3,), "3 columns of the angular velocity")
     three = three or _one(table, how.body)

@@ -54,6 +54,28 @@ def of_one_sensor(table: Table, how: ReadOptions) -> tuple[Table, ReadOptions, t
     return table, how, ()
 
 
+def named_columns(
+    table: Table, how: ReadOptions, sizes: Sequence[int], words: str
+) -> tuple[tuple[str, ...] | None, ReadOptions]:
+    """Return the columns that the caller names, or of a table without headers all, and the options with their time.
+
+    None where headers tell the columns. The time may be before those that are named.
+    """
+    if not table.columns:
+        raise InputError("no-columns")
+    names = tuple(how.columns or (table.headers if table.headless else ()))
+    if not names and how.columns is None:
+        return None, how
+    table.require(*names)
+    size = next((n for n in sizes if len(names) in (n, n + 1)), None)
+    if size is None and how.columns is None:
+        raise InputError("no-headers", count=len(names))
+    if size is None:
+        raise InputError("three-columns" if len(names) == 3 else "columns", sizes=words, count=len(names))
+    time = names[0] if len(names) > size else how.time_column
+    return names[len(names) - size :], replace(how, columns=names, time_column=time)
+
+
 def _jumps(table: Table, codes: NDArray[np.int64], how: ReadOptions) -> bool:
     """Whether rows of different sensors that are neighbours differ far more than those of one sensor."""
     found = headers.orientations(how.columns or table.headers)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from ..geometry.values import counted
-from .motions import Motion, measured_quaternions, raw_motion
+from .motions import measured_quaternions, raw_motion
+from .rotations import Motion
 from .table import Lines, place
 from .times import seconds
 

@@ -37,10 +37,14 @@ def number(value: object) -> float | None:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length; `lines`, where known, are those of the rows in a file of text, from 1."""
+    """Columns of equal length; `lines`, where known, are those of the rows in a file of text, from 1.
+
+    It is `headless` where the file has no headers; they are numbers then, from 1.
+    """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     lines: Lines | None = None
+    headless: bool = False
 
     @property
     def headers(self) -> list[str]:

@@ -15,6 +15,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -35,8 +36,8 @@ _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 
 
-def read_table(source: Path | TextIO | bytes) -> tuple[Table, bool, tuple[str, ...]]:
-    """Return the table of a text, whether it has no headers but numbers from 1, and notes."""
+def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
+    """Return the table of a text, and notes."""
     content = source if isinstance(source, bytes) else _content(source)
     lines = list(islice(_opened(content), PREAMBLE))
     if any("\x00" in line for line in lines):
@@ -62,9 +63,9 @@ def read_table(source: Path | TextIO | bytes) -> tuple[Table, bool, tuple[str, .
     is_prose = first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names)
     found = None if is_prose else _rows(content, separator, first, names, _decimal(lines[first:], separator))
     if found is None:
-        return Table({name: np.array([]) for name in names}), headers is None, ()
+        return Table({name: np.array([]) for name in names}, headless=headers is None), ()
     factors = (f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
-    return found[0], headers is None, (*found[1], *factors)
+    return replace(found[0], headless=headers is None), (*found[1], *factors)
 
 
 def _content(source: Path | TextIO) -> bytes:

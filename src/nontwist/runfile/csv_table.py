@@ -65,9 +65,9 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         No headers, no such column, another number of columns, one in brackets another unit than s, N m and kg m² s⁻¹,
         or a cell that holds no number up to 1e60 (with its line).
     """
-    table, headless, _ = read_text_table(content)
+    table, _ = read_text_table(content)
     names = table.headers
-    if headless:
+    if table.headless:
         raise InputError("table-headers")
     wanted = names if chosen is None else chosen
     if len(wanted) != count:

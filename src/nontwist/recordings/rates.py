@@ -18,10 +18,10 @@ from ..units import RATE, known
 from . import spellings
 from .checks import sensor, stated_rate
 from .headers import plain, rate_unit, sensors
+from .motions import kept_rows
 from .options import ReadOptions
 from .reading import read_content
 from .rows import named_columns, of_one_sensor, own_rows
-from .samples import kept_rows
 from .table import Lines, Table, listed
 from .times import clock
 

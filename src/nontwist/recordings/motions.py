@@ -212,20 +212,15 @@ def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -
     return replace(found, time=t, start=None if start is None else float(start))
 
 
-def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samples | None]:
-    """Return checked attitudes, of `beside` as well at the same rows; warnings and errors as in `nontwist.twist`.
-
-    `beside` has the times of the motion, or none.
-    """
-    given = [motion] if beside is None else [motion, beside]
-    t, lines = motion.time, motion.lines
-    if any(lines is not None and one.lines is not None and not np.array_equal(one.lines, lines) for one in given):
+def samples(*motions: Motion) -> list[Samples]:
+    """Return the attitudes of motions at the rows that all have, by the times of the first; errors as in `twist`."""
+    t, lines = motions[0].time, motions[0].lines
+    if any(lines is not None and one.lines is not None and not np.array_equal(one.lines, lines) for one in motions):
         lines = None
-    good = np.all([_is_there(one.values) for one in given], axis=0)
+    good = np.all([_is_there(one.values) for one in motions], axis=0)
     rows, notes = kept_rows(t, good, lines, "missing-rows", "a twist", 2)
     kept, left_out = None if t is None else t[rows], len(good) - rows.size
-    found = [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in given]
-    return found[0], found[1] if beside is not None else None
+    return [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in motions]
 
 
 def _is_there(values: Any) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
 from ..recordings.motions import measured_quaternions, raw_motion
-from ..recordings.rates import Rates, read_rates
+from ..recordings.rates import Rates, of_run, read_rates
 from ..recordings.reading import read_motion
 from ..recordings.rotations import Motion
 from .orienting import continuous, derived_rates
@@ -108,15 +108,7 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
         except InputError as error:
             raise error.about(str(one) if isinstance(one, (str, os.PathLike)) else "") from error
     if hasattr(one, "data_vars"):
-        known = [key for key in ("gyroscope", "material_angular_velocity") if key in one.variables]
-        if not known or "time" not in one.variables or set(one[known[0]].dims) != {"time", "director"}:
-            raise ValueError(
-                f"{name} must be what sensors.gyroscope returns, or a run of one body; this Dataset has "
-                f"{', '.join(map(str, one))}"
-            )
-        time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
-        time, rates = as_floats(time, "time"), as_floats(rates, known[0])
-        return Rates(time, rates, name, (f"rates: {known[0]}",), quaternions=quaternions).cleaned()
+        return of_run(one, name, quaternions)
     if isinstance(one, tuple) and len(one) in (2, 3):
         arrays = [as_floats(part, what) for part, what in zip(one, ("times", "rates", "speeds"), strict=False)]
         time, n = arrays[0], arrays[0].size

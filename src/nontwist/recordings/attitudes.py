@@ -18,8 +18,7 @@ from .formats.content import Content
 from .headers import Found, plain
 from .options import ReadOptions
 from .rotations import Motion, rotations
-from .rows import named_columns, of_one_sensor, own_rows
-from .table import Lines, Table, listed
+from .table import Lines, Table, listed, named_columns, of_one_sensor, own_rows
 from .times import Clock, clock, ignored
 
 SAME = 1e-2  # rad by which a matrix may differ from a quaternion beside it

@@ -11,7 +11,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from ..errors import InputError, InputWarning
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_floats
 from ..geometry.values import shown
 from ..io.results import open_run
 from ..units import RATE, known
@@ -21,8 +21,7 @@ from .headers import plain, rate_unit, sensors
 from .motions import kept_rows
 from .options import ReadOptions
 from .reading import read_content
-from .rows import named_columns, of_one_sensor, own_rows
-from .table import Lines, Table, listed
+from .table import Lines, Table, listed, named_columns, of_one_sensor, own_rows
 from .times import clock
 
 FASTEST = 80.0  # rad/s, 4600 °/s: more than common gyroscopes measure
@@ -95,9 +94,7 @@ def read_rates(
     if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
         if speed is not None:
             raise InputError("no-speed", speed=speed)
-        run = open_run(source)
-        W = run["material_angular_velocity"].values
-        return Rates(run["time"].values, W, name, ("rates: a run",), quaternions=quaternions).cleaned()
+        return of_run(open_run(source), name, quaternions)
     content = read_content(source, how)
     table, how, told = (content.table, how, ()) if quaternions is not None else of_one_sensor(content.table, how)
     three, how = named_columns(table, how, (3,), "3 columns of the angular velocity")
@@ -110,7 +107,7 @@ def read_rates(
     symbol = _unit(three, unit, values, above)
     time = clock(table, how)
     if time.time is None and content.time is not None and len(content.time) == len(values):
-        time = replace(time, time=content.time)
+        time = replace(time, time=content.time, notes=("time: as the format defines, s",))
     if time.time is None:
         raise InputError("no-time")
     notes = (f"angular velocity: {', '.join(three)}, {symbol}", *time.notes, *content.notes, *told)
@@ -125,6 +122,16 @@ def read_rates(
         notes += (f"speed of the rotor: {speed}, {stated}",)
     acceleration, _ = sensor(table, spellings.ACCELEROMETER)
     return Rates(time.time, values * RATE[symbol], name, notes, acceleration, spun, quaternions).cleaned(table.lines)
+
+
+def of_run(run: Any, name: str, quaternions: Array | None) -> Rates:
+    """Return the angular velocity in a run of one body, or in what `sensors.gyroscope` returns."""
+    known = next((key for key in ("gyroscope", "material_angular_velocity") if key in run.variables), "")
+    if not known or "time" not in run.variables or set(run[known].dims) != {"time", "director"}:
+        words = "must be what sensors.gyroscope returns, or a run of one body; this Dataset has"
+        raise ValueError(f"{name} {words} {', '.join(map(str, run))}")
+    time, W = as_floats(run["time"].values, "time"), as_floats(run[known].transpose("time", "director").values, known)
+    return Rates(time, W, name, (f"rates: {known}",), quaternions=quaternions).cleaned()
 
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:

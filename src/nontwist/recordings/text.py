@@ -124,11 +124,8 @@ def fields_of(line: str, separator: str | None) -> list[str]:
     line = line.rstrip("\r\n")
     if separator is None:
         return line.split()
-    is_quoted = '"' in line
-    fields = (
-        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if is_quoted else line.split(separator)
-    )
-    return [field.strip() for field in fields]
+    quoted = csv.reader([line], delimiter=separator, skipinitialspace=True)
+    return [field.strip() for field in (next(quoted) if '"' in line else line.split(separator))]
 
 
 def _decimal(rows: Sequence[str], separator: str | None) -> str:

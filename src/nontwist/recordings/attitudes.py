@@ -115,7 +115,7 @@ def _recorded(
 
 
 def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: tuple[str, ...]) -> Found | None:
-    """Return the columns of the orientation; None where there are angles that something beside them can decide."""
+    """Return the columns of the orientation; None where there are angles instead."""
     found = headers.orientations(taken or table.headers)
     if taken is not None:
         told = [one for one in found if one.ordered and set(one.headers) == set(taken)]
@@ -141,11 +141,9 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: t
         raise InputError(code, sets="; ".join(", ".join(one.headers) for one in found), bodies=listed(bodies))
     if found:
         return found[0]
-    rates = [", ".join(three) for _, three in headers.sensors(table.headers, spellings.GYROSCOPE)]
-    if (three := headers.angles(table.headers, "xyz")) is not None:
-        if not rates:
-            raise InputError("angles", three=", ".join(three))
+    if headers.angles(table.headers, "xyz") is not None:
         return None
+    rates = [", ".join(three) for _, three in headers.sensors(table.headers, spellings.GYROSCOPE)]
     if (lacking := headers.lacks(table.headers)) is not None:
         raise InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
     if len(marked := headers.markers(table.headers)) >= MARKERS and not rates:
@@ -234,6 +232,8 @@ def _angles(
     if stated is not None and how.angle_unit not in (None, stated):
         raise InputError("angle-unit-stated", three=names, stated=stated, unit=how.angle_unit)
     is_decided, is_form = GYROSCOPE in given.beside or OTHER in given.beside, bool(how.euler or how.rotation_vector)
+    if not (is_form or is_decided):
+        raise InputError("angles", three=names)
     unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)

@@ -147,6 +147,7 @@ def named_columns(
     return names[len(names) - size :], replace(how, columns=names, time_column=time)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _jumps(table: Table, codes: NDArray[np.int64], how: ReadOptions) -> bool:
     """Whether rows of different sensors that are neighbours differ far more than those of one sensor."""
     found = headers.orientations(how.columns or table.headers)

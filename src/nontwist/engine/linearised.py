@@ -498,17 +498,15 @@ def derivatives(
     text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    solved, is_active, parts = Solved(), at.h == at.h, calls.parts
+    solved, parts = Solved(), calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     if parts.calls:
         call_at_middle(calls, at)
     with solving(solved):
         here = Known(parts, body, at, scale, Directions({}, 0), calls=calls)
-        is_stalled = text.step(here, here.start(text, W, N), is_active).stalled
+        is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
         solved.begin()
-        known = Known(parts, body, at, scale, directions, calls=calls)
-        state = text.step(known, known.start(text, W, N), is_active).state
-    return ends(text, known, state), is_stalled
+        return changes_of(text, Known(parts, body, at, scale, directions, calls=calls), W, N), is_stalled
 
 
 def call_at_middle(calls: Calls, at: View) -> None:
@@ -522,8 +520,10 @@ def call_at_middle(calls: Calls, at: View) -> None:
     calls.evaluate(at, rows.T, s * w if calls.parts.is_director_scheme else w, a)
 
 
-def ends(text: Text, known: Known, state: State) -> list[Any]:
+def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     """Return the changes of attitude, W and N at the end of a step, as duals."""
+    h = plain(known.h)
+    state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
     assert known.turn is not None
     turned = q if known.now is None else known.now.p.inverse @ q
@@ -593,15 +593,13 @@ def carried(text: Text, parts: Parts, wanted: Wanted, is_explicit: bool, inputs:
                 own_parts = parts._replace(is_explicit=is_explicit)
                 found = text.step(Known(own_parts, body, at, scale, none, R), now, at.h == at.h)
                 solved.begin()
-
-                def changed(memory: Any, used: frozenset[int]) -> list[Any]:
-                    known = Known(parts, body, at, scale, Loaded(places, memory, count, used), R, now=now)
-                    return ends(text, known, text.step(known, known.start(text, W, N), at.h == at.h).state)
-
-                changed(changes, frozenset())  # all but the derivatives, outside of the loop
+                values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
+                changes_of(text, Known(parts, body, at, scale, values, R, now=now), W, N)
                 for first in loop(0, count, side):
                     own_changes = changes.shifted(first)
-                    for r, y in enumerate(changed(own_changes, used)):
+                    directions = Loaded(places, own_changes, count, used)
+                    known = Known(parts, body, at, scale, directions, R, now=now)
+                    for r, y in enumerate(changes_of(text, known, W, N)):
                         own_changes.store(r * count, tangent(y, 0), side)
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1

@@ -608,8 +608,8 @@ def carried(text: Text, parts: Parts, wanted: Wanted, is_explicit: bool, inputs:
             for _ in when(own.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
-                first = Quaternion(*(own.first[k] for k in range(4)))
-                put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ first))
+                begin = Quaternion(*(own.first[k] for k in range(4)))
+                put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
                 v.done = v.done + 1
         now = v.state
         memory.write(now._replace(auxiliary=(*now.auxiliary, *state.auxiliary[text.auxiliary :])))

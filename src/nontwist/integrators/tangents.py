@@ -30,14 +30,14 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     """
     count = start.shape[1]
     padded = -(-count // LANES) * LANES
-    x, scratch, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
+    x, own = aligned(steps.rows, padded), steps.workspace()
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run = chained.forward(steps.rows)
     for acting, link in steps.layouts(count, entries):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
-        run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=found[done:]))
+        run(link.put(matrices=own.matrices, state=x, kept=part, states=found[done:]))
         done += int(part.sum())
     return steps.turned_back(found[:, :, :count])
 
@@ -104,7 +104,7 @@ class PreparedTangents:
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
-        x, scratch, scale = aligned(steps.rows, padded), aligned(steps.rows, padded), np.ones(1)
+        x, scale = aligned(steps.rows, padded), np.ones(1)
         found, done = aligned(1 + int(self._kept.sum()), 6, padded, empty=True), 1
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for acting, link in self._parts:
@@ -112,11 +112,11 @@ class PreparedTangents:
             acting.put(block, states.part(slice(acting.first, acting.last + 1)))
             block[STEPS.factor] = scale.ctypes.data
             link = Link(link.block.copy(), link.alive)
-            at = link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=found[done:])
+            at = link.put(matrices=own.matrices, state=x, kept=part, states=found[done:])
             calls.append((block, block.ctypes.data, at))
             alive.append((link, part))
             done += int(part.sum())
-        return states, x, found, scale, calls, (own, scratch, alive)
+        return states, x, found, scale, calls, (own, alive)
 
 
 class CarriedTangents:

@@ -120,9 +120,10 @@ class Linearised:
         if scheme.linear is None:
             self._kernel: Any = linearised(scheme.text(form), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
+        if scheme.linear is None and not called:
             is_explicit = scheme.is_explicit(form, parts.is_constrained) and not parts.space
             self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), sizes, is_explicit)
-        else:
+        if scheme.linear is not None:
             self._kernel = scheme.linear(form, parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
@@ -207,6 +208,11 @@ class Linearised:
         """Whether something depends on the state that no kernel knows, so that what acts depends on the states."""
         return self._varied is not None
 
+    def require_no_error(self) -> None:
+        """Raise what a function in Python has raised."""
+        if self._varied is not None:
+            self._varied.require_no_error()
+
     def layouts(
         self, count: int, entries: Sampled, back: bool = False, size: int | None = None
     ) -> Iterator[tuple[Acting, Link]]:
@@ -235,8 +241,7 @@ class Linearised:
         """
         acting.put(own.block, states.part(slice(acting.first, acting.last + 1)))
         self._kernel(own.address)
-        if self._varied is not None:
-            self._varied.require_no_error()
+        self.require_no_error()
         if own.block[STEPS.failed]:
             t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"

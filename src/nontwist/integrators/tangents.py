@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from threading import local
 from typing import Any
 
@@ -90,30 +91,34 @@ class PreparedTangents:
             known = None
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
-        start = self._steps.turned(start)
-        scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
-        for block, address, link in calls:
+        scale[0], x[:, : self._count] = factor, self._steps.turned(start)
+        for block, address, link, refresh in calls:
+            if self._steps.is_called:
+                refresh()
             self._kernel(address)
+            self._steps.require_no_error()
             if block[STEPS.failed]:
                 block[STEPS.failed] = 0
                 return None
             self._run(link)
-        changes: Array = found[:, :, : self._count]
-        return changes.copy() if self._steps.frame is None else self._steps.turned_back(changes)
+        changes: Array = np.empty((1 + len(found), *start[:6].shape))
+        changes[0], changes[1:] = start[:6], self._steps.turned_back(found[:, :, : self._count])
+        return changes
 
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
-        found, done = aligned(1 + int(self._kept.sum()), 6, padded, empty=True), 1
+        found, done = aligned(int(self._kept.sum()), 6, padded, empty=True), 0
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for acting, link in self._parts:
             block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            acting.put(block, states.part(slice(acting.first, acting.last + 1)))
+            refresh = partial(acting.put, block, states.part(slice(acting.first, acting.last + 1)))
+            refresh()
             block[STEPS.factor] = scale.ctypes.data
             link = Link(link.block.copy(), link.alive)
             at = link.put(matrices=own.matrices, state=x, kept=part, states=found[done:])
-            calls.append((block, block.ctypes.data, at))
+            calls.append((block, block.ctypes.data, at, refresh))
             alive.append((link, part))
             done += int(part.sum())
         return states, x, found, scale, calls, (own, alive)

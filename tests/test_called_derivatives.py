@@ -582,6 +582,31 @@ def test_other_ways_to_the_same():
     assert simulate(standard(J), t_end=1, step=0.05, load=load, **START).equals(d.drop_vars(DERIVATIVES))
 
 
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_jacobians_of_a_propagator_under_functions_are_prepared(scheme):
+    """Under compiled functions and potentials, from starts of other speeds and with a factor, bit for bit."""
+    load = spring(STIFFNESS, POINT, ANCHOR, REST) + moment(push, compiled=True)
+    load += potential(POINT, hill, hill_slope, compiled=True)
+    names, how = ["material_angular_velocity", "rotation", "inertia", "duration"], {"integrator": scheme}
+    run = propagator(standard(J), t_end=1, step=0.05, load=load, **how)
+    for speed, scale, wrt in ((1.0, 1.0, names), (0.1, 1.0, names), (1.0, 0.7, names[:-1])):
+        start = START | {"material_angular_velocity": speed * W0}
+        with patch("nontwist.driver.propagation.jacobian_of", side_effect=AssertionError):
+            changes = run.jacobian(wrt=wrt, load_scale=scale, **start)
+        d = sensitivities(standard(J), wrt=wrt, t_end=1, step=0.05, load=scale * load, **how, **start)
+        for found, expected in zip(changes, (d.d_rotation, d.d_material_angular_velocity), strict=True):
+            assert abs(found - expected.values[[0, -1]]).max() <= 1e-14 * abs(expected.values).max()
+
+
+def test_prepared_jacobians_warn_of_differences():
+    def drag(t, d, w, m):
+        m[0], m[1], m[2] = -w[0], -w[1], -w[2]
+
+    run = propagator(standard(J), t_end=1, step=0.05, load=moment(Moment(drag)))
+    with pytest.warns(UserWarning, match="central differences"):
+        run.jacobian(**START)
+
+
 DERIVATIVES = ["d_rotation", "d_material_angular_velocity", "parameter", "parameter_unit"]
 
 

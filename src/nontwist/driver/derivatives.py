@@ -19,6 +19,7 @@ from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
+from ..loads.state_derivatives import without_derivative
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
 from .notices import warn_of_differences
@@ -282,11 +283,12 @@ class Jacobian:
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
+        self._inexact = plan.load if without_derivative(plan.load.terms) else None
         is_few = steps.carried is not None and self._parameters.count <= CarriedTangents.MOST
-        how = steps, self._parameters.count, self._parameters.entries, kept
-        self._carried = CarriedTangents(*how) if is_few else None
-        self._tangents = None if is_few else PreparedTangents(*how)
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
+        how = self._parameters.entries, kept
+        self._carried = CarriedTangents(steps, self._still, *how) if is_few else None
+        self._tangents = None if is_few else PreparedTangents(steps, self._parameters.count, *how)
 
     def __call__(self, p: Any, W: Any, scale: float, removed: float) -> Array | None:
         """Return the derivatives of the run from the quaternion `p`, scalar last, and W; None where it fails.
@@ -295,14 +297,16 @@ class Jacobian:
         """
         if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
             return None
-        start = self._still
+        start = None
         if self._parameters.needs_velocity:
             start = self._parameters.start(self._rows, np.array(W), removed)
         if self._carried is not None:
             return self._carried(p, W, start, scale)
         assert self._tangents is not None
+        if self._inexact is not None:
+            warn_of_differences(self._inexact)
         states = self._prepared.states(p, W, scale)
-        return None if states is None else self._tangents(states, start, scale)
+        return None if states is None else self._tangents(states, self._still if start is None else start, scale)
 
 
 def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:

@@ -192,15 +192,11 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
             terms = terms + sum_of(*map(taxicab, S.columns))
         return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
 
-    if parts.is_explicit:
-        M = loads.moving
-        z = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
-        used = left = zero
-        stalled = zero > 1.0
-    else:
-        guess = h * rates[0]
-        guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
-        z, used, left, stalled = solve(equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls)
+    guess, M = h * rates[0], loads.moving
+    guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
+    known = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
+    how = is_active, parts.is_constrained, parts.calls, known if parts.is_explicit else None
+    z, used, left, stalled = solve(equations_at, sizes, guess, *how)
     Om = turning(acting, loads, P + z)
     a = f * Om
     p, c, gap = turned_by_half(state.p, state.c, a)

@@ -16,8 +16,8 @@ import numpy as np
 
 from . import elements
 from .control import Variables, whilst
-from .dual import Dual, plain
-from .elements import Mask, Traced, Whole, c_function, select
+from .dual import Dual
+from .elements import Mask, Traced, Whole, select
 from .memory import doubles
 from .tracing import TraceError, writer
 
@@ -95,19 +95,6 @@ def _sign(x: Any) -> Any:
     return select(x > 0.0, 1.0, select(x < 0.0, -1.0, x))
 
 
-def _copysign(a: Any, b: Any) -> Any:
-    b = plain(b)
-    return select((a < 0.0) ^ (b < 0.0), -a, a) if _has_dual(a) else elements.copysign(a, b)
-
-
-def _hypot(x: Any, y: Any) -> Any:
-    return elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y)
-
-
-def _has_dual(*x: Any) -> bool:
-    return any(isinstance(y, Dual) for y in x)
-
-
 def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
     x = x if low is None else _maximum(x, low)
     return x if high is None else _minimum(x, high)
@@ -117,12 +104,10 @@ TRACED: dict[str, Callable[..., Any]] = {
     "bitwise_and": lambda a, b: a & b,
     "bitwise_or": lambda a, b: a | b,
     "clip": _clip,
-    "copysign": _copysign,
     "float_power": elements.power,
     "floor_divide": elements.whole_quotient,
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
-    "hypot": _hypot,
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
     "isfinite": lambda x: abs(x) < math.inf,
     "isinf": lambda x: abs(x) == math.inf,
@@ -133,20 +118,19 @@ TRACED: dict[str, Callable[..., Any]] = {
     "logical_xor": lambda a, b: _truth(a) ^ _truth(b),
     "maximum": _maximum,
     "minimum": _minimum,
-    "power": lambda x, k: x**k,
     "reciprocal": lambda x: 1.0 / x,
     "remainder": elements.remainder,
     "sign": _sign,
     "square": lambda x: x * x,
     **elements.FUNCTIONS,
+    "power": lambda x, k: x**k,
     **dict.fromkeys(("absolute", "fabs"), abs),
     **dict.fromkeys(("deg2rad", "radians"), lambda x: x * (math.pi / 180.0)),
     **dict.fromkeys(("rad2deg", "degrees"), lambda x: x * (180.0 / math.pi)),
 }
 OPERATORS = {"less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne"}
-IN_MATH = {name: name.replace("arc", "a") for name in elements.FUNCTIONS if name != "rint"} | {"power": "pow"}
-IN_MATH |= {name: name for name in ("copysign", "degrees", "fabs", "isfinite", "isinf", "isnan", "radians")}
-IN_MATH["arctan2"] = "atan2"
+IN_MATH = {name: elements.IN_C.get(name, name.replace("arc", "a")) for name in elements.FUNCTIONS}
+IN_MATH |= {name: name for name in ("degrees", "fabs", "isfinite", "isinf", "isnan", "radians")}
 
 
 @lru_cache
@@ -218,9 +202,10 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
 
 
 def _interpolated(x: Any, table: Any, left: float, right: float) -> Any:
-    if isinstance(x, Dual):
-        return x.chain(*_value_and_slope(x.value, table, left, right))
-    return _value_and_slope(x, table, left, right)[0]
+    if not isinstance(x, Dual):
+        return _value_and_slope(x, table, left, right)[0]
+    value, slope = _value_and_slope(x.value, table, left, right)
+    return x.chain(value, (slope,), (x,))
 
 
 def _value_and_slope(x: Any, table: Any, left: float, right: float) -> tuple[Any, Any]:

@@ -33,10 +33,12 @@ class TraceError(TypeError):
     ----------
     why : str
         Without the place.
+    place : tuple of (str, int), optional
+        File and line, if that is not where it was found.
     """
 
-    def __init__(self, why: str) -> None:
-        self.why = why
+    def __init__(self, why: str, place: tuple[str, int] | None = None) -> None:
+        self.why, self.place = why, place
         super().__init__(f"{why} ({_line_of_text()})")
 
 

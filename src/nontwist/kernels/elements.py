@@ -147,7 +147,7 @@ class Element(Traced):
     """A double, or a vector of doubles, one for each lane."""
 
     __slots__ = ()
-    scalar, words, lines = "double", "number here", OF_DOUBLES
+    scalar, words, plain, lines = "double", "number here", (float,), OF_DOUBLES
 
     @classmethod
     def takes(cls, x: Any) -> bool:

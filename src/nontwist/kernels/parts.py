@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, TypeVar
 
 from .elements import Traced, remade
-from .memory import Array, Pointer, View, passed
+from .memory import Pointer, View, passed
 from .tracing import TraceError, Tracer, tracer
 
 Text = TypeVar("Text", bound=Callable[..., Any])
@@ -75,22 +75,17 @@ def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: 
 
 def _taken(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
     """Take the numbers of an argument; return what makes it anew of names."""
-    made: Callable[..., Any] | None = None
-    parts: tuple[Any, ...] = ()
-    if isinstance(a, tuple):
-        made, parts = (lambda *x: remade(a, x)), a
-    elif isinstance(a, Array):
-        made, parts = Array, (a.memory, a.shape)
-    elif isinstance(a, View):
-        made, parts = View, (a._record, a._memory, a._lanes, a._stride)
-    if made is not None:
+    if isinstance(a, (tuple, View)):
+        parts = a if isinstance(a, tuple) else (a._record, a._memory, a._lanes, a._stride)
         makers = [_taken(x, numbers, constants) for x in parts]
         constants.append((type(a), len(parts)))
-        return lambda names: made(*[maker(names) for maker in makers])
+        made = partial(remade, a) if isinstance(a, tuple) else lambda found: View(*found)
+        return lambda names: made([maker(names) for maker in makers])
     if isinstance(a, Pointer):
         numbers.append(a)
         constants.append(a.is_whole)
-        return lambda names: Pointer(next(names), a.is_whole)
+        shape = _taken(a.shape, numbers, constants)
+        return lambda names: Pointer(next(names), a.is_whole, shape(names))
     if isinstance(a, Traced):
         numbers.append(a)
         return lambda names: type(a)(next(names), a.n)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Sequence
-from functools import reduce
 from typing import Any
 
 from .elements import BY_FUNCTIONS, ORDERS, Derived, fma, mapped, remade, select
@@ -38,13 +37,11 @@ class Dual(Derived):
     def chain(self, value: Any, slopes: Sequence[Any], x: Sequence[Any]) -> Dual:
         """Return a function of some numbers, given its value and its derivative by each."""
         terms = [(slope, y.tangents) for slope, y in zip(slopes, x, strict=True) if isinstance(y, Dual)]
-        return Dual(
-            value,
-            [
-                reduce(lambda t, term, k=k: _fused(term[0], term[1][k], t), terms, 0.0)
-                for k in range(len(self.tangents))
-            ],
-        )
+        tangents: list[Any] = [0.0] * len(self.tangents)
+        for k in range(len(tangents)):
+            for slope, own in terms:
+                tangents[k] = _fused(slope, own[k], tangents[k])
+        return Dual(value, tangents)
 
     def combined(self, name: str, a: Any, b: Any) -> Any:
         """Return what an operator gives; comparisons are those of the values."""

@@ -218,44 +218,47 @@ def called(name: str, *args: Any) -> Element:
     return Element(t.value(f"call {kind} @{full}({', '.join(f'{kind} {x}' for x in names)})"), n)
 
 
-# The derivatives of functions, given their arguments and their value. At 0 roots have tangents 0 where those of their
-# arguments are, and stay finite.
+TINY = 1e-140  # beside it roots at 0 have tangents 0 where those of their arguments are, and stay finite
 
-TINY = 1e-140
-SLOPES: dict[str, Callable[..., Any]] = {
-    "sqrt": lambda x, y: 0.5 / (y + TINY),
-    "sin": lambda x, y: cos(x),
-    "cos": lambda x, y: -sin(x),
-    "tan": lambda x, y: 1.0 + y * y,
-    "exp": lambda x, y: y,
-    "log": lambda x, y: 1.0 / x,
-    "sinh": lambda x, y: cosh(x),
-    "cosh": lambda x, y: sinh(x),
-    "tanh": lambda x, y: 1.0 - y * y,
-    "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
-    "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
-    "arctan": lambda x, y: 1.0 / (1.0 + x * x),
-    "arctan2": lambda y, x, _: (x / (x * x + y * y), -y / (x * x + y * y)),
-    "copysign": lambda a, b, _: (select((a < 0.0) ^ (b < 0.0), -1.0, 1.0), 0.0),
-    "fmod": lambda a, b, r: (1.0, -(a - r) / b),
-    "power": lambda x, k, y: (k * y / x, y * log(x)),
-    "floor": lambda x, y: 0.0,
-    "hypot": lambda a, b, y: (a / (y + TINY), b / (y + TINY)),
-    "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
-    "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
-    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
-    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
-    "exp2": lambda x, y: math.log(2.0) * y,
-    "expm1": lambda x, y: y + 1.0,
-    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
-    "log1p": lambda x, y: 1.0 / (1.0 + x),
-    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
-    **dict.fromkeys(("ceil", "rint", "trunc"), lambda x, y: 0.0),
-}
+
+def _derivatives() -> dict[str, Callable[..., Any]]:
+    """Return functions by NumPy's names: their derivatives, given their arguments and their value."""
+    return {
+        "sqrt": lambda x, y: 0.5 / (y + TINY),
+        "sin": lambda x, y: cos(x),
+        "cos": lambda x, y: -sin(x),
+        "tan": lambda x, y: 1.0 + y * y,
+        "exp": lambda x, y: y,
+        "log": lambda x, y: 1.0 / x,
+        "sinh": lambda x, y: cosh(x),
+        "cosh": lambda x, y: sinh(x),
+        "tanh": lambda x, y: 1.0 - y * y,
+        "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
+        "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
+        "arctan": lambda x, y: 1.0 / (1.0 + x * x),
+        "arctan2": lambda y, x, _: (x * (over := 1.0 / (x * x + y * y)), -y * over),
+        "copysign": lambda a, b, _: (select((a < 0.0) ^ (b < 0.0), -1.0, 1.0), 0.0),
+        "fmod": lambda a, b, r: (1.0, -(a - r) / b),
+        "power": lambda x, k, y: (k * y / x, y * log(x)),
+        "floor": lambda x, y: 0.0,
+        "hypot": lambda a, b, y: (a / (y + TINY), b / (y + TINY)),
+        "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
+        "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
+        "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
+        "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
+        "exp2": lambda x, y: math.log(2.0) * y,
+        "expm1": lambda x, y: y + 1.0,
+        "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
+        "log1p": lambda x, y: 1.0 / (1.0 + x),
+        "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
+        **dict.fromkeys(("ceil", "rint", "trunc"), lambda x, y: 0.0),
+    }
+
+
 IN_C = {"arctan2": "atan2", "power": "pow"}
 
 
-def _function(name: str) -> Callable[..., Any]:
+def _function(name: str, slopes: Callable[..., Any]) -> Callable[..., Any]:
     """Return the function that NumPy has under a name; its arrays of numbers call it by that name, as a method."""
     in_c, of_arrays = IN_C.get(name, name.replace("arc", "a")), getattr(np, name)
     of_floats: Callable[..., float] = getattr(math, in_c, of_arrays)
@@ -263,7 +266,7 @@ def _function(name: str) -> Callable[..., Any]:
     def function(*x: Any) -> Any:
         dual = dual_of(*x)
         if dual is not None:
-            return dual.through(function, SLOPES[name], x)
+            return dual.through(function, slopes, x)
         if any(isinstance(a, Traced) for a in x):
             return called(in_c, *x)
         if all(isinstance(a, (float, int)) for a in x):
@@ -281,7 +284,7 @@ def _function(name: str) -> Callable[..., Any]:
     return function
 
 
-FUNCTIONS = {name: _function(name) for name in SLOPES}
+FUNCTIONS = {name: _function(name, slopes) for name, slopes in _derivatives().items()}
 sqrt, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan, *_others = FUNCTIONS.values()
 arctan2, copysign, fmod, _raised, floor, *_ = _others
 

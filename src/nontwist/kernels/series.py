@@ -8,13 +8,14 @@ where they are used.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
 from .control import Variables, loop
 from .dual import Dual
-from .elements import fma
+from .elements import Number, fma
 from .memory import scratch
 
 
@@ -53,7 +54,7 @@ class Recurrence:
                 x.put(n + 1, rate[n] * (1.0 / (1.0 + n)))
 
 
-class Series:
+class Series(Number):
     """A power series of numbers, duals as a rule: ``x[n]`` is a coefficient."""
 
     def __init__(self, of: Recurrence, coefficient: Callable[[Any], Any]) -> None:
@@ -67,26 +68,33 @@ class Series:
         """The same series, kept in memory."""
         return self.of.kept(self._coefficient)
 
+    def combined(self, name: str, a: Any, b: Any) -> Any:
+        """Return a sum or a product, also with numbers."""
+        if isinstance(a, tuple) or isinstance(b, tuple):
+            return NotImplemented
+        if name != "mul":
+            operation = getattr(operator, name)
+            return Series(self.of, lambda n: operation(a[n], b[n]))
+        x, y = ((one.value if isinstance(one, Constant) else one) for one in (a, b))
+        if isinstance(x, Series) and isinstance(y, Series):
+            s, t = x.stored, y.stored
+            return self.of.kept(lambda n: convolution(s, t, n))
+        if isinstance(x, Series):
+            x, y = y, x
+        return Series(y.of, lambda n: x * y[n]) if isinstance(y, Series) else Constant(x * y)
+
     def __neg__(self) -> Series:
         return Series(self.of, lambda n: -self[n])
 
-    def __add__(self, o: Series) -> Series:
-        return Series(self.of, lambda n: self[n] + o[n])
 
-    def __sub__(self, o: Series) -> Series:
-        return Series(self.of, lambda n: self[n] - o[n])
+class Constant(Series):
+    """A series of one coefficient, which may be a dual number."""
 
-    def __mul__(self, o: Any) -> Any:
-        if isinstance(o, tuple):
-            return NotImplemented
-        if isinstance(o, Constant):
-            return o * self
-        if not isinstance(o, Series):
-            return Series(self.of, lambda n: o * self[n])
-        a, b = self.stored, o.stored
-        return self.of.kept(lambda n: convolution(a, b, n))
+    def __init__(self, value: Any) -> None:
+        self.value = value
 
-    __rmul__ = __mul__
+    def __neg__(self) -> Constant:
+        return Constant(-self.value)
 
 
 class Stored(Series):
@@ -111,38 +119,17 @@ class Stored(Series):
         """Itself."""
         return self
 
-    def at(self, t: Any) -> Dual:
+    def at(self, t: Any) -> Any:
         """Return the sum of the series."""
         v = Variables(x=self[self.of.order])
         for n in loop(1, self.of.order + 1):
             v.x = v.x * t + self[self.of.order - n]
-        found: Dual = v.x
-        return found
+        return v.x
 
 
-class Constant(Series):
-    """A series of one coefficient, which may be a dual number."""
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __neg__(self) -> Constant:
-        return Constant(-self.value)
-
-    def __mul__(self, o: Any) -> Any:
-        if isinstance(o, tuple):
-            return NotImplemented
-        if isinstance(o, Constant):
-            return Constant(self.value * o.value)
-        return Series(o.of, lambda n: self.value * o[n])
-
-    __rmul__ = __mul__
-
-
-def convolution(a: Series, b: Series, n: Any) -> Dual:
+def convolution(a: Series, b: Series, n: Any) -> Any:
     """Return coefficient n of a product."""
     v = Variables(x=a[0] * b[n])
     for i in loop(1, n + 1):
         v.x = fma(a[i], b[n - i], v.x)
-    found: Dual = v.x
-    return found
+    return v.x

@@ -88,10 +88,12 @@ class Traced(Number):
     @classmethod
     def named(cls, x: Any, n: int = 1) -> str:
         """Return the name or the literal of x as such a value with n lanes."""
+        if type(x) is cls:
+            return x.used(n)
         if not cls.takes(x):
             raise TraceError(f"{type(x).__name__} is not a {cls.words}")
         if isinstance(x, Traced):
-            return x.used(n)
+            return str(real(x).used(n))
         one = LITERALS[cls.scalar](x)
         return one if n == 1 else "<" + ", ".join([f"{cls.scalar} {one}"] * n) + ">"
 
@@ -111,7 +113,7 @@ class Traced(Number):
     def combined(self, name: str, a: Any, b: Any) -> Any:
         """Return what an operator gives, of other kinds as of doubles."""
         line = self.lines.get(name)
-        if line is not None and (name in OF_MASKS or (self.takes(a) and self.takes(b))):
+        if line is not None and (type(a) is type(b) or name in OF_MASKS or (self.takes(a) and self.takes(b))):
             return written(line, type(self), a, b)
         if not (is_number(a) and is_number(b)):
             return NotImplemented
@@ -153,11 +155,6 @@ class Element(Traced):
     def takes(cls, x: Any) -> bool:
         """Whether x stands for one number, or one a lane."""
         return is_number(x)
-
-    @classmethod
-    def named(cls, x: Any, n: int = 1) -> str:
-        """Return the name or the literal of a number with n lanes."""
-        return super().named(real(x) if isinstance(x, Traced) else x, n)
 
     def __neg__(self) -> Element:
         return written("fneg", Element, self)

@@ -21,17 +21,7 @@ from .tracing import TraceError, tracer, width, writer
 from .vectors import Matrix, Vector
 
 
-class Memory:
-    """Numbers at an address, doubles or whole ones: ``p[i]``; `load` and `store` take several side by side."""
-
-    def __getitem__(self: Any, i: Any) -> Any:
-        return self.load(i)
-
-    def __setitem__(self: Any, i: Any, x: Any) -> None:
-        self.store(i, x)
-
-
-class Pointer(Memory):
+class Pointer:
     """Memory of a traced text, where it has a shape an array: ``a[i, j]``, ``a[i]`` what lies under the first index."""
 
     def __init__(self, name: Any, is_whole: bool = False, shape: tuple[Any, ...] = ()) -> None:
@@ -86,13 +76,19 @@ class Pointer(Memory):
         return Whole(writer().value(f"ptrtoint ptr {self.at()} to i64"))
 
 
-class Plain(Memory):
+class Plain:
     """Memory of a text that computes."""
 
     def __init__(self, address: int, is_whole: bool = False, owner: Any = None) -> None:
         self.address, self.is_whole, self.owner = int(address), is_whole, owner
         kind = ctypes.c_int64 if is_whole else ctypes.c_double
         self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
+
+    def __getitem__(self, i: int) -> Any:
+        return self.load(i)
+
+    def __setitem__(self, i: int, x: Any) -> None:
+        self._numbers[i] = x
 
     def shifted(self, i: int, is_whole: bool = False) -> Plain:
         """Return the memory that lies i numbers further, also of doubles as one of whole numbers."""

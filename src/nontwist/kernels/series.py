@@ -8,15 +8,15 @@ where they are used.
 
 from __future__ import annotations
 
+import operator
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 from .control import Variables, loop
 from .dual import Dual
-from .elements import fma
+from .elements import Number, fma
 from .memory import scratch
 
 AT_ONCE = 24  # numbers of products that are summed side by side
@@ -72,7 +72,7 @@ class Recurrence:
         """Return the product of two series, which is kept as well; the factor that was made first counts upwards."""
         factors = a.stored, b.stored
         found = Stored(self, self._room(self.order * self.size), 1 + max(a.level, b.level))
-        self._products[found.level].append(Product(found, *sorted(factors, key=attrgetter("number"))))
+        self._products[found.level].append(Product(found, *sorted(factors, key=operator.attrgetter("number"))))
         return found
 
     def solve(self, unknowns: Sequence[Stored], rates: Sequence[Series], first: Any = 0, last: Any = None) -> None:
@@ -88,7 +88,7 @@ class Recurrence:
                 x.put(n + 1, rate[n] * (1.0 / (1.0 + n)))
 
 
-class Series:
+class Series(Number):
     """A power series of numbers: ``x[n]`` is a coefficient.
 
     Its level says how many products one after the other lead to a coefficient from those of the unknowns.
@@ -105,29 +105,22 @@ class Series:
         """The same series, kept in memory."""
         return self.of.sum(self)
 
+    def combined(self, name: str, a: Any, b: Any) -> Any:
+        """Return a sum or a product, also with numbers."""
+        if isinstance(a, tuple) or isinstance(b, tuple):
+            return NotImplemented
+        if name != "mul":
+            operation = getattr(operator, name)
+            return Series(self.of, lambda n: operation(a[n], b[n]), max(a.level, b.level))
+        x, y = ((one.value if isinstance(one, Constant) else one) for one in (a, b))
+        if isinstance(x, Series) and isinstance(y, Series):
+            return x.of.product(x, y)
+        if isinstance(x, Series):
+            x, y = y, x
+        return Series(y.of, lambda n: x * y[n], y.level) if isinstance(y, Series) else Constant(x * y)
+
     def __neg__(self) -> Series:
         return Series(self.of, lambda n: -self[n], self.level)
-
-    def __add__(self, o: Series) -> Series:
-        return Series(self.of, lambda n: self[n] + o[n], max(self.level, o.level))
-
-    def __sub__(self, o: Series) -> Series:
-        return Series(self.of, lambda n: self[n] - o[n], max(self.level, o.level))
-
-    def __mul__(self, o: Any) -> Any:
-        if isinstance(o, tuple):
-            return NotImplemented
-        if isinstance(o, Constant):
-            return o * self
-        if not isinstance(o, Series):
-            return Series(self.of, lambda n: o * self[n], self.level)
-        return self.of.product(self, o)
-
-    __rmul__ = __mul__
-
-    def fused(self, a: Any, b: Any, c: Any) -> Any:
-        """Return a b + c."""
-        return a * b + c
 
 
 class Stored(Series):
@@ -176,15 +169,6 @@ class Constant(Series):
 
     def __neg__(self) -> Constant:
         return Constant(-self.value)
-
-    def __mul__(self, o: Any) -> Any:
-        if isinstance(o, tuple):
-            return NotImplemented
-        if isinstance(o, Constant):
-            return Constant(self.value * o.value)
-        return Series(o.of, lambda n: self.value * o[n], o.level)
-
-    __rmul__ = __mul__
 
 
 def convolve(products: Sequence[Product], n: Any) -> None:

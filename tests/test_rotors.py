@@ -6,6 +6,7 @@ import re
 import mpmath
 import numpy as np
 import pytest
+from nontwist.loads.records import load_of
 
 from nontwist import (
     EnergyMomentum,
@@ -30,7 +31,6 @@ from nontwist import (
     suslov,
 )
 from nontwist.analysis.invariants import drifts
-from nontwist.loads.records import load_of
 from nontwist.sweeps import sweep
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])

@@ -21,7 +21,6 @@ from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
-from .notices import warn_of_differences
 from .parameters import EVERY, Parameters
 from .planning import Plan, planned
 from .single_run import AT_REST, PreparedPlan, integrated, run_of
@@ -222,7 +221,6 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     `means`: whether the run has means over its steps.
     """
     Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
-    warn_of_differences(plan.load)
     run = run_of(plan._replace(store=1, means=means), begin)
     grid = run.stretches
     assert grid is not None

@@ -30,7 +30,7 @@ class Dual(Number):
         v, w = plain(a), plain(b)
         if name in ORDERS:
             return getattr(operator, name)(v, w)
-        if not (_is_plain(v) and _is_plain(w)):
+        if not (_is_plain(v) and _is_plain(w)) or (_is_array(w if self is a else v) and not _is_array(self.value)):
             return NotImplemented
         if name == "add":
             return self.sum(v + w, 1.0, b, 1.0, a)
@@ -70,7 +70,10 @@ class Dual(Number):
         return bool(self.value)
 
     def __float__(self) -> float:
-        return float(self.value)  # which traced numbers refuse
+        raise TypeError(
+            "a number with derivatives cannot become a float, which has none: use functions of NumPy in the place of "
+            "float() and math, or plain(x) for the value alone"
+        )
 
     def fused(self, a: Any, b: Any, c: Any) -> Dual:
         """Return a b + c."""
@@ -92,6 +95,11 @@ class Dual(Number):
 def _is_plain(x: Any) -> bool:
     """Whether x is a number without tangents, of whatever kind."""
     return not isinstance(x, (tuple, list, bool)) and getattr(getattr(x, "dtype", None), "kind", "") != "O"
+
+
+def _is_array(x: Any) -> bool:
+    """Whether x is an array: with a number with derivatives it makes an array of these, unless their value is one."""
+    return getattr(x, "ndim", 0) > 0
 
 
 def _is_zero(x: Any) -> bool:

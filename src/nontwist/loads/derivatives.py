@@ -20,7 +20,7 @@ from ..kernels.dual import Dual, tangent
 from .calls import name_of, plainly
 from .forces import ForceTable
 from .potentials import Potential, PotentialFunction
-from .terms import Damping, OfTime, Rotor, Table, Term, within
+from .terms import Damping, Rotor, Table, Term, within
 
 STEP = 1e-6  # of the time, for functions that take no duals
 
@@ -70,7 +70,7 @@ def _slopes(term: Term, times: Array, name: str = "") -> Array:
     """Return the derivatives of a moment by the numbers of a field, or by the time, (n, 3, count)."""
     seeded = term.seeded(name) if name else term
     count = np.size(getattr(term, name)) if name else 1
-    if isinstance(term, OfTime) and term.is_text:
+    if term.is_text:
         return _tangents(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
     try:
         rows = [plainly(seeded.called, (t if name else Dual(t, [1.0]),), (3,)) for t in times.tolist()]
@@ -144,8 +144,6 @@ def fixed_slopes(term: Term, name: str) -> Slopes:
     fixed: Any = own.damping if isinstance(own, Damping) else own.dead_force
     if name == "scale":
         return Slopes.of(fixed.reshape(1, 9, 1))
-    if isinstance(fixed, Dual):  # a multiple of a matrix
-        return Slopes.of(term.scale * tangent(fixed, 0).reshape(1, 9, 1))
     return Slopes.of(term.scale * _tangents(fixed.ravel().tolist(), np.size(getattr(term, name)), 1))
 
 

@@ -68,6 +68,7 @@ class Term(ABC):
 
     counts: ClassVar[tuple[int, int]] = (9, 3)  # numbers of the state that a text gets, before the time
     in_kernels: ClassVar[bool] = False  # whether the kernels know it, so that no text is called while a run marches
+    is_text: ClassVar[bool] = False  # whether `columns` is a text of many times at once
     gives: ClassVar[tuple[int, ...]] = (3,)  # the shape of what a text of the state gives
     _: KW_ONLY
     scale: float = 1.0
@@ -206,10 +207,10 @@ class Term(ABC):
         return self._copy(**held)
 
     def seeded(self, name: str) -> Self:
-        """Return a copy with the numbers of a field as duals, each along a row of its own of times; for its text."""
+        """Return a copy with the numbers of a field as duals, for its text; of texts of many times at once as rows."""
         value = getattr(self, name)
-        flat = np.ravel(value)
-        duals = [Dual(np.array([x]), [float(i == j) for j in range(flat.size)]) for i, x in enumerate(flat.tolist())]
+        rows = np.reshape(value, (-1, 1)) if self.is_text else np.ravel(value).tolist()
+        duals = [Dual(x, [float(i == j) for j in range(len(rows))]) for i, x in enumerate(rows)]
         return self._copy(**{name: array(duals, *value.shape) if np.ndim(value) else duals[0]})
 
     @property
@@ -281,7 +282,7 @@ class ForceTerm(Term):
 class OfTime(Term):
     """A moment of time, along the directors or fixed axes as its field `frame` says."""
 
-    is_text: ClassVar[bool] = True  # whether `columns` takes times along an array, and numbers with derivatives
+    is_text = True
     frame: Any
     kind = property(lambda self: self.frame)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nontwist.loads import TERMS
+from nontwist.loads import LOADS as KINDS
 
 from .problems import DIFFERENCED, DIFFERENTIATED, LOADS, factors, made_load, outcome, pairs_of, schemes
 from .record import Recorded, scale_of
@@ -79,7 +79,7 @@ def test_every_choice_of_the_registries_is_in_the_array():
     for place, names in enumerate(factors()):
         assert set(names) == {row[place] for row in RECORDED.rows}
     kinds = {type(term) for name in LOADS for term in made_load(name).terms}
-    assert kinds == {kind for kind in TERMS.values() if kind.__module__.startswith("nontwist.")}
+    assert kinds == {kind for kind in KINDS.values() if kind.__module__.startswith("nontwist.")}
     assert set(schemes()) <= {row.scheme for row in RECORDED.rows}
 
 

@@ -19,10 +19,8 @@ from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
-from ..loads.state_derivatives import without_derivative
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
-from .notices import warn_of_differences
 from .parameters import EVERY, Parameters
 from .planning import Plan, planned
 from .single_run import AT_REST, PreparedPlan, integrated, run_of
@@ -223,7 +221,6 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     `means`: whether the run has means over its steps.
     """
     Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
-    warn_of_differences(plan.load)
     run = run_of(plan._replace(store=1, means=means), begin)
     grid = run.stretches
     assert grid is not None
@@ -283,7 +280,6 @@ class Jacobian:
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
-        self._inexact = plan.load if without_derivative(plan.load.terms) else None
         is_few = steps.carried is not None and self._parameters.count <= CarriedTangents.MOST
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
         how = self._parameters.entries, kept
@@ -303,8 +299,6 @@ class Jacobian:
         if self._carried is not None:
             return self._carried(p, W, start, scale)
         assert self._tangents is not None
-        if self._inexact is not None:
-            warn_of_differences(self._inexact)
         states = self._prepared.states(p, W, scale)
         return None if states is None else self._tangents(states, self._still if start is None else start, scale)
 

@@ -25,7 +25,7 @@ from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
 from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, as_load
 from ..loads.base import of_body
-from ..loads.records import load_of
+from ..loads.kinds import load_of
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
+from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
@@ -25,7 +25,7 @@ from .coarseness import coarseness, unremarkable
 from .event_runs import Ended
 from .events import Event
 from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
-from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
+from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
 from .tolerance import apart_shown, controlled, first_grid
@@ -188,7 +188,7 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
             prepared.unremarkable = run._fastest  # there is nothing to say of slower runs either
         return run
     if run._fastest > known:
-        warnings.warn(text, UserWarning, stacklevel=callers_level())
+        warn(text)
     return run._warned(text)
 
 

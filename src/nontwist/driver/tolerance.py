@@ -30,7 +30,6 @@ found between the steps (`integrators.dense`), steps are as long as the toleranc
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from functools import lru_cache
 from math import inf, log
@@ -39,6 +38,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.values import number_text
 from ..integrators import Integrator, Problem, Status
@@ -48,7 +48,6 @@ from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
 from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of
-from .notices import callers_level
 from .planning import Plan
 from .starts import Starts
 
@@ -154,7 +153,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
             if amplified and plan.tolerance is None:
-                warnings.warn(amplified, UserWarning, stacklevel=callers_level())
+                warn(amplified)
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
         is_seen = gap < UNSEEN or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
@@ -169,7 +168,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
     if plan.tolerance is not None:
         raise ValueError(text)
-    warnings.warn(text, UserWarning, stacklevel=callers_level())
+    warn(text)
     return Controlled(scheme, fine.problem, fine.outcome, goal, d)
 
 

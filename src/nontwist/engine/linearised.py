@@ -128,12 +128,14 @@ class Varied(Body):
 
     def momentum_of(self, W: Vector) -> Vector:
         """Return the momentum of a velocity."""
-        return varied(super().momentum_of(W), self._crossed(W))
+        found: Vector = varied(super().momentum_of(W), self._crossed(W))
+        return found
 
     def velocity_of(self, P: Vector) -> Vector:
         """Return the velocity of a momentum."""
         W = super().velocity_of(P)
-        return varied(W, -plain(self.k) * self._crossed(W))
+        found: Vector = varied(W, -plain(self.k) * self._crossed(W))
+        return found
 
     def _crossed(self, W: Vector) -> Vector:
         (J23, J13, J12), third = self.products, self.is_free
@@ -415,7 +417,7 @@ def varied(x: Any, change: Any) -> Any:
     """Return numbers to which a change of value 0 is added: their values stay the same to the last bit."""
     if isinstance(x, tuple):
         return remade(x, [varied(*each) for each in zip(x, change, strict=True)])
-    return Dual(plain(x), change.sum(0.0, 1.0, x, 1.0, change).tangents) if isinstance(change, Dual) else x
+    return change.chain(plain(x), (1.0, 1.0), (x, change)) if isinstance(change, Dual) else x
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:

@@ -48,7 +48,7 @@ class Dual(Derived):
         v, w = plain(a), plain(b)
         if name in ORDERS:
             return getattr(operator, name)(v, w)
-        if not (_is_plain(v) and _is_plain(w)):
+        if not (_is_plain(v) and _is_plain(w)) or (_is_array(w if self is a else v) and not _is_array(self.value)):
             return NotImplemented
         if name in SLOPES:
             return self.through(getattr(operator, name), SLOPES[name], (a, b))
@@ -70,7 +70,10 @@ class Dual(Derived):
         return bool(self.value)
 
     def __float__(self) -> float:
-        return float(self.value)  # which traced numbers refuse
+        raise TypeError(
+            "a number with derivatives cannot become a float, which has none: use functions of NumPy in the place of "
+            "float() and math, or plain(x) for the value alone"
+        )
 
     def selected(self, mask: Any, a: Any, b: Any) -> Dual:
         """Return a where the mask is set, else b."""
@@ -85,6 +88,11 @@ class Dual(Derived):
 def _is_plain(x: Any) -> bool:
     """Whether x is a number without tangents, of whatever kind."""
     return not isinstance(x, (tuple, list, bool)) and getattr(getattr(x, "dtype", None), "kind", "") != "O"
+
+
+def _is_array(x: Any) -> bool:
+    """Whether x is an array: with a number with derivatives it makes an array of these, unless their value is one."""
+    return getattr(x, "ndim", 0) > 0
 
 
 def _is_zero(x: Any) -> bool:

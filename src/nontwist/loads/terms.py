@@ -507,7 +507,7 @@ def within(known: Array, values: Array, times: Any) -> list[Any]:
     found = [np.where(inside, np.interp(t, known, column), 0.0) for column in values.T]
     if t is times:
         return found
-    return [times.chain(y, chord(known, column, t)) for y, column in zip(found, values.T, strict=True)]
+    return [times.chain(y, (chord(known, column, t),), (times,)) for y, column in zip(found, values.T, strict=True)]
 
 
 def chord(known: Array, values: Array, times: Array) -> Array:

@@ -32,7 +32,7 @@ from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, select, smaller, sqrt, without
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, doubles, size_of
-from ..kernels.vectors import Quaternion, Symmetric, Vector, compensated, cross, taxicab
+from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .observation import begin_observing, extend, integrate, observe
 from .records import NODAL, Block, Body, Parts, State, Work
 from .sampling import Nodes
@@ -237,20 +237,15 @@ def coast(
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:
     """Take what a step gives, a part of the interval, into means and sums, and into what is observed."""
-    sums = x.sums
-    sums.mu, sums.twist = sums.mu + part * found.mu, sums.twist + found.twist
+    for name in ("mu", "lam", "moment", "dead", "twist", "work"):
+        if (given := getattr(found, name)) is not None and (parts.reports or name != "lam"):
+            own = getattr(x.sums, name)
+            setattr(x.sums, name, own + (given if name in ("twist", "work") else part * given))
+    if parts.reports:
+        x.sums.iterations = larger(found.used, x.sums.iterations)
     if parts.observes:
         x.set_number(NOW + NODAL, x.number(NOW + NODAL) - found.mu)
         if not text.integrates:
             integrate(x, 0.5 * h)
-    if found.dead is not None:
-        sums.dead = sums.dead + part * found.dead
-    if found.work is not None:
-        sums.work = sums.work + found.work
-        sums.moment = sums.moment + part * found.moment
-        if parts.observes:
+        if found.work is not None:
             x.observed.work = x.observed.work + found.work
-    if parts.reports:
-        sums.iterations = larger(found.used, sums.iterations)
-        if found.lam is not None:
-            sums.lam = sums.lam + part * Symmetric(*found.lam)

@@ -9,7 +9,7 @@ from ..kernels.vectors import Matrix, Quaternion, Vector, attitude
 from .records import FORCES, Body, Parts, Work
 from .state_moments import Functions
 
-ARRAYS = ("times", "moving", "space", "rotor", "spin")
+ARRAYS = {"times": "calls", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
 ACTING = fields(Work)["acting"].place
 
 
@@ -47,7 +47,7 @@ class Nodes:
     def __init__(self, parts: Parts, b: View, x: View, memory: Any, buffer: Any = None) -> None:
         self.parts, self.memory, self.block, self.x = parts, memory, b, x
         self.body, self.h, self.rate, self._scale = Body(*x.body.read()), b.step[0], b.step[1], x.scale
-        self._arrays = {name: getattr(b, name) for name in ARRAYS if getattr(parts, name)}
+        self._arrays = {name: getattr(b, name) for name, part in ARRAYS.items() if getattr(parts, part)}
         self.buffer = doubles(b.workspace).shifted(ACTING * parts.lanes) if buffer is None else buffer
 
     @property

@@ -89,23 +89,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..engine.generalised import EXACT, PAPER
 from ..engine.marching import PI, Step, Text, turned_by_half
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import mean
-from ..geometry.arrays import Array
+from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..geometry.values import among, shown
-from ..kernels.control import Variables, loop, when
+from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
-from ..loads import Load
 from .base import Problem
 from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
@@ -171,13 +166,9 @@ class EnergyMomentum(Dissipative):
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
         return SPIN.format(self.name) if problem.systems.spin is not None else super().refusal(problem)
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
-
-    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-        """Return one form for all bodies."""
-        return np.zeros_like(found)
 
     @property
     def action(self) -> int:
@@ -206,36 +197,24 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         turn = h * sqrt(W @ W)
         chi = fma(body.dissipation[1], select(turn < 1.0, turn, 1.0), body.dissipation[0])
     start = Start(f, body, W, N, chi)
-    S = Variables(columns=(0.0 * plain(W),) * 3 if parts.calls else None)
+    of_state = MomentOfStep(loads.functions, f, W, True)
     linear_part, across, sum_of_E = without_loads(start), sum_of(*map(taxicab, N)), sum_of(*body.E)
 
     def equations_at(y: Vector, is_new: Any) -> Any:
-        Om, m, lengths = W + y, loads.space, None
-        if parts.calls:
-            a = f * Om
-            state_moment = loads.functions.moment(a, shrinking(a) * Om)
-            m = sum_of(m, state_moment)
-            for _ in when(is_new):
-                S.columns = loads.functions.derivatives(f, True, Om, state_moment)
-        if parts.dissipates:
-            lengths = next_lengths(*plain((f, chi, W, N, Om)))
+        moment = of_state.near(W + y, is_new)
+        lengths = next_lengths(*plain((f, chi, W, N, W + y))) if parts.dissipates else None
 
         def r(y: Vector) -> Vector:
-            own = m
-            if parts.calls and isinstance(y[0], Dual):
-                own = Vector(*(Dual(x, [c[i] for c in S.columns[: len(y[0].tangents)]]) for i, x in enumerate(m)))
-            return residual(start, y, linear_part, loads, own, lengths, parts.is_exact)
+            m = sum_of(loads.space, moment(W + y))
+            return residual(start, y, linear_part, loads, m, lengths, parts.is_exact)
 
         return r
 
     def sizes(y: Vector, d: Vector) -> Any:
         speed, size = taxicab(W) + taxicab(y), taxicab(d)
         terms = sum_of_E * (2.0 * taxicab(y) + across + abs(f) * (taxicab(W) + across) * speed)
-        if parts.damping:
-            terms = terms + abs(f) * taxicab(body.damping @ (W + y))
-        if parts.calls:
-            terms = terms + sum_of(*map(taxicab, S.columns))
-        return size, EPS * speed, terms
+        drag = abs(f) * taxicab(body.damping @ (W + y)) if parts.damping else None
+        return size, EPS * speed, sum_of(terms, drag, of_state.size)
 
     guess = Vector(-0.0, -0.0, -W[2] if parts.is_constrained else -0.0)
     y, used, left, stalled = solve(
@@ -388,8 +367,7 @@ def multipliers(
         F = loads.dead
         L = L + F - Matrix(*(cross(a, row) for row in F))
         if parts.is_constrained:
-            dead = first_moment(Matrix(*(mean(s, a, column) for column in F.T)).T)
-            found = found._replace(dead=R @ dead)
+            found = found._replace(dead=R @ mean_moment_of_dead(F, s, a))
     lam = symmetric_part(L)
     if parts.generalised:
         lam = lam + loads.functions.rest

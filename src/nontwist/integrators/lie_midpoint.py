@@ -68,21 +68,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..engine.bodies import DRIVEN, STEADY
 from ..engine.marching import PI, Step, Text, turned_by_half
 from ..engine.newton import EPS, solve
-from ..engine.records import State
+from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import mean
-from ..geometry.arrays import Array
-from ..kernels.control import Variables, when
-from ..kernels.dual import Dual, plain, tangents_of
+from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
-from ..loads import Load
 from .compiled import velocity_of
 from .dissipative import Dissipative
 
@@ -136,17 +128,14 @@ class LieMidpoint(Dissipative):
         "invariant": "Simo & Wong 1991; nontwist.integrators.lie_midpoint",
     }
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
 
-    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-        """Return 0 for bodies whose step is explicit, else 1."""
-        return np.asarray(~np.isin(found, (STEADY, DRIVEN)), dtype=np.int64)
-
-    def is_explicit(self, form: int, is_constrained: bool) -> bool:
-        """Whether nothing is to be solved unless a moment in space acts."""
-        return form == 0
+    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+        """Return whether the step is explicit, as Q̃ × Ω is along the axis."""
+        is_quadrature = parts.is_constrained and parts.is_along_frame and not (is_slanted or parts.dead)
+        return "explicit" if is_quadrature else ""
 
 
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
@@ -159,25 +148,16 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
     rates = [
         Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)
     ]  # first guess, and those of the last two steps
-    zero, speed, S = 0.0 * P[0], taxicab(k * P), Variables(columns=(0.0 * plain(P),) * 3 if parts.calls else None)
+    zero, speed, of_state = 0.0 * P[0], taxicab(k * P), MomentOfStep(loads.functions, f, P, False)
     axial = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 
     def equations_at(z: Vector, is_new: Any) -> Any:
-        m, Om = loads.space, turning(acting, loads, P + z)
-        state_moment = loads.functions.moment(f * Om, Om) if parts.calls else None
-        if parts.calls:
-            for _ in when(is_new):
-                S.columns = loads.functions.derivatives(f, False, Om, state_moment)
-        m = sum_of(m, state_moment)
+        moment = of_state.near(turning(acting, loads, P + z), is_new)
 
         def r(z: Vector) -> Vector:
             Q = P + z
             Om = turning(acting, loads, Q)
-            own = m
-            if parts.calls and isinstance(z[0], Dual):
-                columns = Matrix(*S.columns).T
-                own = Vector(*(Dual(x, [row @ w for w in tangents_of(Om)]) for x, row in zip(m, columns, strict=True)))
-            missed: Vector = z - f * torque(acting, loads, Q, Om, own)
+            missed: Vector = z - f * torque(acting, loads, Q, Om, sum_of(loads.space, moment(Om)))
             return missed
 
         return r
@@ -185,11 +165,8 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
     def sizes(z: Vector, d: Vector) -> Any:
         Q = P + z
         Om = turning(acting, loads, Q)
-        terms = taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om)
-        if parts.damping:
-            terms = terms + abs(f) * taxicab(body.damping @ Om)
-        if parts.calls:
-            terms = terms + sum_of(*map(taxicab, S.columns))
+        drag = abs(f) * taxicab(body.damping @ Om) if parts.damping else None
+        terms = sum_of(taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om), drag, of_state.size)
         return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
 
     if parts.is_explicit:
@@ -269,8 +246,7 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
     if moment is not None:
         found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
     if parts.dead and parts.is_constrained:
-        dead = first_moment(Matrix(*(mean(s, a, column) for column in loads.dead.T)).T)
-        found = found._replace(dead=R @ dead)
+        found = found._replace(dead=R @ mean_moment_of_dead(loads.dead, s, a))
     return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
 
 

@@ -85,12 +85,10 @@ class Linearised:
         self.problem, scheme = problem, scheme_of(integrator)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
-        bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
-        form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
-        _, self.middles = scheme.stages(form)
+        bodies = rows_of(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
-        s, wanted, self._factor, self._order = len(self.middles), set(wanted), np.array([scale]), order
+        wanted, self._factor, self._order = set(wanted), np.array([scale]), order
         self._fixed = bodies[0]
         if scheme.chi:
             self._fixed[BODY.dissipation + order - 1] = scheme.chi
@@ -98,14 +96,14 @@ class Linearised:
         about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
-        parts = parts_of(systems, self.load, self._fixed[None], scheme)._replace(
-            lanes=machine_code.lanes(),
-            function=bool(called) if scheme.linear is None else not all(has_potential),
-            generalised=scheme.linear is not None and any(has_potential),
-            forces=False,
-            orbit=about is not None,
-            **dict.fromkeys(wanted & {"moving", "space", "damping", "dead", "spin"}, True),
-        )
+        functions = {
+            "function": bool(called) if scheme.linear is None else not all(has_potential),
+            "generalised": scheme.linear is not None and any(has_potential),
+        }
+        (acting,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **functions)
+        _, self.middles = scheme.stages(acting)
+        s, inputs = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
+        parts = acting._replace(lanes=machine_code.lanes(), forces=False, **dict.fromkeys(inputs, True))
         self._orbit = about
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
@@ -115,11 +113,11 @@ class Linearised:
             self.width += size * (s if name in NODAL else 1)
         table, seeds = scheme.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
-            self._kernel: Any = linearised(scheme.text(form), parts, sizes)
+            self._kernel: Any = linearised(scheme.text(parts.motion), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
-            self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), sizes)
+            self.carried = partial(carried, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
-            self._kernel = scheme.linear(form, parts, sizes)
+            self._kernel = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)

@@ -67,22 +67,34 @@ def has_table(load: Load) -> bool:
     return any(isinstance(term, ForceTable) for term in load.terms)
 
 
-def parts_of(systems: SystemStack, load: Load, bodies: Array, scheme: Compiled) -> Parts:
-    """Return what there is in the march of bodies under a load, as they are marched."""
+def parts_of(
+    systems: SystemStack, load: Load, bodies: Array, scheme: Compiled, **known: bool
+) -> tuple[list[Parts], NDArray[np.int64]]:
+    """Return what there is in marches of bodies under a load, as they are marched, and in which one each body is."""
     kinds, spin = {term.kind for term in load.terms}, systems.spin
-    return Parts(
+    shared = Parts(
         is_director_scheme=scheme.is_director_scheme,
         is_constrained=systems.axis is not None,
         dissipates=bool(scheme.chi),
         moving="body" in kinds,
         space="space" in kinds,
-        damping=bool(bodies[:, BODY.damping : BODY.axis].any()),
-        dead=bool(bodies[:, BODY.dead : BODY.damping].any()),
+        damping=bool(load.damping.any()),
         rotor=bool(load.rotors),
         spin=spin is not None and not spin.is_constant,
         forces=has_table(load),
         is_exact=scheme.action == EXACT,
-    )
+    )._replace(**known)
+    columns = slice(BODY.dead, BODY.damping), slice(BODY.off, BODY.free), slice(BODY.vertical, BODY.dissipation)
+    is_dead, is_slanted, has_vertical = (bodies[:, own].any(axis=1) for own in columns)
+    kinds, which = np.unique(is_dead + 2 * (is_slanted | (spin is not None)) + 4 * has_vertical, return_inverse=True)
+
+    def parts_of_kind(kind: int) -> Parts:
+        parts = shared._replace(dead=bool(kind & 1))
+        return parts._replace(motion=scheme.motion(parts, bool(kind & 2), bool(kind & 4)))
+
+    found = [parts_of_kind(kind) for kind in kinds.tolist()]
+    groups = list(dict.fromkeys(found))
+    return groups, np.array([groups.index(parts) for parts in found])[which]
 
 
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:

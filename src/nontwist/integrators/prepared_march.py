@@ -33,9 +33,9 @@ class PreparedMarch:
 
     def __init__(self, problem: Problem, scheme: Compiled) -> None:
         march = self._march = StackMarch(problem, scheme)
-        form = int(march.forms[0])
-        march.sample(form, 0, problem.steps)
-        self._todo = listed(march, form, 1, 0, problem.steps)
+        (parts,) = march.groups
+        march.sample(parts, 0, problem.steps)
+        self._todo = listed(march, parts, 1, 0, problem.steps)
         self._unit, self._threads, self._run = float(march.bodies[0, BODY.unit]), local(), run_prepared.function
         self._factors = march.factors[0]
         self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}

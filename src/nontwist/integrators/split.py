@@ -61,10 +61,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..engine.bodies import DRIVEN, FREE, HEAVY, MOVED, STEADY
 from ..engine.marching import FARTHEST, UNIT, Step, Text
 from ..engine.observation import integrate, observe
-from ..engine.records import Body, State
+from ..engine.records import Body, Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.turning import exponential, magnus, turned, turned_on
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
@@ -168,22 +167,22 @@ class Split(Compiled):
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
 
-    def stages(self, form: int) -> tuple[Array, Array]:
+    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+        """Return whether the step is explicit: kicks of a standard body, quadrature of a non-twisting one."""
+        return "explicit" if parts.is_along_frame and not (parts.is_constrained and parts.dead) else ""
+
+    def stages(self, parts: Parts) -> tuple[Array, Array]:
         """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame.
 
         Nodes of substeps are their middles.
         """
-        if form in (STEADY, DRIVEN):
+        if parts.is_constrained and parts.is_explicit:
             return ONCE, GAUSS[self.order].nodes
         return fractions(self.order), nodes(self.order)
-
-    def is_explicit(self, form: int, is_constrained: bool) -> bool:
-        """Whether nothing is to be solved unless a moment in space acts."""
-        return form in ((STEADY, DRIVEN) if is_constrained else (FREE, MOVED, HEAVY))
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why rotors, a prescribed spin, or a constrained axis that is not principal are not accepted."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import atan
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,16 @@ def velocity_of(body: Body, P: Vector) -> Vector:
     return body.velocity_of(P)
 
 
+class Needs(NamedTuple):
+    """What the march of a scheme has to have."""
+
+    action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
+    table: Array | None = None  # coefficients
+    within: Array | None = None  # c, b, polynomials, for guesses of substeps
+    carried: int = 0  # numbers of a member beside `State`
+    scratch: tuple[int, int] = (0, 0)  # numbers beside the workspace: of each body in lanes, of all
+
+
 @dataclass(frozen=True)
 class Compiled(Integrator):
     """A compiled step, by default a midpoint step of order 2, for one body and for stacks.
@@ -42,6 +52,7 @@ class Compiled(Integrator):
     in_lanes: ClassVar[bool] = True  # whether bodies are marched side by side
     # What linearises steps, of what there is, and of the inputs asked for; None: the text itself.
     linear: ClassVar[Any] = None
+    dissipation = 0.0  # its degree χ
     order: int = 2
 
     @abstractmethod
@@ -66,34 +77,10 @@ class Compiled(Integrator):
         """Return the fractions of a step that are taken at once, and its nodes of the load; by default the middle."""
         return ONCE, MIDDLE
 
-    def scratch(self, lanes: int) -> int:
-        """Return how many numbers a march needs beside the workspace."""
-        return 0
-
     @property
-    def carried(self) -> int:
-        """How many numbers a member carries beside `State`."""
-        return 0
-
-    @property
-    def table(self) -> Array | None:
-        """Coefficients of the scheme."""
-        return None
-
-    @property
-    def within(self) -> Array | None:
-        """c, b, polynomials, for guesses of substeps."""
-        return None
-
-    @property
-    def action(self) -> int:
-        """What director forces and potentials are for it (`engine.generalised`)."""
-        return MOMENT
-
-    @property
-    def chi(self) -> float:
-        """The degree of dissipation."""
-        return 0.0
+    def needs(self) -> Needs:
+        """What a march has to have for it."""
+        return Needs()
 
     @property
     def effort(self) -> float:

@@ -102,6 +102,7 @@ from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
 from .base import Problem
+from .compiled import Needs
 from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
 
@@ -171,9 +172,9 @@ class EnergyMomentum(Dissipative):
         return TEXT
 
     @property
-    def action(self) -> int:
-        """What director forces and potentials are for it."""
-        return PAPER if self.moments == "paper" else EXACT
+    def needs(self) -> Needs:
+        """What a march has to have: director forces and potentials in the form that `moments` names."""
+        return Needs(PAPER if self.moments == "paper" else EXACT)
 
 
 LENGTHS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1

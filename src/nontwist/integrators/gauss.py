@@ -105,7 +105,7 @@ from ..kernels.vectors import (
     taxicab,
 )
 from .base import Problem
-from .compiled import ONCE, Compiled, velocity_of
+from .compiled import ONCE, Compiled, Needs, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_newton import lanes_where, rows_by_elimination, solve
@@ -228,30 +228,12 @@ class Gauss(Compiled):
 
         return linearised(self.nodes, parts.motion, parts, wanted)
 
-    def scratch(self, lanes: int) -> int:
-        """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
-        m = 3 * WIDTH
-        return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
-
     @property
-    def carried(self) -> int:
-        """How many numbers a body carries beside its state: the increments of its last step."""
-        return COMPONENTS * self.nodes
-
-    @property
-    def table(self) -> Array:
-        """The coefficients of the collocation."""
-        return table(self.order)
-
-    @property
-    def within(self) -> Array:
-        """What guesses of substeps are made of."""
-        return within(self.order)
-
-    @property
-    def action(self) -> int:
-        """What director forces and potentials are for it: torques at the stages."""
-        return STAGE
+    def needs(self) -> Needs:
+        """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
+        m, increments = 3 * WIDTH, COMPONENTS * self.nodes
+        scratch = size_of(Stage) * WIDTH, m * (4 * m + 5) + WIDTH
+        return Needs(STAGE, table(self.order), within(self.order), increments, scratch)
 
 
 def unresolved(problem: Problem, s: int) -> str | None:

@@ -78,7 +78,7 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        within, size = march.scheme.within, march.shapes["states"][1]
+        within, size = march.needs.within, march.shapes["states"][1]
         stages = 0 if within is None else march.scheme.nodes  # that substeps are guessed from
         rows, reals, others = _with_outputs(march, parts, first, last, coasting)
         side = march.kernel(parts, width, observes=False).address

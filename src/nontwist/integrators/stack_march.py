@@ -27,7 +27,6 @@ from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, 
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
-from .carried import factors, is_start
 from .coasting import Coasting
 from .compiled import Compiled
 from .listing import Listed, Outputs, legs, listed
@@ -39,6 +38,7 @@ NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; whe
 SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
 SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
 NEVER = np.array([0, 2**62])  # steps at which a march stores a state by itself
+EPS, SAME = 2.0**-52, 1e-12
 
 
 class StackMarch:
@@ -52,9 +52,9 @@ class StackMarch:
         Which of them marches each member.
     """
 
-    def __init__(self, stack: Problem, scheme: Compiled, **known: bool) -> None:
+    def __init__(self, stack: Problem, scheme: Compiled, **known: Any) -> None:
         """Lay out a stack; `known` are parts that there are in any case."""
-        self.stack, self.scheme = stack, scheme
+        self.stack, self.scheme, self.needs = stack, scheme, scheme.needs
         self.outputs = None if stack.asked is None else Outputs(stack)
         m, director = len(stack), scheme.is_director_scheme
         count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
@@ -65,21 +65,21 @@ class StackMarch:
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
         systems, self.load = as_marched(stack, director)
-        self.about = orbit_of(systems, self.load, self.unit) if scheme.action == STAGE else None
+        self.about = orbit_of(systems, self.load, self.unit) if self.needs.action == STAGE else None
         self.bodies = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
-        if scheme.chi:
-            self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.chi
-        self.called = Called(self.load, scheme.action)
+        if scheme.dissipation:
+            self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
+        self.called = Called(self.load, self.needs.action)
         known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
         self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
         self.group = np.broadcast_to(group, m)
         self.parts = self.groups[0]._replace(dead=any(parts.dead for parts in self.groups))
         self.sequence = FIRST if m == 1 else np.argsort(self.group, kind="stable")
-        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], scheme.table
+        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
         self.stages = {parts: scheme.stages(parts) for parts in self.groups}
         self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
-        size, none = STATE.size + scheme.carried, (0,)
+        size, none = STATE.size + self.needs.carried, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),
@@ -104,7 +104,7 @@ class StackMarch:
             self.block,
             BLOCK,
             is_constrained=stack.systems.axis is not None,
-            action=scheme.action,
+            action=self.needs.action,
             function=self.called.address,
         )
         put(self.block, BLOCK, generalised=self.called.generalised, terms=self.called.terms, orbit=self.about)
@@ -117,7 +117,7 @@ class StackMarch:
         self.loads, self.count = NOTHING, 1
         self.begin(stack)
 
-    def kernel(self, parts: Parts, width: int = 1, **changes: bool) -> Any:
+    def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
         nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
         return kernel_of(
@@ -324,7 +324,38 @@ class StackMarch:
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
-        workspace = aligned(width * WORK.size + self.scheme.scratch(width))
+        each, shared = self.needs.scratch
+        workspace = aligned(width * (WORK.size + each) + shared)
         put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
+
+
+def factors(scheme: Compiled, bodies: Array, unit: float, size: int) -> Array:
+    """Return what `size` carried numbers are multiplied by to have the units of the caller, (m or 1, size)."""
+    found = np.ones((len(bodies), size))
+    moment = bodies[:, BODY.unit, None]
+    if scheme.is_director_scheme:
+        found[:, STATE.s :] = 1 / unit
+    else:
+        found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * unit, moment
+    found[:, STATE.c : STATE.auxiliary] = 1.0
+    if (more := size - STATE.size) > 0:  # increments of the momentum, and of directions
+        found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * unit, 1.0
+    return found
+
+
+def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
+    """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
+    sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
+    apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
+    apart += [_apart(carried, states, slice(STATE.s, STATE.compensation))]
+    if scheme.is_director_scheme:
+        apart += [_apart(carried, states, slice(STATE.auxiliary, STATE.size))]
+    apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
+    return not max(apart) > SAME
+
+
+def _apart(a: Array, b: Array, part: slice) -> float:
+    size = abs(b[:, STATE.s : STATE.compensation]).max()
+    return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())

@@ -356,11 +356,7 @@ def composed(acting: Nodes, state: State) -> Step:
 
     count = parts.nodes
     for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):
-        part = (
-            acting.fraction(i)
-            if parts.is_constrained
-            else select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
-        )
+        part = select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
         length = h * part
         if parts.is_constrained:
             v.far = is_too_far(length * (body.k * v.state.s))
@@ -380,13 +376,11 @@ def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> Non
     """Change the momentum by the moments of a substep; turn a body that is held."""
     parts, k, now, mu = acting.parts, acting.body.k, v.state, 0.0 * h
     if parts.is_explicit:
-        torque, load = moments(acting.loads(), k * now.s)
-        R = acting.R
+        (torque, load), R = moments(acting.loads(), k * now.s), acting.R
     else:
         v.stalled, used, v.residual, (torque, load, R) = solved(acting, h, now)
         v.used = larger(used, v.used)
-    dP = Vector(torque[0], torque[1], torque[2] * acting.body.free)
-    dP = h * dP
+    dP = h * Vector(torque[0], torque[1], torque[2] * acting.body.free)
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V

@@ -33,6 +33,7 @@ from ..kernels.elements import any_of, fma, larger, select, smaller, sqrt, witho
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, doubles, size_of
 from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
+from .newton import Solution
 from .observation import begin_observing, extend, integrate, observe
 from .records import NODAL, Block, Body, Parts, State, Work
 from .sampling import Nodes
@@ -97,6 +98,15 @@ def turned_by_half(p: Quaternion, c: Quaternion, a: Vector) -> tuple[Quaternion,
     """Return `turned_by` for the rotation cay(2a), which has the quaternion (1, a)/|(1, a)|."""
     f = sqrt(1.0 / (1.0 + a @ a))
     return turned_by(p, c, a, f, f - 1.0)
+
+
+def midpoint_step(state: State, a: Vector, change: Vector, auxiliary: Any, found: Solution) -> Step:
+    """Return the step that turns by cay(2a) and changes s, by the solution of its equations; to half a turn."""
+    p, c, gap = turned_by_half(state.p, state.c, a)
+    s, compensation = compensated(state.s, state.compensation, change)
+    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
+    after = State(p, s, compensation, c, auxiliary)
+    return Step(after, found.stalled, far, gap, found.used, found.residual, turn)
 
 
 _kernels: dict[tuple[Text, Parts], Kernel] = {}

@@ -90,7 +90,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from ..engine.generalised import EXACT, PAPER
-from ..engine.marching import PI, Step, Text, turned_by_half
+from ..engine.marching import Step, Text, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, Nodes
@@ -100,7 +100,7 @@ from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
-from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
+from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .base import Problem
 from .compiled import Needs
 from .dissipative import Dissipative
@@ -218,9 +218,9 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         return size, EPS * speed, sum_of(terms, drag, of_state.size)
 
     guess = Vector(-0.0, -0.0, -W[2] if parts.is_constrained else -0.0)
-    y, used, left, stalled = solve(
-        equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls or parts.dissipates
-    )
+    is_long = parts.calls or parts.dissipates
+    solution = solve(equations_at, sizes, guess, is_active, parts.is_constrained, is_long)
+    y = solution.y
     Om = W + y
     a = f * Om
     s = shrinking(a)
@@ -230,12 +230,8 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
     Mt = twice_mean_transposed(s, a)
     X = Matrix(*(Mt @ row for row in Y))
-    change = 0.5 * Vector(X[1][2] - X[2][1], X[2][0] - X[0][2], X[0][1] - X[1][0])
-    p, c, gap = turned_by_half(state.p, state.c, a)
-    next_W, compensation = compensated(W, state.compensation, change)
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
-    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
-    found = Step(State(p, next_W, compensation, c, N_next), stalled, far, gap, used, left, turn)
+    found = midpoint_step(state, a, 0.5 * first_moment(X), N_next, solution)
     return multipliers(acting, start, found, a, s, Y, Mt, loads) if parts.tells else found
 
 

@@ -68,13 +68,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..engine.marching import PI, Step, Text, turned_by_half
-from ..engine.newton import EPS, solve
+from ..engine.marching import Step, Text, midpoint_step
+from ..engine.newton import EPS, Solution, solve
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..kernels.elements import fma, select, sqrt
-from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
+from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
 from .compiled import velocity_of
 from .dissipative import Dissipative
 
@@ -172,23 +172,17 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
     if parts.is_explicit:
         M = loads.moving
         z = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
-        used = left = zero
-        stalled = zero > 1.0
+        solution, auxiliary = Solution(z, zero, zero, zero > 1.0), state.auxiliary
     else:
         guess = h * rates[0]
         guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
-        z, used, left, stalled = solve(equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls)
-    Om = turning(acting, loads, P + z)
-    a = f * Om
-    p, c, gap = turned_by_half(state.p, state.c, a)
-    ahead, compensation = compensated(P, state.compensation, 2.0 * z)
-    auxiliary = state.auxiliary
-    if not parts.is_explicit:
-        rate = (1.0 / h) * z
+        solution = solve(equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls)
+        z, rate = solution.y, (1.0 / h) * solution.y
         parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
         auxiliary = (*parabola, *rate, *rates[1])
-    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
-    found = Step(State(p, ahead, compensation, c, auxiliary), stalled, far, gap, used, 2.0 * left, turn)
+    Om = turning(acting, loads, P + z)
+    solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
+    found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
     return means(acting, loads, found, P, z, Om, axial) if parts.tells else found
 
 

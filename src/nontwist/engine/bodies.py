@@ -57,7 +57,6 @@ def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = O
 def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
-    assert systems.dead_force is not None
     e = np.maximum(E[:, range(3), range(3)], 0.0)
     if principal and free:
         order = np.argsort(-e, axis=1, kind="stable")

@@ -71,8 +71,7 @@ class Nodes:
 
     def seen(self, x: Vector) -> Vector:
         """Return a vector in space as seen at the beginning of the step."""
-        f: Vector = x @ self.R
-        return f
+        return x @ self.R
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame at a node of the step, in b."""
@@ -116,5 +115,4 @@ class Nodes:
         )
 
     def _along(self, name: str, place: Any) -> Vector:
-        found: Vector = (self._scale * vector_at(self._arrays[name], place)) @ self.body.basis
-        return found
+        return (self._scale * vector_at(self._arrays[name], place)) @ self.body.basis

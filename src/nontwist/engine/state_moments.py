@@ -104,8 +104,7 @@ class Functions(NamedTuple):
                 a = Vector(*(x + select(j == k, LEAST_TURN, 0.0) for k, x in enumerate(here)))
                 turned = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
                 v.S = v.S[0], v.S[1], select(is_slow, turned, column)
-        found: tuple[Vector, ...] = v.S
-        return found
+        return v.S
 
 
 class MomentOfStep:

@@ -410,8 +410,7 @@ def next_lengths(f: Any, chi: Any, W: Vector, N: Matrix, Om: Vector) -> Vector:
     for _ in loop(LENGTHS):
         nearer = [approached(chi, v, p, A, V) for (V, v, A), p in zip(directors, x.p, strict=True)]
         x.p = Vector(*(larger(p, 0.0 * p) for p in nearer))
-    found: Vector = x.p
-    return found
+    return x.p
 
 
 def gammas_at(start: Start, Om: Vector, lengths: Vector) -> Vector:

@@ -344,8 +344,7 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
         for j in loop(y.number):
             stage = y.one(j)
             total.m = total.m + y.table[TABLE.weights + j] * moment(stage, rows_of(stage))
-        found: Vector = R @ total.m
-        return found
+        return R @ total.m
 
     if has_own or has_push:
         moment = mean(
@@ -439,8 +438,7 @@ def about_a_line(y: Stages, h: Any, name: str, g0: Vector, g1: Vector, f: Any) -
 def line(w: Vector, g0: Vector, g1: Vector) -> Vector:
     """Return r, along w or its opposite."""
     d = select(w @ w > FAINT, 1.0 / (sqrt(w @ w) + TINY), 0.0)
-    r: Vector = select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
-    return r
+    return select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
 
 
 def arc(angle: Vector, g: Vector, r: Vector) -> Any:

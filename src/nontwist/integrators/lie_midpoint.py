@@ -157,8 +157,7 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         def r(z: Vector) -> Vector:
             Q = P + z
             Om = turning(acting, loads, Q)
-            missed: Vector = z - f * torque(acting, loads, Q, Om, sum_of(loads.space, moment(Om)))
-            return missed
+            return z - f * torque(acting, loads, Q, Om, sum_of(loads.space, moment(Om)))
 
         return r
 
@@ -193,8 +192,7 @@ def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
         return W
     (first, second), half = body.dissipation, 0.5 * acting.h / (body.E[0] + body.E[1] + body.E[2])  # h/tr J
     g = half * (first + acting.h * (second * sqrt(W @ W)))
-    found: Vector = fma(g, cross(sum_of(Q, loads.rotor), W), W)
-    return found
+    return fma(g, cross(sum_of(Q, loads.rotor), W), W)
 
 
 def torque(acting: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
@@ -220,8 +218,7 @@ def along_the_frame(loads: Loads, Om: Vector) -> Any:
 def dead_moment(F: Matrix, a: Vector) -> Vector:
     """Return ``(I - â) Σ M e_i × F_i = (I - s a aᵀ) k`` with ``k = Σ e_i × (F_i - a × F_i)``."""
     k = first_moment(F) - (F.trace * a - a @ F)
-    found: Vector = k - ((a @ k) / (1.0 + a @ a)) * a
-    return found
+    return k - ((a @ k) / (1.0 + a @ a)) * a
 
 
 def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:

@@ -120,7 +120,6 @@ def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack,
     force = np.zeros((3, 3))
     for term in linear:
         force += term.scale * np.asarray(term.dead_force)
-    assert systems.dead_force is not None
     dead = systems.dead_force + problem.load_scale[:, None, None] * force
     m = len(dead)
     axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))

@@ -323,8 +323,7 @@ def quadrature(acting: Nodes, state: State) -> Step:
         return P + change(weights)
 
     def change(weights: Array) -> Vector:
-        found: Vector = h * sum_of(*(float(w) * B for w, B in zip(weights, across, strict=True)))
-        return found
+        return h * sum_of(*(float(w) * B for w, B in zip(weights, across, strict=True)))
 
     Pi, dP = [momentum(row) for row in rule.matrix], change(rule.weights)
     W = [k * x for x in Pi]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.attitudes import quaternion_column
 from ..loads import Load
 from ..models.stack import SystemStack
 from .records import BODY
@@ -117,14 +118,7 @@ def bases_of(axis: Array) -> Array:
 
 
 def quaternions(R: Array) -> Array:
-    """Return unit quaternions, scalar first, of rotations (m, 3, 3), by the largest component of each (Shepperd)."""
-    d = R[:, range(3), range(3)]
-    squares = np.concatenate([1 + d.sum(1, keepdims=True), 1 + 2 * d - d.sum(1, keepdims=True)], axis=1)
-    A = np.empty((len(R), 4, 4))
-    A[:, range(4), range(4)] = squares
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        A[:, 0, i + 1] = A[:, i + 1, 0] = R[:, k, j] - R[:, j, k]
-        A[:, j + 1, k + 1] = A[:, k + 1, j + 1] = R[:, k, j] + R[:, j, k]
-    p: Array = A[range(len(R)), squares.argmax(1)]
+    """Return unit quaternions, scalar first, of rotations (m, 3, 3)."""
+    p = quaternion_column(R)
     p /= np.sqrt((p * p).sum(1))[:, None]
     return p

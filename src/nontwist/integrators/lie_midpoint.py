@@ -152,18 +152,18 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
     axial = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 
     def equations_at(z: Vector, is_new: Any) -> Any:
-        moment = of_state.near(turning(acting, loads, P + z), is_new)
+        moment = of_state.near(velocity_in_step(acting, loads, P + z), is_new)
 
         def r(z: Vector) -> Vector:
             Q = P + z
-            Om = turning(acting, loads, Q)
+            Om = velocity_in_step(acting, loads, Q)
             return z - f * torque(acting, loads, Q, Om, sum_of(loads.space, moment(Om)))
 
         return r
 
     def sizes(z: Vector, d: Vector) -> Any:
         Q = P + z
-        Om = turning(acting, loads, Q)
+        Om = velocity_in_step(acting, loads, Q)
         drag = abs(f) * taxicab(body.damping @ Om) if parts.damping else None
         terms = sum_of(taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om), drag, of_state.size)
         return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
@@ -179,13 +179,13 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         z, rate = solution.y, (1.0 / h) * solution.y
         parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
         auxiliary = (*parabola, *rate, *rates[1])
-    Om = turning(acting, loads, P + z)
+    Om = velocity_in_step(acting, loads, P + z)
     solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
     found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
     return means(acting, loads, found, P, z, Om, axial) if parts.tells else found
 
 
-def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
+def velocity_in_step(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
     """Return Ω: the velocity of the momentum Q, and what it turns by beside that under dissipation."""
     body, W = acting.body, acting.body.velocity_of(Q)
     if not acting.parts.dissipates:

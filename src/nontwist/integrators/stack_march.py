@@ -100,14 +100,9 @@ class StackMarch:
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
         put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)
-        put(
-            self.block,
-            BLOCK,
-            is_constrained=stack.systems.axis is not None,
-            action=self.needs.action,
-            function=self.called.address,
-        )
-        put(self.block, BLOCK, generalised=self.called.generalised, terms=self.called.terms, orbit=self.about)
+        put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
+        function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
+        put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
@@ -135,9 +130,6 @@ class StackMarch:
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
-        if len(numbers) == 2:
-            one: Array = np.diff(stored) * self.sizes[0, 0]
-            return one
         inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
         places = np.searchsorted(stored, inner)
         more = stored[places] != inner

@@ -64,7 +64,7 @@ class LieEuler(Compiled):
             return None
         return "lie-euler takes free bodies, with damping or without; use lie-midpoint"
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return Text(step, velocity_of)
 

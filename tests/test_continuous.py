@@ -92,7 +92,7 @@ REFUSED = {
     ),
     "unsorted": (
         lambda: simulate(standard([1, 1, 1]), times=[0, 2, 1], integrator="continuous"),
-        "times must increase, but times[2] = 1 follows 2",
+        "times must increase, but times[2] = 1 follows times[1] = 2",
     ),
     "outside": (
         lambda: simulate(standard([1, 1, 1]), times=[-1, 2], integrator="continuous"),

@@ -9,7 +9,6 @@ import pytest
 
 import nontwist as nt
 import texts_rule
-from nontwist.engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED, PUSHED, STEADY
 from nontwist.integrators import gauss_newton
 from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
 from test_marching import START, loaded, on_floats
@@ -54,10 +53,11 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request, mo
             assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
 
 
-def test_each_form_has_a_text():
-    texts = {form: nt.Gauss(8).text(form) for form in (STEADY, DRIVEN, FREE, MOVED, HEAVY, PUSHED, ANY)}
-    assert nt.Gauss(8).text(FREE) is texts[FREE]
-    assert nt.Gauss(4).text(FREE) is not texts[FREE]
+def test_each_kind_of_motion_has_a_text():
+    texts = {motion: nt.Gauss(8).text(motion) for motion in ("steady", "free", "moved", "heavy", "rows")}
+    assert len(set(texts.values())) == 5
+    assert nt.Gauss(8).text("free") is texts["free"]
+    assert nt.Gauss(4).text("free") is not texts["free"]
 
 
 def test_rows_that_turn_with_the_body():

@@ -62,7 +62,7 @@ def prepared(name, order, body, load):
         owned = [self.arrays["states"].base, self.sequence, self.stack.stored, self.bodies, self.scales, self.sizes]
         fractions = [gamma for gamma, _ in self.stages.values()]
         owned += [a for a in (self.table, self.lengths, workspace, *self.loads, *fractions) if a is not None]
-        found.append((self.kernel(int(self.forms[0]), width), block, [np.ascontiguousarray(a) for a in owned]))
+        found.append((self.kernel(self.groups[0], width), block, [np.ascontiguousarray(a) for a in owned]))
         found[-1][2][0] = found[-1][2][0].copy(), found[-1][2][0].ctypes.data
         sound(self, todo, width, first, last)
 

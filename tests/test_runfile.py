@@ -288,7 +288,7 @@ ONE_LINE = {
     "step": (
         BODY + TIME.replace("0.1", "0.3"),
         "time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
-        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, and "
+        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most",
     ),
     "10^12 steps": (
@@ -298,7 +298,7 @@ ONE_LINE = {
     "automatic step": (
         f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
         "time.step: missing (the automatic step would take 2e+10 steps of at most 0.05 rad, more than 1e+07; choose a "
-        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, and "
+        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most",
     ),
     "store": (

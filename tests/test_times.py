@@ -224,7 +224,7 @@ def test_times_are_checked():
     body = standard([3, 4, 5])
     for how, message in (
         ({"times": [0, 1], "store": 2}, "with times= leave store= out"),
-        ({"times": [0.5, 0.5]}, "times must increase, but times[1] = 0.5 follows 0.5"),
+        ({"times": [0.5, 0.5]}, "times must increase, but times[1] = 0.5 follows times[0] = 0.5"),
         ({"times": [0.5, 3], "t_end": 2}, "times contains 3 s, outside of the run from 0 s to 2 s"),
         ({}, "give t_end= or times="),
     ):

@@ -20,8 +20,7 @@ CLASS = (
     "   :members:",
     "   :special-members: __call__",
     "   :member-order: bysource",
-    "   :exclude-members: model_config, model_post_init, action, carried, forms, is_explicit, linear, scratch, stages, "
-    "table, text, within",  # of a compiled integrator: what its steps are marched with
+    "   :exclude-members: model_config, model_post_init, linear, motion, needs, stages, text",  # of integrators
 )
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.arrays import Array, as_array, as_positive, increasing
 from ..geometry.values import as_whole, counted, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
@@ -208,9 +208,8 @@ def asked_times(
     asked = as_array(times, "times", (None,))
     if asked.size == 0:
         raise ValueError("times is empty")
-    if asked.size > 1 and (gaps := np.diff(asked)).min() <= 0:
-        k = int(np.argmax(gaps <= 0))
-        raise ValueError(f"times must increase, but times[{k + 1}] = {asked[k + 1]:g} follows {asked[k]:g}")
+    if asked.size > 1:
+        increasing(asked)
     if asked[0] < t_start or (t_end is not None and asked[-1] > t_end):
         outside = asked[0] if asked[0] < t_start else asked[-1]
         end = "" if t_end is None else f" to {t_end:g} s"

@@ -95,7 +95,7 @@ class Parameters:
                     self.all.append(Parameter(name, tuple(labels), unit, first, term, field))
                     first += len(labels)
         self.count = first
-        if scheme.is_director_scheme and scheme.chi and any(one.name == "inertia" for one in self.all):
+        if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
             raise ValueError(
                 "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
                 "principal axes that its equations are written in; use principal_inertia"

@@ -110,9 +110,15 @@ class Known:
 
 
 @lru_cache(maxsize=16)
-def known(plan: Plan, grid: Stretches) -> Known:
-    """Return the cached knowledge of a plan."""
+def _cached(plan: Plan, grid: Stretches) -> Known:
     return Known()
+
+
+def known(plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()) -> Known:
+    """Return what is known of a plan: cached where the run is so plain and small, else nothing yet."""
+    is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.asked is None
+    is_small = is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
+    return _cached(plan, grid) if is_small else Known()
 
 
 def run_of(
@@ -141,13 +147,10 @@ def run_of(
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
-        cached = known(plan, plan.grid) if is_cached(plan, begin, plan.grid, progress, events) else None
-        if cached is None or not cached.is_quiet:
-            is_quiet = check_cost(plan, begin, plan.grid)
-            if cached is not None:
-                cached.is_quiet = is_quiet
+        cached = known(plan, begin, plan.grid, progress, events)
+        cached.is_quiet = cached.is_quiet or check_cost(plan, begin, plan.grid)
         run = integrated(plan, begin, plan.grid, progress, events, cached)
-        return with_warning(plan, run, cached.prepared if cached else None)
+        return with_warning(plan, run, cached.prepared)
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.paced, plan.t_start, plan.t_end
@@ -156,8 +159,7 @@ def run_of(
     check_cost(plan, begin, grid)
     while True:
         try:
-            cached = known(plan, grid) if is_cached(plan, begin, grid, progress) else None
-            run = integrated(plan, begin, grid, progress, (), cached)
+            run = integrated(plan, begin, grid, progress, (), known(plan, begin, grid, progress))
         except SimulationError as error:
             if error.status not in (Status.TURN, Status.STALLED):
                 raise
@@ -252,14 +254,6 @@ def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = 
     return is_quiet & warn_of_step(scheme, whole)
 
 
-def is_cached(
-    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
-) -> bool:
-    """Whether a run is so plain and small that what is known of its plan is cached."""
-    is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.asked is None
-    return is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
-
-
 def integrated(
     plan: Plan,
     begin: Starts,
@@ -273,14 +267,14 @@ def integrated(
         problem = replace(plan.problem(begin, grid), intervals=True)
         found = event_runs.march(plan.scheme, problem, events)
         return trajectory(plan, replace(problem, asked=found.times), found.outcome, found)
-    if cached is not None and cached.has_run:
+    if cached and cached.has_run:
         if cached.prepared is None:
             require_resolution(plan.t_start, plan.t_end, grid)
             cached.prepared = PreparedPlan(plan, grid)
         run = cached.prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
-    elif cached is not None:
+    elif cached:
         cached.has_run = True
     problem = replace(plan.problem(begin, grid), intervals=plan.means)
     if not progress:

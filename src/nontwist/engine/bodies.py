@@ -12,16 +12,15 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..geometry.attitudes import quaternion_column
 from ..loads import Load
 from ..models.stack import SystemStack
 from .records import BODY
 
 ONE = np.ones(1)
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
-STEADY, DRIVEN, FREE, MOVED, HEAVY, PUSHED, ANY = range(7)
 
 
 def power_of_two(x: Array) -> Array:
@@ -36,14 +35,10 @@ class Fixed(NamedTuple):
     rows: Array  # (m, BODY.size), dead forces in the units of the caller
     basis: Array  # (m, 3, 3)
     mass_unit: Array  # (m,) M
-    is_slanted: NDArray[np.bool_]  # whether J31 or J32 is not 0
-    is_heavy: NDArray[np.bool_]
 
 
-def rows_of(
-    systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False
-) -> tuple[Array, NDArray[np.int64]]:
-    """Return the numbers of each body, (m, BODY.size), and the form of its step; damping is times `scale`.
+def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:
+    """Return the numbers of each body, (m, BODY.size); damping is times `scale`.
 
     `principal`: the scheme takes constrained axes for principal ones, and wants principal moments in ascending order.
     """
@@ -51,25 +46,18 @@ def rows_of(
     rows, force = fixed.rows.copy(), time_unit * time_unit / fixed.mass_unit
     rows[:, BODY.dead : BODY.damping] *= force[:, None]
     rows[:, BODY.unit] = 1 / force
-    is_loaded, kinds = bool(load.terms), {term.kind for term in load.terms}
-    plain = (FREE, MOVED)[is_loaded] if systems.axis is None else (STEADY, DRIVEN)[is_loaded]
     if load.terms:
         C = load.damping
         if C.any():
             turned = fixed.basis.swapaxes(1, 2) @ (scale[:, None, None] * C) @ fixed.basis
             rows = np.broadcast_to(rows, (len(turned), BODY.size)).copy()
             rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) * force[:, None] / time_unit
-    if kinds <= {"body"}:
-        form = np.where(fixed.is_heavy, HEAVY, plain)
-    else:
-        form = np.where(fixed.is_heavy | (not kinds <= {"body", "space"}), ANY, PUSHED)
-    return rows, np.where(fixed.is_slanted | (systems.spin is not None), ANY, form)
+    return rows
 
 
 def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
-    assert systems.dead_force is not None
     e = np.maximum(E[:, range(3), range(3)], 0.0)
     if principal and free:
         order = np.argsort(-e, axis=1, kind="stable")
@@ -88,8 +76,7 @@ def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     row[:, BODY.dead : BODY.damping] = (basis.swapaxes(1, 2) @ systems.dead_force).reshape(m, 9)
     row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
     row[:, BODY.vertical : BODY.dissipation] = systems.vertical
-    is_slanted, is_heavy = off.any(1) & (not principal), row[:, BODY.dead : BODY.damping].any(1)
-    return Fixed(row, basis, M, np.array(is_slanted), np.array(is_heavy))
+    return Fixed(row, basis, M)
 
 
 _fixed_of_one = lru_cache(maxsize=64)(_fixed)
@@ -131,14 +118,7 @@ def bases_of(axis: Array) -> Array:
 
 
 def quaternions(R: Array) -> Array:
-    """Return unit quaternions, scalar first, of rotations (m, 3, 3), by the largest component of each (Shepperd)."""
-    d = R[:, range(3), range(3)]
-    squares = np.concatenate([1 + d.sum(1, keepdims=True), 1 + 2 * d - d.sum(1, keepdims=True)], axis=1)
-    A = np.empty((len(R), 4, 4))
-    A[:, range(4), range(4)] = squares
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        A[:, 0, i + 1] = A[:, i + 1, 0] = R[:, k, j] - R[:, j, k]
-        A[:, j + 1, k + 1] = A[:, k + 1, j + 1] = R[:, k, j] + R[:, j, k]
-    p: Array = A[range(len(R)), squares.argmax(1)]
+    """Return unit quaternions, scalar first, of rotations (m, 3, 3)."""
+    p = quaternion_column(R)
     p /= np.sqrt((p * p).sum(1))[:, None]
     return p

@@ -215,8 +215,7 @@ class Potential(NamedTuple):
         for _ in when(term.kind == ORBITING):
             angle = term.stiffness * (self.state.t - term.rest)
             v.a = cos(angle) * v.a + sin(angle) * vector_at(self.row, TERM.vectors + 3)
-        found: Vector = v.a
-        return found
+        return v.a
 
     def gradient(self, n: Any, g: Vector) -> Vector:
         """Return the discrete gradient by the vector number n, seen as g; the first one calls the function."""
@@ -231,8 +230,7 @@ class Potential(NamedTuple):
             for _ in when(n == 0):
                 self.evaluate()
             v.gradient = (2.0 * scratch[1 + 3 * term.dimension]) * delta + vector_at(scratch, 1 + 3 * n)
-        found: Vector = v.gradient
-        return found
+        return v.gradient
 
     def put_seen(self, sign: float) -> None:
         """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
@@ -279,8 +277,7 @@ def without_turn(d: Matrix, m: Vector) -> Vector:
     D = d.T @ d
     trace, rows = D.trace, (-D).T
     columns = (Vector(*(trace + x if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rows))
-    x: Vector = inverse_of(*columns) @ m
-    return x
+    return inverse_of(*columns) @ m
 
 
 def put_moments(state: State) -> tuple[Vector, Vector]:

@@ -571,7 +571,7 @@ class Loaded(Directions):
 
 
 @lru_cache
-def carried(text: Text, parts: Parts, wanted: Wanted, is_explicit: bool, inputs: tuple[int, ...]) -> Kernel:
+def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
     places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
@@ -592,8 +592,7 @@ def carried(text: Text, parts: Parts, wanted: Wanted, is_explicit: bool, inputs:
             R, W = attitude(now.p), text.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             with solving(solved):
-                own_parts = parts._replace(is_explicit=is_explicit)
-                found = text.step(Known(own_parts, body, at, scale, none, R), now, at.h == at.h)
+                found = text.step(Known(parts, body, at, scale, none, R), now, at.h == at.h)
                 solved.begin()
                 values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
                 changes_of(text, Known(parts, body, at, scale, values, R, now=now), W, N)

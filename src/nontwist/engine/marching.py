@@ -32,7 +32,8 @@ from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, select, smaller, sqrt, without
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, doubles, size_of
-from ..kernels.vectors import Quaternion, Symmetric, Vector, compensated, cross, taxicab
+from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
+from .newton import Solution
 from .observation import begin_observing, extend, integrate, observe
 from .records import NODAL, Block, Body, Parts, State, Work
 from .sampling import Nodes
@@ -99,6 +100,15 @@ def turned_by_half(p: Quaternion, c: Quaternion, a: Vector) -> tuple[Quaternion,
     return turned_by(p, c, a, f, f - 1.0)
 
 
+def midpoint_step(state: State, a: Vector, change: Vector, auxiliary: Any, found: Solution) -> Step:
+    """Return the step that turns by cay(2a) and changes s, by the solution of its equations; to half a turn."""
+    p, c, gap = turned_by_half(state.p, state.c, a)
+    s, compensation = compensated(state.s, state.compensation, change)
+    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
+    after = State(p, s, compensation, c, auxiliary)
+    return Step(after, found.stalled, far, gap, found.used, found.residual, turn)
+
+
 _kernels: dict[tuple[Text, Parts], Kernel] = {}
 
 
@@ -139,16 +149,16 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=b.done, alive=x.failure.status == OK
     )
 
-    def velocity() -> Vector:
-        return text.velocity(acting.body, v.state.s)
-
-    def show(now: State | None = None) -> None:
-        now = v.state if now is None else now
+    def show(now: State) -> None:
         x.state.write(now._replace(auxiliary=(*now.auxiliary, *x.state.auxiliary[text.auxiliary :])))
         x.velocity = text.velocity(acting.body, now.s)
 
-    def store(now: State | None = None) -> None:
-        now, v.done = v.state if now is None else now, v.done + 1
+    def see(now: State) -> None:
+        show(now)
+        observe(x, parts.is_director_scheme)
+
+    def store(now: State) -> None:
+        v.done = v.done + 1
         if parts.is_director_scheme:
             show(now)
         else:
@@ -156,14 +166,13 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         write(parts, b, x, v.done, first, last)
 
     if text.flow is None:
-        turn = abs(h) * taxicab(velocity())
+        turn = abs(h) * taxicab(text.velocity(acting.body, v.state.s))
         far = v.alive & (turn > FARTHEST)
         for _ in when(any_of(far)):
             note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
             v.alive = without(v.alive, far)
     if parts.observes:
-        show()
-        observe(x, parts.is_director_scheme)
+        see(v.state)
         for _ in when(begin == 0):
             begin_observing(x)
     end, unloaded_from = begin + b.steps, b.unloaded_from
@@ -174,7 +183,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         fine = without(v.alive & (found.gap <= UNIT), found.stalled | found.far)
         bad = without(v.alive, fine)
         for _ in when(any_of(bad)):
-            W = velocity()
+            W = text.velocity(acting.body, v.state.s)
             how_far = select(found.stalled, h * sqrt(W @ W), found.turn)
             note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
@@ -183,29 +192,29 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
             if parts.observes:
-                show()
-                observe(x, parts.is_director_scheme)
+                see(v.state)
                 if not text.integrates:
                     integrate(x, 0.5 * h)
                 extend(x, h)
             for _ in when(number + 1 == stored[v.done + 1]):
-                store()
+                store(v.state)
     if parts.coasts:
         for _ in when(any_of(v.alive) & (end > unloaded_from)):
-            coast(text, acting, b, x, v, show, store)
-    show()
+            coast(text, acting, v, see, store)
+    show(v.state)
     for _ in when(b.writes_end != 0):
         write(parts, b, x, v.done + 1, first, last)
 
 
 def coast(
-    text: Text, acting: Nodes, b: View, x: View, v: Variables, show: Callable[[State], None], store: Callable[..., None]
+    text: Text, acting: Nodes, v: Variables, see: Callable[[State], None], store: Callable[[State], None]
 ) -> None:
     """Move a body on which nothing acts from the step `unloaded_from` on: each state follows from the one there.
 
     What is observed is integrated by four Gauss nodes a step.
     """
     assert text.flow is not None
+    b, x = acting.block, acting.x
     parts, h, begin, stored, lengths = acting.parts, acting.h, b.unloaded_from, b.stored, b.lengths
     end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(acting, v.state)
     mu = cross(v.state.s, text.velocity(acting.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
@@ -221,11 +230,9 @@ def coast(
         if parts.observes:
             for number in loop(v.at - begin, until - begin):
                 for node, weight in GAUSS_4:
-                    show(moved(h * (number + node))[0])
-                    observe(x, parts.is_director_scheme)
+                    see(moved(h * (number + node))[0])
                     integrate(x, h * weight)
-                show(moved(h * (number + 1))[0])
-                observe(x, parts.is_director_scheme)
+                see(moved(h * (number + 1))[0])
                 x.set_number(NOW + NODAL, -mu)
                 extend(x, h)
         for _ in when(until == stored[v.done + 1]):
@@ -237,20 +244,15 @@ def coast(
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:
     """Take what a step gives, a part of the interval, into means and sums, and into what is observed."""
-    sums = x.sums
-    sums.mu, sums.twist = sums.mu + part * found.mu, sums.twist + found.twist
+    for name in ("mu", "lam", "moment", "dead", "twist", "work"):
+        if (given := getattr(found, name)) is not None and (parts.reports or name != "lam"):
+            own = getattr(x.sums, name)
+            setattr(x.sums, name, own + (given if name in ("twist", "work") else part * given))
+    if parts.reports:
+        x.sums.iterations = larger(found.used, x.sums.iterations)
     if parts.observes:
         x.set_number(NOW + NODAL, x.number(NOW + NODAL) - found.mu)
         if not text.integrates:
             integrate(x, 0.5 * h)
-    if found.dead is not None:
-        sums.dead = sums.dead + part * found.dead
-    if found.work is not None:
-        sums.work = sums.work + found.work
-        sums.moment = sums.moment + part * found.moment
-        if parts.observes:
+        if found.work is not None:
             x.observed.work = x.observed.work + found.work
-    if parts.reports:
-        sums.iterations = larger(found.used, sums.iterations)
-        if found.lam is not None:
-            sums.lam = sums.lam + part * Symmetric(*found.lam)

@@ -203,9 +203,9 @@ class Parts(NamedTuple):
 
     lanes: int = 1
     nodes: int = 1  # of the load in a step
+    motion: str = ""  # the equations that a scheme takes, where it has several
     is_director_scheme: bool = False  # carries W and N, else the momentum
     is_constrained: bool = False
-    is_explicit: bool = False  # nothing is to be solved
     dissipates: bool = False
     moving: bool = False  # moments along the frame
     space: bool = False  # moments in space
@@ -223,14 +223,19 @@ class Parts(NamedTuple):
     observes: bool = False
 
     @property
+    def is_along_frame(self) -> bool:
+        """Whether nothing but dead forces and moments along the frame acts."""
+        return not (self.space or self.damping or self.rotor or self.forces or self.calls)
+
+    @property
+    def is_explicit(self) -> bool:
+        """Whether nothing is to be solved."""
+        return self.motion == "explicit"
+
+    @property
     def acts(self) -> bool:
         """Whether anything acts, or the body is moved by steps all the same."""
         return not self.coasts or self.moving or self.space or self.damping or self.dead or self.calls
-
-    @property
-    def times(self) -> bool:
-        """Whether times of nodes are needed."""
-        return self.calls
 
     @property
     def calls(self) -> bool:

@@ -9,7 +9,7 @@ from ..kernels.vectors import Matrix, Quaternion, Vector, attitude
 from .records import FORCES, Body, Parts, Work
 from .state_moments import Functions
 
-ARRAYS = ("times", "moving", "space", "rotor", "spin")
+ARRAYS = {"times": "calls", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
 ACTING = fields(Work)["acting"].place
 
 
@@ -47,7 +47,7 @@ class Nodes:
     def __init__(self, parts: Parts, b: View, x: View, memory: Any, buffer: Any = None) -> None:
         self.parts, self.memory, self.block, self.x = parts, memory, b, x
         self.body, self.h, self.rate, self._scale = Body(*x.body.read()), b.step[0], b.step[1], x.scale
-        self._arrays = {name: getattr(b, name) for name in ARRAYS if getattr(parts, name)}
+        self._arrays = {name: getattr(b, name) for name, part in ARRAYS.items() if getattr(parts, part)}
         self.buffer = doubles(b.workspace).shifted(ACTING * parts.lanes) if buffer is None else buffer
 
     @property
@@ -71,8 +71,7 @@ class Nodes:
 
     def seen(self, x: Vector) -> Vector:
         """Return a vector in space as seen at the beginning of the step."""
-        f: Vector = x @ self.R
-        return f
+        return x @ self.R
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame at a node of the step, in b."""
@@ -116,5 +115,4 @@ class Nodes:
         )
 
     def _along(self, name: str, place: Any) -> Vector:
-        found: Vector = (self._scale * vector_at(self._arrays[name], place)) @ self.body.basis
-        return found
+        return (self._scale * vector_at(self._arrays[name], place)) @ self.body.basis

@@ -6,14 +6,16 @@ in the units of the caller, one body after the other. The derivatives of its mom
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
+from ..kernels.dual import Dual, plain, tangents_of
 from ..kernels.elements import any_of, select
 from ..kernels.memory import View, call, fields
 from ..kernels.parts import part
-from ..kernels.vectors import Matrix, Symmetric, Vector, cross, taxicab
+from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .records import Acting, Found, Parts, Work
 from .workspace import turned_into
 
@@ -102,9 +104,49 @@ class Functions(NamedTuple):
                 a = Vector(*(x + select(j == k, LEAST_TURN, 0.0) for k, x in enumerate(here)))
                 turned = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
                 v.S = v.S[0], v.S[1], select(is_slow, turned, column)
-        found: tuple[Vector, ...] = v.S
-        return found
+        return v.S
+
+
+class MomentOfStep:
+    """The moment that functions of the state have in a step, as a function of its velocity Ω; None without functions.
+
+    Near an Ω it is linear, with differences as derivatives. The functions get a = f Ω, and s Ω where w is shrinking.
+    """
+
+    def __init__(self, functions: Functions | None, f: Any, W: Vector, is_shrinking: bool) -> None:
+        self.functions, self.f, self.is_shrinking = functions, f, is_shrinking
+        self._slopes = Variables(columns=None if functions is None else (0.0 * plain(W),) * 3)
+
+    @property
+    def size(self) -> Any:
+        """The size of the terms that cancel in the moment, None without functions."""
+        return None if self.functions is None else sum_of(*map(taxicab, self._slopes.columns))
+
+    def at(self, Om: Vector) -> Any:
+        """Return the moment."""
+        a = self.f * Om
+        return None if self.functions is None else self.functions.moment(a, _shrunk(a, Om) if self.is_shrinking else Om)
+
+    def near(self, Om: Vector, is_new: Any) -> Callable[[Vector], Any]:
+        """Return the moment near Ω, on duals as well where `is_new`, which takes derivatives there."""
+        total, functions, slopes = self.at(Om), self.functions, self._slopes
+        if functions is not None:
+            for _ in when(is_new):
+                slopes.columns = functions.derivatives(self.f, self.is_shrinking, Om, total)
+
+        def moment(Om: Vector) -> Any:
+            if functions is None or isinstance(total[0], Dual) or not isinstance(Om[0], Dual):
+                return total
+            rows = Matrix(*slopes.columns).T
+            return Vector(*(Dual(x, [row @ w for w in tangents_of(Om)]) for x, row in zip(total, rows, strict=True)))
+
+        return moment
 
 
 def _shrunk(a: Vector, w: Vector) -> Vector:
     return (1.0 / (1.0 + a @ a)) * w
+
+
+def mean_moment_of_dead(F: Matrix, s: Any, a: Vector) -> Vector:
+    """Return the moment of dead forces at the mean directors, as seen at the beginning of the step."""
+    return first_moment(Matrix(*(mean(s, a, column) for column in F.T)).T)

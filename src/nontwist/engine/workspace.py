@@ -93,8 +93,7 @@ def reported(parts: Parts) -> list[str]:
 
 def turned_into(B: Any, A: Symmetric) -> Symmetric:
     """Return B A Bᵀ."""
-    found: Symmetric = (B @ A.matrix @ B.T).symmetric
-    return found
+    return (B @ A.matrix @ B.T).symmetric
 
 
 @part

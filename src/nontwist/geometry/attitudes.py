@@ -99,6 +99,20 @@ def quaternions(q: Array) -> Array:
     return without_jumps(p) if p.ndim > 1 else p
 
 
+def quaternion_column(R: Array) -> Array:
+    """Return quaternions q (..., 4), scalar first and not negative, of Λ (..., 3, 3), up to a positive factor.
+
+    That is the column of 4 q qᵀ with the largest diagonal.
+    """
+    trace, Q = np.trace(R, axis1=-2, axis2=-1)[..., None, None], np.empty((*R.shape[:-2], 4, 4))
+    Q[..., 0, 0] = 1.0 + trace[..., 0, 0]
+    Q[..., 0, 1:] = Q[..., 1:, 0] = np.stack([R[..., k, j] - R[..., j, k] for j, k in ((1, 2), (2, 0), (0, 1))], -1)
+    Q[..., 1:, 1:] = (np.eye(3) + (R + R.mT)) - trace * np.eye(3)
+    largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(Q, largest[..., None, None], axis=-1)[..., 0]
+    return np.where(q[..., :1] < 0.0, -q, q)
+
+
 def without_jumps(p: Array) -> Array:
     """Return quaternions (n, 4) with signs such that each is the nearer one to that before; the first is kept."""
     flips = np.where(np.sum(p[1:] * p[:-1], axis=-1) < 0, -1.0, 1.0)

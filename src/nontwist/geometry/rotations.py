@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_number, refuse
+from .attitudes import quaternion_column
 from .stacks import EPS, TOLERANCE, dot, norm, ratio, stack, unit
 
 # |B_2|, |B_4|, ..., |B_22|
@@ -494,13 +495,6 @@ def _matrix(s: Array, v: Array) -> Array:
 
 
 def _quaternion(R: Array) -> tuple[Array, Array]:
-    """Quaternion (s ≥ 0, v) of R, up to a positive factor: the column of 4 q qᵀ with the largest diagonal."""
-    trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
-    Q = np.empty((*R.shape[:-2], 4, 4))
-    Q[..., 0, 0] = 1.0 + trace[..., 0, 0]
-    Q[..., 0, 1:] = Q[..., 1:, 0] = 2 * _axial(R)
-    Q[..., 1:, 1:] = R + R.mT + (1.0 - trace) * np.eye(3)
-    largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(Q, largest[..., None, None], axis=-1)[..., 0]
-    q = np.where(q[..., :1] < 0.0, -q, q)
+    """Quaternion (s ≥ 0, v) of R, up to a positive factor."""
+    q = quaternion_column(R)
     return q[..., 0], q[..., 1:]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import atan
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..engine.generalised import MOMENT
 from ..geometry.arrays import Array
@@ -16,7 +15,7 @@ from .base import Integrator, Outcome, Prepared, Problem
 
 if TYPE_CHECKING:
     from ..engine.marching import Text
-    from ..engine.records import Body
+    from ..engine.records import Body, Parts
     from ..geometry.attitudes import States
     from ..kernels.vectors import Vector
     from ..loads import Load
@@ -29,11 +28,21 @@ def velocity_of(body: Body, P: Vector) -> Vector:
     return body.velocity_of(P)
 
 
+class Needs(NamedTuple):
+    """What the march of a scheme has to have."""
+
+    action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
+    table: Array | None = None  # coefficients
+    within: Array | None = None  # c, b, polynomials, for guesses of substeps
+    carried: int = 0  # numbers of a member beside `State`
+    scratch: tuple[int, int] = (0, 0)  # numbers beside the workspace: of each body in lanes, of all
+
+
 @dataclass(frozen=True)
 class Compiled(Integrator):
     """A compiled step, by default a midpoint step of order 2, for one body and for stacks.
 
-    The text of the step may be another one for each form of a step (`engine.bodies`).
+    A scheme may have several kinds of motion, each with equations of its own.
     """
 
     is_compiled: ClassVar[bool] = True
@@ -42,54 +51,37 @@ class Compiled(Integrator):
     observes: ClassVar[bool] = True
     is_director_scheme: ClassVar[bool] = False  # carries W and N, gives λ; else it carries the momentum
     in_lanes: ClassVar[bool] = True  # whether bodies are marched side by side
-    # What linearises steps, of a form, what there is, and the inputs asked for; None: the text itself.
+    # What linearises steps, of what there is, and of the inputs asked for; None: the text itself.
     linear: ClassVar[Any] = None
+    dissipation = 0.0  # its degree χ
     order: int = 2
 
     @abstractmethod
-    def text(self, form: int) -> Text:
-        """Return the text of the step (`engine.marching`)."""
+    def text(self, motion: str) -> Text:
+        """Return the text of the step (`engine.marching`) for a kind of motion."""
 
-    def stages(self, form: int) -> tuple[Array, Array]:
+    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+        """Return the kind of motion of bodies: "explicit" where nothing is to be solved, "" where it does not matter.
+
+        Parameters
+        ----------
+        parts : Parts
+            What acts on them.
+        is_slanted : bool
+            Whether the constrained axis is not principal, or they spin about it as prescribed.
+        has_vertical : bool
+            Whether all dead forces have one direction in space.
+        """
+        return ""
+
+    def stages(self, parts: Parts) -> tuple[Array, Array]:
         """Return the fractions of a step that are taken at once, and its nodes of the load; by default the middle."""
         return ONCE, MIDDLE
 
-    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-        """Return the forms of the steps, given those that the engine finds."""
-        return found
-
-    def is_explicit(self, form: int, is_constrained: bool) -> bool:
-        """Whether nothing is to be solved in steps of a form unless a moment in space acts."""
-        return False
-
-    def scratch(self, lanes: int) -> int:
-        """Return how many numbers a march needs beside the workspace."""
-        return 0
-
     @property
-    def carried(self) -> int:
-        """How many numbers a member carries beside `State`."""
-        return 0
-
-    @property
-    def table(self) -> Array | None:
-        """Coefficients of the scheme."""
-        return None
-
-    @property
-    def within(self) -> Array | None:
-        """c, b, polynomials, for guesses of substeps."""
-        return None
-
-    @property
-    def action(self) -> int:
-        """What director forces and potentials are for it (`engine.generalised`)."""
-        return MOMENT
-
-    @property
-    def chi(self) -> float:
-        """The degree of dissipation."""
-        return 0.0
+    def needs(self) -> Needs:
+        """What a march has to have for it."""
+        return Needs()
 
     @property
     def effort(self) -> float:

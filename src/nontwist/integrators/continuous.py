@@ -32,7 +32,7 @@ from ..loads import Load
 from ..loads.base import forces_at, moment_at
 from ..loads.forces import DirectorForces
 from ..loads.terms import Damping
-from ..models.equations import NO_FORCES, director_rates, products, split_momentum, split_rates, split_velocity, turning
+from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .costs import Cost, largest_velocity
@@ -212,7 +212,7 @@ class _Split:
 
     def velocities(self, y: Array) -> tuple[Array, Array]:
         q, w = self.motion(y)
-        return q, q @ turning(w).T
+        return q, q @ hat(w).T
 
     def motion(self, y: Array) -> tuple[Array, Array]:
         q = y[:9].reshape(3, 3)
@@ -255,7 +255,7 @@ class _Spun(_Split):
         if forces is not NO_FORCES:
             total = total + products(q, forces)
         free = np.linalg.solve(J, np.cross(J @ W, W) + q @ total)
-        dy[:9], dy[9:12] = (q @ turning(w).T).ravel(), free + (self.rate - n @ free) * n
+        dy[:9], dy[9:12] = (q @ hat(w).T).ravel(), free + (self.rate - n @ free) * n
         dy[self.size + 4 :] = (n @ free - self.rate) * (n @ J @ n)  # n is principal
 
 

@@ -173,14 +173,12 @@ def _turning(systems: SystemStack) -> slice:
 
 def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
     """Return the largest moments of gravity and potentials, N m, that is half the range of their energies, J."""
-    assert systems.dead_force is not None
     pull: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
     return pull
 
 
 def _pulls(systems: SystemStack, basis: Array) -> Array:
     """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
-    assert systems.dead_force is not None
     across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
     pulls: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
     return pulls

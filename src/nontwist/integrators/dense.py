@@ -46,7 +46,6 @@ from ..loads.potentials import Potential
 from ..loads.terms import Damping, Rotor
 from ..models.stack import SystemStack
 from .compiled import Compiled
-from .gauss import MOTIONS
 from .gauss_stages import VECTORS, Equations, Now, Sampled
 from .listing import Outputs
 from .marching import intervals_in, states_in
@@ -128,14 +127,14 @@ def sums_of(parts: Parts) -> list[int]:
     return [fields(Sums)[name].place + k for name in summed(parts) for k in range(fields(Sums)[name].size)]
 
 
-def motion_of(forms: Any) -> str:
-    """Return the equations that members have: those of all where they differ."""
-    motion = MOTIONS.get(int(forms[0]), "rows") if np.ptp(forms) == 0 else "rows"
-    return "moved" if motion == "steady" else motion
+def parts_between(march: StackMarch) -> Parts:
+    """Return what there is between nodes: the equations that members share, those of all where they differ."""
+    motion = march.parts.motion if len(march.groups) == 1 else "rows"
+    return march.parts._replace(motion="moved" if motion == "steady" else motion, lanes=1)
 
 
 @lru_cache
-def kernel_of(motion: str, parts: Parts) -> Kernel:
+def kernel_of(parts: Parts) -> Kernel:
     """Return the kernel that finds the outputs of members."""
 
     def kernel(address: Any) -> None:
@@ -143,7 +142,7 @@ def kernel_of(motion: str, parts: Parts) -> Kernel:
         for i in loop(run.first, run.last):
             run.apart[i] = 0.0
             for first in loop(0, run.taken[i], lanes_of_text()):
-                fill(motion, parts, run, i, first)
+                fill(parts, run, i, first)
             join(parts, run, i)
 
     return Kernel(kernel, "i8")
@@ -192,12 +191,12 @@ class Rooms:
 class Expansion:
     """Series of P, p and the sums, in as many steps as there are lanes, from one of their ends."""
 
-    def __init__(self, motion: str, parts: Parts, run: View, i: Any, side: Any, room: Rooms) -> None:
-        self.motion, self.parts, self.run, self.i, self.side, self.body = motion, parts, run, i, side, body_of(run, i)
+    def __init__(self, parts: Parts, run: View, i: Any, side: Any, room: Rooms) -> None:
+        self.parts, self.run, self.i, self.side, self.body = parts, run, i, side, body_of(run, i)
         lanes = self.lanes = lanes_of_text()
         self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
-        self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[motion])]
+        self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
         self.given = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
         self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
 
@@ -233,7 +232,7 @@ class Expansion:
     def equations(self) -> Equations:
         """Return the equations in the frame of the end."""
         P, p = Vector(*self.unknowns[:3]), Quaternion(*(x[0] for x in self.unknowns[3:STATE]))
-        return Equations(self.motion, AtEnds(self.parts, self.body, p), None, P)  # type: ignore[arg-type]
+        return Equations(self.parts.motion, AtEnds(self.parts, self.body, p), None, P)  # type: ignore[arg-type]
 
     def expand(self, known: Any, k: Any) -> None:
         """Make k coefficients, given the first `known`."""
@@ -280,7 +279,7 @@ class Expansion:
         return [*(body.unit * x for x in found), body.axis @ now.W] if parts.reports else []
 
 
-def fill(motion: str, parts: Parts, run: View, i: Any, first: Any) -> None:
+def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
     rooms, own, (signs, apart, rest, enough) = Rooms(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
@@ -293,7 +292,7 @@ def fill(motion: str, parts: Parts, run: View, i: Any, first: Any) -> None:
     v = Variables(k=FEWEST, known=1, goes=True)
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
-            e = Expansion(motion, parts, run, i, side, rooms.of(side))
+            e = Expansion(parts, run, i, side, rooms.of(side))
             for _ in when(v.known == 1):
                 e.gather(first)
             e.expand(v.known, v.k)
@@ -459,7 +458,7 @@ class Dense:
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
         self._counts = {"nodes": len(nodes), "degree": degree, "kept": len(node), "last": m, **strides}
-        self._kernel = kernel_of(motion_of(march.forms), march.parts._replace(lanes=1))
+        self._kernel = kernel_of(parts_between(march))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
         """Return the arrays of outputs and how many are good, given how many nodes are; None where these are apart.

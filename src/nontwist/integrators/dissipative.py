@@ -42,11 +42,6 @@ class Dissipative(Compiled):
         if not (chi > 0 and among(self.order, ORDERS)):
             super().__post_init__()
 
-    @property
-    def chi(self) -> float:
-        """The degree of dissipation."""
-        return self.dissipation
-
     def refusal(self, problem: Problem) -> str | None:
         """Return why bodies with a constrained axis that are to lose energy are not accepted."""
         return REFUSAL.format(self.name) if self.dissipation and problem.systems.axis is not None else None

@@ -89,24 +89,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..engine.generalised import EXACT, PAPER
-from ..engine.marching import PI, Step, Text, turned_by_half
+from ..engine.marching import Step, Text, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import mean
-from ..geometry.arrays import Array
+from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..geometry.values import among, shown
-from ..kernels.control import Variables, loop, when
+from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
-from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
-from ..loads import Load
+from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .base import Problem
+from .compiled import Needs
 from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
 
@@ -171,18 +167,14 @@ class EnergyMomentum(Dissipative):
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
         return SPIN.format(self.name) if problem.systems.spin is not None else super().refusal(problem)
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
 
-    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-        """Return one form for all bodies."""
-        return np.zeros_like(found)
-
     @property
-    def action(self) -> int:
-        """What director forces and potentials are for it."""
-        return PAPER if self.moments == "paper" else EXACT
+    def needs(self) -> Needs:
+        """What a march has to have: director forces and potentials in the form that `moments` names."""
+        return Needs(PAPER if self.moments == "paper" else EXACT)
 
 
 LENGTHS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1
@@ -206,41 +198,29 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         turn = h * sqrt(W @ W)
         chi = fma(body.dissipation[1], select(turn < 1.0, turn, 1.0), body.dissipation[0])
     start = Start(f, body, W, N, chi)
-    S = Variables(columns=(0.0 * plain(W),) * 3 if parts.calls else None)
+    of_state = MomentOfStep(loads.functions, f, W, True)
     linear_part, across, sum_of_E = without_loads(start), sum_of(*map(taxicab, N)), sum_of(*body.E)
 
     def equations_at(y: Vector, is_new: Any) -> Any:
-        Om, m, lengths = W + y, loads.space, None
-        if parts.calls:
-            a = f * Om
-            state_moment = loads.functions.moment(a, shrinking(a) * Om)
-            m = sum_of(m, state_moment)
-            for _ in when(is_new):
-                S.columns = loads.functions.derivatives(f, True, Om, state_moment)
-        if parts.dissipates:
-            lengths = next_lengths(*plain((f, chi, W, N, Om)))
+        moment = of_state.near(W + y, is_new)
+        lengths = next_lengths(*plain((f, chi, W, N, W + y))) if parts.dissipates else None
 
         def r(y: Vector) -> Vector:
-            own = m
-            if parts.calls and isinstance(y[0], Dual):
-                own = Vector(*(Dual(x, [c[i] for c in S.columns[: len(y[0].tangents)]]) for i, x in enumerate(m)))
-            return residual(start, y, linear_part, loads, own, lengths, parts.is_exact)
+            m = sum_of(loads.space, moment(W + y))
+            return residual(start, y, linear_part, loads, m, lengths, parts.is_exact)
 
         return r
 
     def sizes(y: Vector, d: Vector) -> Any:
         speed, size = taxicab(W) + taxicab(y), taxicab(d)
         terms = sum_of_E * (2.0 * taxicab(y) + across + abs(f) * (taxicab(W) + across) * speed)
-        if parts.damping:
-            terms = terms + abs(f) * taxicab(body.damping @ (W + y))
-        if parts.calls:
-            terms = terms + sum_of(*map(taxicab, S.columns))
-        return size, EPS * speed, terms
+        drag = abs(f) * taxicab(body.damping @ (W + y)) if parts.damping else None
+        return size, EPS * speed, sum_of(terms, drag, of_state.size)
 
     guess = Vector(-0.0, -0.0, -W[2] if parts.is_constrained else -0.0)
-    y, used, left, stalled = solve(
-        equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls or parts.dissipates
-    )
+    is_long = parts.calls or parts.dissipates
+    solution = solve(equations_at, sizes, guess, is_active, parts.is_constrained, is_long)
+    y = solution.y
     Om = W + y
     a = f * Om
     s = shrinking(a)
@@ -250,12 +230,8 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
     Mt = twice_mean_transposed(s, a)
     X = Matrix(*(Mt @ row for row in Y))
-    change = 0.5 * Vector(X[1][2] - X[2][1], X[2][0] - X[0][2], X[0][1] - X[1][0])
-    p, c, gap = turned_by_half(state.p, state.c, a)
-    next_W, compensation = compensated(W, state.compensation, change)
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
-    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
-    found = Step(State(p, next_W, compensation, c, N_next), stalled, far, gap, used, left, turn)
+    found = midpoint_step(state, a, 0.5 * first_moment(X), N_next, solution)
     return multipliers(acting, start, found, a, s, Y, Mt, loads) if parts.tells else found
 
 
@@ -388,8 +364,7 @@ def multipliers(
         F = loads.dead
         L = L + F - Matrix(*(cross(a, row) for row in F))
         if parts.is_constrained:
-            dead = first_moment(Matrix(*(mean(s, a, column) for column in F.T)).T)
-            found = found._replace(dead=R @ dead)
+            found = found._replace(dead=R @ mean_moment_of_dead(F, s, a))
     lam = symmetric_part(L)
     if parts.generalised:
         lam = lam + loads.functions.rest
@@ -435,8 +410,7 @@ def next_lengths(f: Any, chi: Any, W: Vector, N: Matrix, Om: Vector) -> Vector:
     for _ in loop(LENGTHS):
         nearer = [approached(chi, v, p, A, V) for (V, v, A), p in zip(directors, x.p, strict=True)]
         x.p = Vector(*(larger(p, 0.0 * p) for p in nearer))
-    found: Vector = x.p
-    return found
+    return x.p
 
 
 def gammas_at(start: Start, Om: Vector, lengths: Vector) -> Vector:

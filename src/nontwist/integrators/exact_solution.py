@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
-from struct import Struct
 from threading import local
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.bodies import bases_of
 from ..exact.free_bodies import TOO_FAR
 from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
 from ..exact.free_kernels import PRINCIPAL, free_members, turns
@@ -41,7 +41,6 @@ from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
 from ..loads import Load
 from ..loads.base import with_moments as moments_of
-from ..models.catalogue import D3
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from .base import Integrator
@@ -93,7 +92,7 @@ class Exact(Integrator):
         self.require(problem)
         systems, load, times = problem.systems, problem.load, problem.output
         is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
-        if is_gyrostat or _acts(load, _edges(load, problem.t_start, float(times[-1]))):
+        if is_gyrostat or _acts(load, edges_of(load, np.array([problem.t_start, times[-1]]))):
             if m > 1:
                 return one_by_one(self.march, problem, threads)
             return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
@@ -143,7 +142,7 @@ class Exact(Integrator):
             return _no_solution(DEPENDENT)
         if not load.terms or len(problem) > 1:
             return None
-        edges = _edges(load, problem.t_start, problem.t_end)
+        edges = edges_of(load, np.array([problem.t_start, problem.t_end]))
         edges = edges[np.unique(np.linspace(0, len(edges) - 1, GLANCE + 1).astype(np.int64))]
         if not _acts(load, edges):
             return None
@@ -181,7 +180,6 @@ class PreparedSolution:
         self._place, self._count, self._threads = int(since[0] == 0.0), len(since), local()
         self._since = since[self._place :].copy()
         self._empty = np.full(7 * self._count, np.nan)
-        self._start = Struct(f"=4d{8 * (4 * self._count - 4)}x3d")
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`.
@@ -189,11 +187,11 @@ class PreparedSolution:
         There is no load, so no factor, and no step that a velocity could be too large for.
         """
         try:
-            memory, solve = self._threads.own
+            memory, start, solve = self._threads.own
         except AttributeError:
-            memory, solve = self._threads.own = self._workspace()
+            memory, start, solve = self._threads.own = self._workspace()
         memory[:] = self._empty
-        self._start.pack_into(memory, 0, *p, *W)
+        start[0][:], start[1][:] = p, W
         status, _ = solve()
         return memory.copy(), sum_of_squares(memory) if status == OK else inf, 0.0
 
@@ -208,12 +206,12 @@ class PreparedSolution:
         k = self._count
         return found[: 4 * k].reshape(k, 4), found[4 * k :].reshape(k, 3)
 
-    def _workspace(self) -> tuple[Array, Callable[[], Any]]:
-        """Return memory for one thread, and the kernel that works on it."""
+    def _workspace(self) -> tuple[Array, tuple[Array, Array], Callable[[], Any]]:
+        """Return memory for one thread, where the start lies in it, and the kernel that works on it."""
         memory = self._empty.copy()
         p, W = self._states(memory)
-        given = self._since, self._place, 0, 1, p[None], W[None]
-        return memory, free_members.bound(*_bodies(self._systems), *given)
+        solve = free_members.bound(*_bodies(self._systems), self._since, self._place, 0, 1, p[None], W[None])
+        return memory, (p[0], W[0]), solve
 
 
 def free_intervals(systems: SystemStack, W: Array, n: int) -> Intervals:
@@ -248,10 +246,6 @@ def _unsolved(system: DirectorSystem, load: Load) -> str | None:
     return None
 
 
-def _edges(load: Load, t_start: float, t_end: float) -> Array:
-    return edges_of(load, np.array([t_start, t_end]))
-
-
 def _acts(load: Load, edges: Array) -> bool:
     """Whether a term of `load` is not zero somewhere, seen at 16 points between any two `edges`."""
     if not load.terms:
@@ -267,7 +261,7 @@ def _acts(load: Load, edges: Array) -> bool:
 def _turning(system: DirectorSystem, W: Array, pieces: Pieces) -> tuple[Array, Array, Pieces, Turning | None]:
     """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
     assert system.axis is not None
-    V = _frame(system.axis)
+    V = bases_of(system.axis[None])[0].T
     J = V @ system.convected_inertia @ V.T
     pieces = pieces._replace(moment=pieces.moment @ V.T)
     return V, J, pieces, turning(J, J @ (V @ W), pieces)
@@ -306,16 +300,6 @@ def _gyrostat(problem: Problem) -> Outcome:
     moment = -np.diff(attitudes(p[0]) @ c, axis=0) / np.diff(times)[:, None]
     none = np.zeros((1, n, 3))
     return out._replace(intervals=Intervals(np.zeros((1, n, 0)), moment[None], np.zeros((1, n)), None, none))
-
-
-def _frame(axis: Array) -> Array:
-    """Return a rotation with the third row `axis`; the identity for D3."""
-    if np.array_equal(axis, D3):
-        return np.eye(3)
-    V: Array = np.roll(np.linalg.svd(axis[None])[2], -1, axis=0)
-    V[2] = axis
-    V[0] *= np.sign(np.linalg.det(V))
-    return V
 
 
 def _means(

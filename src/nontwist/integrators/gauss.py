@@ -77,16 +77,13 @@ from math import comb, perm
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED
-from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
 from ..engine.linearised import Wanted
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
-from ..engine.records import BODY, Parts, State
+from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
 from ..engine.turning import turned_on
 from ..geometry.arrays import Array
@@ -110,7 +107,7 @@ from ..kernels.vectors import (
 from ..loads import Load
 from ..models.stack import SystemStack
 from .base import Problem
-from .compiled import ONCE, Compiled, velocity_of
+from .compiled import ONCE, Compiled, Needs, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_newton import lanes_where, rows_by_elimination, solve
@@ -217,49 +214,34 @@ class Gauss(Compiled):
         """Nodes of the load in a step."""
         return self.order // 2
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
-        return text_of(self.nodes, MOTIONS.get(form, "rows"))
+        return text_of(self.nodes, motion)
 
-    def stages(self, form: int) -> tuple[Array, Array]:
+    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+        """Return the kind of motion, by the vectors of space that are unknowns: "rows" where those are all three."""
+        if is_slanted or not parts.is_along_frame:
+            return "rows"
+        if parts.dead:
+            return "heavy" if has_vertical and not parts.moving else "rows"
+        return "moved" if parts.moving else "steady" if parts.is_constrained else "free"
+
+    def stages(self, parts: Parts) -> tuple[Array, Array]:
         """Return the one fraction of a step that is taken at once, and the nodes of the load."""
         return ONCE, nodes(self.order)
 
-    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-        """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
-        several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
-        return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
-
-    def linear(self, form: int, parts: Parts, wanted: Wanted) -> Kernel:
-        """Return what linearises the steps of a form."""
+    def linear(self, parts: Parts, wanted: Wanted) -> Kernel:
+        """Return what linearises the steps of bodies."""
         from .gauss_derivatives import linearised
 
-        return linearised(self.nodes, MOTIONS.get(form, "rows"), parts, wanted)
-
-    def scratch(self, lanes: int) -> int:
-        """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
-        m = 3 * WIDTH
-        return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
+        return linearised(self.nodes, parts.motion, parts, wanted)
 
     @property
-    def carried(self) -> int:
-        """How many numbers a body carries beside its state: the increments of its last step."""
-        return COMPONENTS * self.nodes
-
-    @property
-    def table(self) -> Array:
-        """The coefficients of the collocation."""
-        return table(self.order)
-
-    @property
-    def within(self) -> Array:
-        """What guesses of substeps are made of."""
-        return within(self.order)
-
-    @property
-    def action(self) -> int:
-        """What director forces and potentials are for it: torques at the stages."""
-        return STAGE
+    def needs(self) -> Needs:
+        """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
+        m, increments = 3 * WIDTH, COMPONENTS * self.nodes
+        scratch = size_of(Stage) * WIDTH, m * (4 * m + 5) + WIDTH
+        return Needs(STAGE, table(self.order), within(self.order), increments, scratch)
 
 
 def unresolved(problem: Problem, s: int) -> str | None:
@@ -278,7 +260,6 @@ def unresolved(problem: Problem, s: int) -> str | None:
 FAINT = 1e-280  # square of a vector that has no direction any more
 SLIGHT = 1e-150  # rad, of which the sine is the angle itself
 SMALLEST = 0.1  # determinant of the rows of a stage
-MOTIONS = {STEADY_FORM: "steady", DRIVEN: "moved", FREE: "free", MOVED: "moved", HEAVY: "heavy"}
 
 
 @lru_cache
@@ -371,8 +352,7 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
         for j in loop(y.number):
             stage = y.one(j)
             total.m = total.m + y.table[TABLE.weights + j] * moment(stage, rows_of(stage))
-        found: Vector = R @ total.m
-        return found
+        return R @ total.m
 
     if has_own or has_push:
         moment = mean(
@@ -466,8 +446,7 @@ def about_a_line(y: Stages, h: Any, name: str, g0: Vector, g1: Vector, f: Any) -
 def line(w: Vector, g0: Vector, g1: Vector) -> Vector:
     """Return r, along w or its opposite."""
     d = select(w @ w > FAINT, 1.0 / (sqrt(w @ w) + TINY), 0.0)
-    r: Vector = select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
-    return r
+    return select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
 
 
 def arc(angle: Vector, g: Vector, r: Vector) -> Any:

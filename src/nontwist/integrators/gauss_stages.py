@@ -216,10 +216,8 @@ class Equations:
     def sampled(self, j: Any) -> Sampled:
         """Return what acts at a node of the step."""
         acting, parts = self.acting, self.parts
-        moving = acting.moving(j) if parts.moving else None
         rotor, rate = acting.rotor(j) if parts.rotor else (None, None)
-        if rate is not None:
-            moving = -rate if moving is None else moving - rate
+        moving = sum_of(acting.moving(j) if parts.moving else None, None if rate is None else -rate)
         return Sampled(moving, acting.space(j) if parts.space else None, rotor)
 
     def placed(self, i: Any, matrix: Any = TABLE.mu) -> tuple[Vector, Any]:
@@ -355,16 +353,16 @@ def iterated(
     following : function
         Of a stage and the coefficients: the increments that follow.
     alive : mask
-    rough : number
+    level : number
         Round-off of the equations, in units of that of the velocity.
     matrix : int
         Coefficients of the first iteration.
     k, speed
         1/J_i, the speed: where the first increments are those of P.
-    carry : Vector
-        What P was rounded by, where increments of few stages are changed by it.
-    unseen : number
+    unchecked : number
         How many iterations are not looked at.
+    compensation : Vector
+        What P was rounded by, where increments of few stages are changed by it.
     """
     zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
     v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)

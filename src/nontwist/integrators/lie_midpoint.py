@@ -68,21 +68,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..engine.bodies import DRIVEN, STEADY
-from ..engine.marching import PI, Step, Text, turned_by_half
+from ..engine.marching import Step, Text, midpoint_step
 from ..engine.newton import EPS, solve
-from ..engine.records import State
+from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import mean
-from ..geometry.arrays import Array
-from ..kernels.control import Variables, when
-from ..kernels.dual import Dual, plain, tangents_of
+from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..kernels.elements import fma, select, sqrt
-from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
-from ..loads import Load
+from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
 from .compiled import velocity_of
 from .dissipative import Dissipative
 
@@ -136,17 +128,14 @@ class LieMidpoint(Dissipative):
         "invariant": "Simo & Wong 1991; nontwist.integrators.lie_midpoint",
     }
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
 
-    def forms(self, found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-        """Return 0 for bodies whose step is explicit, else 1."""
-        return np.asarray(~np.isin(found, (STEADY, DRIVEN)), dtype=np.int64)
-
-    def is_explicit(self, form: int, is_constrained: bool) -> bool:
-        """Whether nothing is to be solved unless a moment in space acts."""
-        return form == 0
+    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+        """Return whether the step is explicit, as Q̃ × Ω is along the axis."""
+        is_quadrature = parts.is_constrained and parts.is_along_frame and not (is_slanted or parts.dead)
+        return "explicit" if is_quadrature else ""
 
 
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
@@ -159,67 +148,50 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
     rates = [
         Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)
     ]  # first guess, and those of the last two steps
-    zero, speed, S = 0.0 * P[0], taxicab(k * P), Variables(columns=(0.0 * plain(P),) * 3 if parts.calls else None)
+    zero, speed, of_state = 0.0 * P[0], taxicab(k * P), MomentOfStep(loads.functions, f, P, False)
     axial = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 
     def equations_at(z: Vector, is_new: Any) -> Any:
-        m, Om = loads.space, turning(acting, loads, P + z)
-        state_moment = loads.functions.moment(f * Om, Om) if parts.calls else None
-        if parts.calls:
-            for _ in when(is_new):
-                S.columns = loads.functions.derivatives(f, False, Om, state_moment)
-        m = sum_of(m, state_moment)
+        moment = of_state.near(velocity_in_step(acting, loads, P + z), is_new)
 
         def r(z: Vector) -> Vector:
             Q = P + z
-            Om = turning(acting, loads, Q)
-            own = m
-            if parts.calls and isinstance(z[0], Dual):
-                columns = Matrix(*S.columns).T
-                own = Vector(*(Dual(x, [row @ w for w in tangents_of(Om)]) for x, row in zip(m, columns, strict=True)))
-            missed: Vector = z - f * torque(acting, loads, Q, Om, own)
-            return missed
+            Om = velocity_in_step(acting, loads, Q)
+            return z - f * torque(acting, loads, Q, Om, sum_of(loads.space, moment(Om)))
 
         return r
 
     def sizes(z: Vector, d: Vector) -> Any:
         Q = P + z
-        Om = turning(acting, loads, Q)
-        terms = taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om)
-        if parts.damping:
-            terms = terms + abs(f) * taxicab(body.damping @ Om)
-        if parts.calls:
-            terms = terms + sum_of(*map(taxicab, S.columns))
+        Om = velocity_in_step(acting, loads, Q)
+        drag = abs(f) * taxicab(body.damping @ Om) if parts.damping else None
+        terms = sum_of(taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om), drag, of_state.size)
         return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
 
-    guess, M = h * rates[0], loads.moving
+    guess, M, auxiliary = h * rates[0], loads.moving, state.auxiliary
     guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
     known = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
     how = is_active, parts.is_constrained, parts.calls, known if parts.is_explicit else None
-    z, used, left, stalled = solve(equations_at, sizes, guess, *how)
-    Om = turning(acting, loads, P + z)
-    a = f * Om
-    p, c, gap = turned_by_half(state.p, state.c, a)
-    ahead, compensation = compensated(P, state.compensation, 2.0 * z)
-    auxiliary = state.auxiliary
+    solution = solve(equations_at, sizes, guess, *how)
+    z = solution.y
     if not parts.is_explicit:
         rate = (1.0 / h) * z
         parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
         auxiliary = (*parabola, *rate, *rates[1])
-    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
-    found = Step(State(p, ahead, compensation, c, auxiliary), stalled, far, gap, used, 2.0 * left, turn)
+    Om = velocity_in_step(acting, loads, P + z)
+    solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
+    found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
     return means(acting, loads, found, P, z, Om, axial) if parts.tells else found
 
 
-def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
+def velocity_in_step(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
     """Return Ω: the velocity of the momentum Q, and what it turns by beside that under dissipation."""
     body, W = acting.body, acting.body.velocity_of(Q)
     if not acting.parts.dissipates:
         return W
     (first, second), half = body.dissipation, 0.5 * acting.h / (body.E[0] + body.E[1] + body.E[2])  # h/tr J
     g = half * (first + acting.h * (second * sqrt(W @ W)))
-    found: Vector = fma(g, cross(sum_of(Q, loads.rotor), W), W)
-    return found
+    return fma(g, cross(sum_of(Q, loads.rotor), W), W)
 
 
 def torque(acting: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
@@ -245,8 +217,7 @@ def along_the_frame(loads: Loads, Om: Vector) -> Any:
 def dead_moment(F: Matrix, a: Vector) -> Vector:
     """Return ``(I - â) Σ M e_i × F_i = (I - s a aᵀ) k`` with ``k = Σ e_i × (F_i - a × F_i)``."""
     k = first_moment(F) - (F.trace * a - a @ F)
-    found: Vector = k - ((a @ k) / (1.0 + a @ a)) * a
-    return found
+    return k - ((a @ k) / (1.0 + a @ a)) * a
 
 
 def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
@@ -265,8 +236,7 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
     if moment is not None:
         found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
     if parts.dead and parts.is_constrained:
-        dead = first_moment(Matrix(*(mean(s, a, column) for column in loads.dead.T)).T)
-        found = found._replace(dead=R @ dead)
+        found = found._replace(dead=R @ mean_moment_of_dead(loads.dead, s, a))
     return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
 
 

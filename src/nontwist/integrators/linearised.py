@@ -45,7 +45,7 @@ LARGEST, LONGEST = 2**14, 2048
 
 def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
     """Whether steps under a load, as it is marched, turn with an orbit."""
-    return scheme.action == STAGE and orbit_of(systems, load, 1.0) is not None
+    return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
 def scheme_of(integrator: Integrator) -> Compiled:
@@ -87,27 +87,26 @@ class Linearised:
         self.problem, scheme = problem, scheme_of(integrator)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
-        bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
-        form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
-        _, self.middles = scheme.stages(form)
+        bodies = rows_of(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
-        s, wanted, self._factor, self._order = len(self.middles), set(wanted), np.array([scale]), order
+        wanted, self._factor, self._order = set(wanted), np.array([scale]), order
         self._fixed = bodies[0]
-        if scheme.chi:
-            self._fixed[BODY.dissipation + order - 1] = scheme.chi
+        if scheme.dissipation:
+            self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
         sizes = tuple((name, size or len(changes)) for name, size in INPUTS.items() if name in wanted)
-        about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
+        about = orbit_of(systems, self.load, 1.0) if scheme.needs.action == STAGE else None
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
-        parts = parts_of(systems, self.load, self._fixed[None], scheme)._replace(
-            lanes=machine_code.lanes(),
-            function=bool(called) if scheme.linear is None else not all(has_potential),
-            generalised=scheme.linear is not None and any(has_potential),
-            forces=False,
-            orbit=about is not None,
-            **dict.fromkeys(wanted & {"moving", "space", "damping", "dead", "spin"}, True),
-        )
+        known = {
+            "function": bool(called) if scheme.linear is None else not all(has_potential),
+            "generalised": scheme.linear is not None and any(has_potential),
+        }
+        (acting,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
+        _, self.middles = scheme.stages(acting)
+        s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
+        more_parts: dict[str, Any] = dict.fromkeys(more, True)
+        parts = acting._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
@@ -116,15 +115,14 @@ class Linearised:
         for name, size in sizes:
             self.offsets[name] = self.width
             self.width += size * (s if name in NODAL else 1)
-        table, seeds = scheme.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
+        table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
-            self._kernel: Any = linearised(scheme.text(form), parts, sizes)
+            self._kernel: Any = linearised(scheme.text(parts.motion), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
-        if scheme.linear is None and not called:
-            is_explicit = scheme.is_explicit(form, parts.is_constrained) and not parts.space
-            self.carried = partial(carried, scheme.text(form), parts._replace(lanes=1), sizes, is_explicit)
-        if scheme.linear is not None:
-            self._kernel = scheme.linear(form, parts, sizes)
+            if not called:
+                self.carried = partial(carried, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
+        else:
+            self._kernel = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
@@ -145,7 +143,7 @@ class Linearised:
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
-            self._varied = varied = Varied(functions, scheme.action, not wanted.isdisjoint(("time", "step")))
+            self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
             self._seeds = seeds
             for name in ("generalised", "action", "terms"):
                 block[getattr(STEPS, name)] = getattr(varied, name)

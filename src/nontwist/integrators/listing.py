@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import ANY, HEAVY
 from ..engine.layout import put
 from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, EXCURSION, MARCH, NODE, OUTPUT
-from ..engine.records import SUMS
+from ..engine.records import SUMS, Parts
 from ..geometry.arrays import Array
 from .coasting import Coasting
 from .load_samples import NOTHING, addresses
@@ -70,28 +69,25 @@ class Listed(NamedTuple):
     has_outputs: bool
 
 
-def listed(
-    march: StackMarch, form: int, width: int, first: int, last: int, rows: Rows | None = None, **changes: bool
-) -> Listed:
+def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, rows: Rows | None = None) -> Listed:
     """Return the calls for steps from number `first` to `last`, whose loads have been sampled, or those of `rows`.
 
-    `width` members of this form are marched at a time; `changes` are those of the parts of the kernel.
+    `width` members of a group are marched at a time.
     """
-    is_moved_by_steps = form in (HEAVY, ANY) and len(march.coasting) > 0
-    coasting = Coasting(march.stack, None) if is_moved_by_steps else march.coasting
+    coasting = Coasting(march.stack, None) if parts.dead and len(march.coasting) else march.coasting
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        within, size = march.scheme.within, march.shapes["states"][1]
+        within, size = march.needs.within, march.shapes["states"][1]
         stages = 0 if within is None else march.scheme.nodes  # that substeps are guessed from
-        rows, reals, others = _with_outputs(march, form, first, last, coasting)
-        side = march.kernel(form, width, observes=False, **changes).address
+        rows, reals, others = _with_outputs(march, parts, first, last, coasting)
+        side = march.kernel(parts, width, observes=False).address
         stride = 2 * size + 2 * SUMS.size + 2 * COMPONENTS * stages + EIGHT
         put(head, CALLS, side=side, reals=reals, stride=stride, stages=stages, within=within)
         alive = reals, within, others
     elif rows is None:
         rows = legs(march, first, last, coasting)
-    kernel = march.kernel(form, width, **changes).address
+    kernel = march.kernel(parts, width).address
     put(head, CALLS, kernel=kernel, calls=len(rows), rows=rows, guesses=march.guesses.start)
     return Listed(head, (rows, alive), has_outputs)
 
@@ -131,9 +127,11 @@ def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, w
     return rows
 
 
-def _with_outputs(march: StackMarch, form: int, first: int, last: int, coasting: Coasting) -> tuple[Rows, Array, Any]:
+def _with_outputs(
+    march: StackMarch, parts: Parts, first: int, last: int, coasting: Coasting
+) -> tuple[Rows, Array, Any]:
     """Return the calls of steps and outputs in order, and the arrays that belong to them."""
-    stack, outputs, middles = march.stack, march.outputs, march.stages[form][1]
+    stack, outputs, middles = march.stack, march.outputs, march.stages[parts][1]
     assert outputs is not None
     here = np.flatnonzero((outputs.node >= first) & ((outputs.node < last) | (last == stack.steps)))
     node, since, inside, n = outputs.node[here], outputs.since[here], outputs.since[here] > 0, len(here)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,22 +68,35 @@ def has_table(load: Load) -> bool:
     return any(isinstance(term, ForceTable) for term in load.terms)
 
 
-def parts_of(systems: SystemStack, load: Load, bodies: Array, scheme: Compiled) -> Parts:
-    """Return what there is in the march of bodies under a load, as they are marched."""
+def parts_of(
+    systems: SystemStack, load: Load, bodies: Array, scheme: Compiled, **known: Any
+) -> tuple[list[Parts], NDArray[np.int64]]:
+    """Return what there is in marches of bodies under a load, as they are marched, and in which one each body is."""
     kinds, spin = {term.kind for term in load.terms}, systems.spin
-    return Parts(
+    shared = Parts(
         is_director_scheme=scheme.is_director_scheme,
         is_constrained=systems.axis is not None,
-        dissipates=bool(scheme.chi),
+        dissipates=bool(scheme.dissipation),
         moving="body" in kinds,
         space="space" in kinds,
-        damping=bool(bodies[:, BODY.damping : BODY.axis].any()),
-        dead=bool(bodies[:, BODY.dead : BODY.damping].any()),
+        damping=bool(load.damping.any()),
         rotor=bool(load.rotors),
         spin=spin is not None and not spin.is_constant,
         forces=has_table(load),
-        is_exact=scheme.action == EXACT,
-    )
+        is_exact=scheme.needs.action == EXACT,
+    )._replace(**known)
+    columns = slice(BODY.dead, BODY.damping), slice(BODY.off, BODY.free), slice(BODY.vertical, BODY.dissipation)
+    is_dead, is_slanted, has_vertical = (bodies[:, own].any(axis=1) for own in columns)
+    flags = is_dead + 2 * (is_slanted | (spin is not None)) + 4 * has_vertical
+    found, which = np.unique(flags, return_inverse=True)
+
+    def parts_with(flags: int) -> Parts:
+        parts = shared._replace(dead=bool(flags & 1))
+        return parts._replace(motion=scheme.motion(parts, bool(flags & 2), bool(flags & 4)))
+
+    marched = [parts_with(one) for one in found.tolist()]
+    groups = list(dict.fromkeys(marched))
+    return groups, np.array([groups.index(parts) for parts in marched])[which]
 
 
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -106,7 +120,6 @@ def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack,
     force = np.zeros((3, 3))
     for term in linear:
         force += term.scale * np.asarray(term.dead_force)
-    assert systems.dead_force is not None
     dead = systems.dead_force + problem.load_scale[:, None, None] * force
     m = len(dead)
     axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))

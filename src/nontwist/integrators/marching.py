@@ -11,10 +11,9 @@ from ..engine.records import BODY, QUANTITIES, SUMS
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from .carried import SAME
 from .compiled import Compiled
 from .problem import Intervals, Outcome, Problem, Status
-from .stack_march import StackMarch
+from .stack_march import SAME, StackMarch
 
 if TYPE_CHECKING:
     from .dense import Dense

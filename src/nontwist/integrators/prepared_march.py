@@ -30,9 +30,9 @@ class PreparedMarch:
     """The march of one body whose start is left open."""
 
     def __init__(self, march: StackMarch) -> None:
-        self._march, form, steps = march, int(march.forms[0]), march.stack.steps
-        march.sample(form, 0, steps)
-        self._todo = listed(march, form, 1, 0, steps)
+        self._march, (parts,), steps = march, march.groups, march.stack.steps
+        march.sample(parts, 0, steps)
+        self._todo = listed(march, parts, 1, 0, steps)
         self._unit, self._threads, self._run = float(march.bodies[0, BODY.unit]), local(), run_prepared.function
         self._factors = march.factors[0]
         self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}

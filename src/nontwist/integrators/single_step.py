@@ -3,9 +3,8 @@
 A march of a stack of one over a grid of one step (`stack_march`) is laid out once. A call writes the state that the
 step begins with and the moments at its nodes into that memory, runs the kernel, and reads the state at the end back. So
 a step depends on what it is given alone: a state that is kept can be given again, and a step that fails leaves nothing
-behind. The moments of the caller are constant over the step, in the body and in space. The form of the step is the one
-for all loads (`engine.bodies.ANY`) whatever the moments are, so that moments of zero change no bit; a run with a load
-in space has the same bits.
+behind. The moments of the caller are constant over the step, in the body and in space. The kernel is one for both kinds
+of moments whatever they are, so that moments of zero change no bit; a run with a load in space has the same bits.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.bodies import ANY
 from ..engine.layout import layout
 from ..engine.records import STATE, SUMS, WORK
 from ..geometry.arrays import Array
@@ -45,10 +43,10 @@ class SingleStep:
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
-        march = self._march = StackMarch(self.stack, scheme)
-        form = int(march.forms[0])
-        march.sample(form, 0, 1)
-        self._middles, self._called = march.stages[form][1], march.called
+        march = self._march = StackMarch(self.stack, scheme, moving=True, space=True)
+        (parts,) = march.groups
+        march.sample(parts, 0, 1)
+        self._middles, self._called = march.stages[parts][1], march.called
         count = self._count = march.count
         nodes = np.zeros((2, count, 3))  # moments in the body and in space
         varies = march.parts.spin
@@ -56,7 +54,7 @@ class SingleStep:
         own = {"times": np.zeros(count), "moving": nodes[0], "space": nodes[1], "forces": march.loads[3]}
         own |= {"rotor": np.zeros((count, 6)) if load.rotors else None, "spin": np.zeros(count) if varies else None}
         march.loads = tuple(own.values())
-        todo = listed(march, ANY, 1, 0, 1, moving=True, space=True)
+        todo = listed(march, parts, 1, 0, 1)
         block, self._workspace, alive = march.laid(todo)
         self._alive = block, alive
         self._run, self._address = march.driver(todo).function, block.ctypes.data

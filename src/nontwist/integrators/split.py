@@ -61,10 +61,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..engine.bodies import DRIVEN, FREE, HEAVY, MOVED, STEADY
 from ..engine.marching import FARTHEST, UNIT, Step, Text
 from ..engine.observation import integrate, observe
-from ..engine.records import Body, State
+from ..engine.records import Body, Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.turning import exponential, magnus, turned, turned_on
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
@@ -168,22 +167,22 @@ class Split(Compiled):
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
-    def text(self, form: int) -> Text:
+    def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
 
-    def stages(self, form: int) -> tuple[Array, Array]:
+    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+        """Return whether the step is explicit: kicks of a standard body, quadrature of a non-twisting one."""
+        return "explicit" if parts.is_along_frame and not (parts.is_constrained and parts.dead) else ""
+
+    def stages(self, parts: Parts) -> tuple[Array, Array]:
         """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame.
 
         Nodes of substeps are their middles.
         """
-        if form in (STEADY, DRIVEN):
+        if parts.is_constrained and parts.is_explicit:
             return ONCE, GAUSS[self.order].nodes
         return fractions(self.order), nodes(self.order)
-
-    def is_explicit(self, form: int, is_constrained: bool) -> bool:
-        """Whether nothing is to be solved unless a moment in space acts."""
-        return form in ((STEADY, DRIVEN) if is_constrained else (FREE, MOVED, HEAVY))
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why rotors, a prescribed spin, or a constrained axis that is not principal are not accepted."""
@@ -324,8 +323,7 @@ def quadrature(acting: Nodes, state: State) -> Step:
         return P + change(weights)
 
     def change(weights: Array) -> Vector:
-        found: Vector = h * sum_of(*(float(w) * B for w, B in zip(weights, across, strict=True)))
-        return found
+        return h * sum_of(*(float(w) * B for w, B in zip(weights, across, strict=True)))
 
     Pi, dP = [momentum(row) for row in rule.matrix], change(rule.weights)
     W = [k * x for x in Pi]
@@ -357,11 +355,7 @@ def composed(acting: Nodes, state: State) -> Step:
 
     count = parts.nodes
     for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):
-        part = (
-            acting.fraction(i)
-            if parts.is_constrained
-            else select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
-        )
+        part = select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
         length = h * part
         if parts.is_constrained:
             v.far = is_too_far(length * (body.k * v.state.s))
@@ -381,13 +375,11 @@ def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> Non
     """Change the momentum by the moments of a substep; turn a body that is held."""
     parts, k, now, mu = acting.parts, acting.body.k, v.state, 0.0 * h
     if parts.is_explicit:
-        torque, load = moments(acting.loads(), k * now.s)
-        R = acting.R
+        (torque, load), R = moments(acting.loads(), k * now.s), acting.R
     else:
         v.stalled, used, v.residual, (torque, load, R) = solved(acting, h, now)
         v.used = larger(used, v.used)
-    dP = Vector(torque[0], torque[1], torque[2] * acting.body.free)
-    dP = h * dP
+    dP = h * Vector(torque[0], torque[1], torque[2] * acting.body.free)
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V

@@ -1,7 +1,7 @@
 """A stack of problems laid out for the compiled march, and marched; one run is a stack of one.
 
 A march is a list of calls of its kernel (`listing`), some steps at a time, for whose nodes loads that depend on time
-alone are sampled beforehand. Members whose steps have the same form are marched together, in threads. What a member
+alone are sampled beforehand. Members with the same kind of motion are marched together, in threads. What a member
 becomes depends on that member alone.
 """
 
@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.bodies import ANY, HEAVY, rows_of
+from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
 from ..engine.layout import put, side_by_side, spans
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
-from .carried import factors, is_start
 from .coasting import Coasting
 from .compiled import Compiled
 from .listing import Listed, Outputs, legs, listed
@@ -39,13 +38,23 @@ NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; whe
 SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
 SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
 NEVER = np.array([0, 2**62])  # steps at which a march stores a state by itself
+EPS, SAME = 2.0**-52, 1e-12
 
 
 class StackMarch:
-    """A march of a stack: its arrays, laid out for the kernels."""
+    """A march of a stack: its arrays, laid out for the kernels.
 
-    def __init__(self, stack: Problem, scheme: Compiled) -> None:
-        self.stack, self.scheme = stack, scheme
+    Attributes
+    ----------
+    groups : list of Parts
+        What kernels are made for.
+    group : (m,) array
+        Which of them marches each member.
+    """
+
+    def __init__(self, stack: Problem, scheme: Compiled, **known: Any) -> None:
+        """Lay out a stack; `known` are parts that there are in any case."""
+        self.stack, self.scheme, self.needs = stack, scheme, scheme.needs
         self.outputs = None if stack.asked is None else Outputs(stack)
         m, director = len(stack), scheme.is_director_scheme
         count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
@@ -56,17 +65,21 @@ class StackMarch:
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
         systems, self.load = as_marched(stack, director)
-        self.about = orbit_of(systems, self.load, self.unit) if scheme.action == STAGE else None
-        self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
-        if scheme.chi:
-            self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.chi
-        forms = scheme.forms(forms, self.bodies, self.load)
-        self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
-        self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
-        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], scheme.table
-        self.stages = {form: scheme.stages(form) for form in set(self.forms.tolist())}
+        self.about = orbit_of(systems, self.load, self.unit) if self.needs.action == STAGE else None
+        self.bodies = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
+        if scheme.dissipation:
+            self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
+        self.called = Called(self.load, self.needs.action)
+        known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
+        known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
+        self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
+        self.group = np.broadcast_to(group, m)
+        self.parts = self.groups[0]._replace(dead=any(parts.dead for parts in self.groups))
+        self.sequence = FIRST if m == 1 else np.argsort(self.group, kind="stable")
+        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
+        self.stages = {parts: scheme.stages(parts) for parts in self.groups}
         self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
-        size, none = STATE.size + scheme.carried, (0,)
+        size, none = STATE.size + self.needs.carried, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),
@@ -87,37 +100,24 @@ class StackMarch:
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
         put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)
-        put(
-            self.block,
-            BLOCK,
-            is_constrained=stack.systems.axis is not None,
-            action=scheme.action,
-            function=self.called.address,
-        )
-        put(self.block, BLOCK, generalised=self.called.generalised, terms=self.called.terms, orbit=self.about)
+        put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
+        function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
+        put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
-        self.parts = parts_of(systems, self.load, self.bodies, scheme)._replace(
-            function=bool(self.called.address),
-            generalised=bool(self.called.generalised),
-            orbit=self.about is not None,
-            reports=stack.intervals,
-            observes=stack.observed,
-        )
         coasts = scheme.is_exact_without_load and not self.parts.dead
         self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
         self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
         self.loads, self.count = NOTHING, 1
         self.begin(stack)
 
-    def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
-        """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
-        scheme = self.scheme
-        parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(form)[1]), **changes)
-        is_explicit = scheme.is_explicit(form, parts.is_constrained) and not parts.space
-        coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
-        return kernel_of(scheme.text(form), parts._replace(is_explicit=is_explicit, coasts=coasts))
+    def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
+        """Return what marches a group, so many at a time; `changes` of the parts."""
+        nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
+        return kernel_of(
+            self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes, coasts=coasts, **changes)
+        )
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -130,9 +130,6 @@ class StackMarch:
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
-        if len(numbers) == 2:
-            one: Array = np.diff(stored) * self.sizes[0, 0]
-            return one
         inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
         places = np.searchsorted(stored, inner)
         more = stored[places] != inner
@@ -159,8 +156,8 @@ class StackMarch:
         states[:] = known
         if self.scheme.is_exact_without_load:
             return
-        for form, _, span, _ in self._tasks(1):  # the first node has the bits of the last before
-            self._leave(form, span, 0, 0)
+        for parts, _, span, _ in self._tasks(1):  # the first node has the bits of the last before
+            self._leave(parts, span, 0, 0)
         for name in ("quaternions", "velocities", "normals"):
             if self.arrays[name].size:
                 self.arrays[name][:, 0] = self.arrays[name][:, 1]
@@ -181,18 +178,18 @@ class StackMarch:
             In a stack of more than one.
         """
         stack, first, done, counted = self.stack, 0, 0, None
-        tasks, (ends, parts) = self._tasks(threads), self._parts()
-        report = progress(stack, parts)
+        tasks, (ends, count) = self._tasks(threads), self._pauses()
+        report = progress(stack, count)
         try:
             for last in ends:
-                for form, width, span, size in tasks:
+                for parts, width, span, size in tasks:
                     try:
-                        self.sample(form, first, last)
+                        self.sample(parts, first, last)
                     except ValueError as error:
                         if first == 0:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
-                    run = partial(self._run, listed(self, form, width, first, last), width)
+                    run = partial(self._run, listed(self, parts, width, first, last), width)
                     in_threads(run, span, size, threads, report if len(stack) > 1 else lambda members: None)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
@@ -209,7 +206,7 @@ class StackMarch:
             return self._stopped(counted, str(stop))
         return None, None
 
-    def _parts(self) -> tuple[Iterable[int], int]:
+    def _pauses(self) -> tuple[Iterable[int], int]:
         """Return the steps at which the march pauses, the last one among them, and how many they are.
 
         Where nothing but the states that are stored is left to do, it pauses after so many of those.
@@ -227,9 +224,9 @@ class StackMarch:
         rest += stored[int(np.searchsorted(stored, by_steps, side="right")) + NODES - 1 : -1 : NODES].tolist()
         return chain(marched, rest, [steps]), len(marched) + len(rest) + 1
 
-    def sample(self, form: int, first: int, last: int) -> None:
-        """Sample the load at the nodes of some steps of this form, of those on which moments may act."""
-        gamma, middles = self.stages[form]
+    def sample(self, parts: Parts, first: int, last: int) -> None:
+        """Sample the load at the nodes of some steps of a group, of those on which moments may act."""
+        gamma, middles = self.stages[parts]
         part = first, min(last, self.sampled), middles
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
@@ -263,7 +260,7 @@ class StackMarch:
             self.arrays["sums"][:] = self.arrays["totals"]
         if (passed := float(stack.times(last) - since)) > 0:
             end = last
-            self._leave(int(self.forms[0]), (0, 1), last, done)
+            self._leave(self.groups[0], (0, 1), last, done)
             if stack.intervals:
                 self.arrays["intervals"][0, done, : SUMS.work] *= length / passed
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
@@ -272,26 +269,25 @@ class StackMarch:
         """Return the sums over the open interval."""
         return self.arrays["sums" if self.outputs is None else "totals"]
 
-    def _leave(self, form: int, span: tuple[int, int], step: int, done: int) -> None:
-        """Write the states of members of a form as if they were those of the node after `done`."""
+    def _leave(self, parts: Parts, span: tuple[int, int], step: int, done: int) -> None:
+        """Write the states of members of a group as if they were those of the node after `done`."""
         part = max(step - 1, 0), max(step, 1)
         row, self.block[BLOCK.writes_end] = legs(self, *part, self.coasting)[-1:], 1
         put(row[0], CALL, first=step, steps=0, done=done, begins=0)
-        self._run(listed(self, form, 1, *part, row), 1, *span)
+        self._run(listed(self, parts, 1, *part, row), 1, *span)
         self.block[BLOCK.writes_end] = 0
 
-    def _tasks(self, threads: int) -> list[tuple[int, int, tuple[int, int], int]]:
-        """Return forms, how many bodies are marched at a time, which members, and in what blocks."""
+    def _tasks(self, threads: int) -> list[tuple[Parts, int, tuple[int, int], int]]:
+        """Return groups, how many bodies are marched at a time, which members, and in what blocks."""
         m, found, begin = len(self.stack), [], 0
         if m == 1:
-            return [(int(self.forms[0]), 1, (0, 1), 1)]
+            return [(self.groups[0], 1, (0, 1), 1)]
         scheme, wide = self.scheme, machine_code.lanes()
         size = int(np.clip(-(-m // (4 * threads)), SMALLEST, LARGEST))
-        for form, number in enumerate(np.bincount(self.forms).tolist()):
-            if number:
-                few = number <= FEW or not scheme.in_lanes
-                found.append((form, 1 if few else wide, (begin, begin + number), size))
-                begin += number
+        for parts, number in zip(self.groups, np.bincount(self.group).tolist(), strict=True):
+            few = number <= FEW or not scheme.in_lanes
+            found.append((parts, 1 if few else wide, (begin, begin + number), size))
+            begin += number
         return found
 
     def good(self, step: int) -> int:
@@ -320,7 +316,38 @@ class StackMarch:
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
-        workspace = aligned(width * WORK.size + self.scheme.scratch(width))
+        each, shared = self.needs.scratch
+        workspace = aligned(width * (WORK.size + each) + shared)
         put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
+
+
+def factors(scheme: Compiled, bodies: Array, unit: float, size: int) -> Array:
+    """Return what `size` carried numbers are multiplied by to have the units of the caller, (m or 1, size)."""
+    found = np.ones((len(bodies), size))
+    moment = bodies[:, BODY.unit, None]
+    if scheme.is_director_scheme:
+        found[:, STATE.s :] = 1 / unit
+    else:
+        found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * unit, moment
+    found[:, STATE.c : STATE.auxiliary] = 1.0
+    if (more := size - STATE.size) > 0:  # increments of the momentum, and of directions
+        found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * unit, 1.0
+    return found
+
+
+def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
+    """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
+    sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
+    apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
+    apart += [_apart(carried, states, slice(STATE.s, STATE.compensation))]
+    if scheme.is_director_scheme:
+        apart += [_apart(carried, states, slice(STATE.auxiliary, STATE.size))]
+    apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
+    return not max(apart) > SAME
+
+
+def _apart(a: Array, b: Array, part: slice) -> float:
+    size = abs(b[:, STATE.s : STATE.compensation]).max()
+    return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())

@@ -31,7 +31,7 @@ from .system import DirectorSystem
 I3, NO_FORCES = np.eye(3), np.zeros((3, 3))
 
 
-def turning(w: Array) -> Array:
+def hat(w: Array) -> Array:
     """Return ŵ, ``ŵ x = w × x``."""
     x, y, z = w.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -84,7 +84,7 @@ def split_rates(
     w : (3,) array, rad/s, optional
         The velocity, where `split_velocity` has found it.
     """
-    turn, d = turning(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis(system) @ q
+    turn, d = hat(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis(system) @ q
     m = moment + products(q, system.dead_force) if _is_heavy(system) else moment
     d_dot = turn @ d
     along, mu = float(pi_perp @ d_dot + m @ d), 0.0  # π_∥' + μ

@@ -58,7 +58,7 @@ class SystemStack:
 
     euler_inertia: Array
     axis: Array | None = None
-    dead_force: Array | None = None
+    dead_force: Array = None  # type: ignore[assignment]  # an array from here on
     name: str = "body"
     spin: Any = None
     spin_factor: Array | None = None
@@ -159,7 +159,6 @@ class SystemStack:
         if "_bodies" in vars(self):
             body: DirectorSystem = vars(self)["_bodies"][member]
             return body
-        assert self.dead_force is not None
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
             self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member)
@@ -188,9 +187,8 @@ class SystemStack:
 
         0 if their directions differ or there are no dead forces.
         """
-        dead = self.dead_force
-        assert dead is not None
-        dead = np.ldexp(dead, -np.frexp(abs(dead).max(axis=(1, 2)))[1][:, None, None])  # its squares are numbers
+        scale = -np.frexp(abs(self.dead_force).max(axis=(1, 2)))[1]
+        dead = np.ldexp(self.dead_force, scale[:, None, None])  # whose squares are numbers
         length = np.sqrt((dead * dead).sum(axis=2))
         largest, size = dead[range(len(self)), length.argmax(axis=1)], length.max(axis=1)[:, None]
         e: Array = np.divide(largest, size, out=np.zeros_like(largest), where=size > 0)
@@ -226,11 +224,8 @@ def part_of(systems: SystemStack, first: int, last: int) -> SystemStack:
     """Return the stack of some members; a stack of one is that of all."""
     if len(systems) == 1:
         return systems
-    E, axis, dead, factor = (
-        None if array is None else array[first:last]
-        for array in (systems.euler_inertia, systems.axis, systems.dead_force, systems.spin_factor)
-    )
-    assert E is not None
+    E, dead = systems.euler_inertia[first:last], systems.dead_force[first:last]
+    axis, factor = (None if array is None else array[first:last] for array in (systems.axis, systems.spin_factor))
     return SystemStack(E, axis, dead, systems.name, systems.spin, factor)
 
 

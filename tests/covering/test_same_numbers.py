@@ -9,6 +9,7 @@ from .problems import DIFFERENCED, DIFFERENTIATED, LOADS, factors, made_load, ou
 from .record import Recorded, scale_of
 
 ROUNDING = 1e-12  # of the largest number of an array, times its growth
+DERIVATIVES = 1e-11  # of derivatives, whose equations are solved otherwise than in 0.2.0
 DIFFERENCES = 1e-7  # of derivatives, where 0.2.0 took central differences of a function
 BETWEEN = 1e-6  # of states between steps of gauss, and means up to them: 0.2.0 took one more step (`integrators.dense`)
 ADAPTIVE = 1e-9  # of SciPy's solver: it chooses its steps by errors, which round-off changes
@@ -42,7 +43,7 @@ def check(place):
             more = (found[name] - array).max(initial=0) if is_count else gap
             assert more <= (growth[name] if is_count else 0), f"{problem}, {name}: {more}"
             continue
-        bound = ROUNDING * growth[name]
+        bound = (DERIVATIVES if problem.way in DIFFERENTIATED else ROUNDING) * growth[name]
         if problem.load in DIFFERENCED and problem.way in DIFFERENTIATED:
             bound = DIFFERENCES
         elif is_between:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.trajectory import Events
 from ..geometry.arrays import Array
-from ..geometry.attitudes import States, stacked_states, without_jumps
+from ..geometry.attitudes import States, stacked_states
 from ..integrators.base import Failure, Integrator, Outcome, Problem, Status
 from ..integrators.problem import Intervals
 from .events import Event, Part, Root, Search, parts
@@ -86,7 +86,6 @@ class Kept:
         counts = None if like.newton_iterations is None else np.array([self.iterations[1:]], dtype=np.int64)
         means = like.of_integrals(between[None], np.diff(np.array(self.times)), counts)
         states = stacked_states(self.states) if n else last.states.part(0, slice(0))
-        states = states._replace(quaternion=without_jumps(states.quaternion))
         failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
         reasons = {} if failure is None else {0: failure.reason}
         ends = n > 0 and last.states.quaternion.shape[1] > 0

@@ -108,8 +108,12 @@ class Part(NamedTuple):
         problem = self.problem
         if problem.off_grid or self.outcome.failure() is not None:
             return None
-        nodes = np.searchsorted(self.times, problem.times(np.arange(problem.steps + 1)))
-        return self.scheme.between(replace(problem, asked=times), self.outcome.states.part(0, nodes))
+        nodes, own = problem.times(np.arange(problem.steps + 1)), self.outcome.states.part(0)
+        found = self.scheme.between(replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes)))
+        if found is not None:  # with the signs of those before
+            p = own.quaternion[np.searchsorted(self.times, times, side="right") - 1]
+            found.quaternion[np.sum(found.quaternion * p, axis=1) < 0] *= -1
+        return found
 
     def beyond(self, check: int, times: Array) -> Outcome:
         """Return the outcome at times from that of the number `check` to the next node."""

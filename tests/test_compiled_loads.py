@@ -131,6 +131,7 @@ def imports(t, d, w):
 FINE = {f.__name__: f for f in (arrays, assigned, mutated, helpers, mathematics, switched, reductions, wholes, masks)}
 FINE |= {f.__name__: f for f in (periodic, tables, outside, products, deep, imports)}
 FINE |= {"a method": Coil(2.0).moment, "an instance": Coil(3.0), "partial": functools.partial(deep, depth=2)}
+FINE |= {"keywords": lambda t, d, w: np.clip(w, a_min=-0.1, a_max=np.clip(t, a_min=0.2, a_max=0.9))}
 FINE |= {"a lambda": lambda t, d, w: w * t, "a column": lambda t, d, w: tuple(x for x in w)}
 
 

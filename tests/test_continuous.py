@@ -1,7 +1,9 @@
+import inspect
 import re
 
 import numpy as np
 import pytest
+from scipy import integrate as solvers
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
@@ -20,6 +22,7 @@ from nontwist import (
     space_moment,
     standard,
 )
+from nontwist.integrators.continuous import TURNS, solver_of
 
 FINE = {"rtol": 1e-13, "atol": 1e-14}
 LOAD = sine([1, 2, 0.5], 0.7) + space_moment(lambda t: (np.cos(t), 0, 1)) + damping([0.1, 0.2, 0.3])
@@ -201,3 +204,10 @@ def test_tiny_motions_end(speed):
     }
     run = simulate(nontwisting([1e-2, 700, 700]), material_angular_velocity=(2 * speed, 0, speed), **how)
     assert run.material_angular_velocity.values[-1] / speed == pytest.approx([2, 0, 0], abs=1e-9)
+
+
+@pytest.mark.parametrize("method", TURNS)
+def test_every_solver_is_that_of_scipy(method):
+    own, of_scipy = solver_of(method), getattr(solvers, method)
+    assert inspect.getsource(own) == inspect.getsource(of_scipy)
+    assert (own is of_scipy) == (method not in ("RK23", "RK45", "DOP853"))

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from itertools import count, pairwise
-from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Literal, Self
 
@@ -177,7 +176,7 @@ def solver_of(method: str) -> Any:
         import scipy
 
         package = ModuleType(f"{__name__}_solvers")
-        package.__path__ = [str(Path(scipy.__path__[0]) / "integrate" / "_ivp")]
+        package.__path__ = [f"{scipy.__path__[0]}/integrate/_ivp"]
         sys.modules[package.__name__] = package
         with suppress(ImportError):
             return getattr(import_module(f"{package.__name__}.rk"), method)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats
@@ -57,7 +56,7 @@ class Rates:
         """
         if self.quaternions is not None and len(self.quaternions) != len(self.time):
             raise InputError("lengths", attitudes=len(self.quaternions), rates=len(self.time))
-        good: NDArray[np.bool_] = np.all(np.isfinite(self.rates), axis=1)
+        good = np.asarray(np.isfinite(self.rates).all(axis=1))
         rows, said = kept_rows(self.time, good, lines, "missing-rates", "a fit", FEWEST)
         if (fastest := float(abs(self.rates[rows]).max())) > FASTEST:
             said.append(InputWarning("fast", fastest=fastest))

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import integrate
 
 from conftest import nontwist
 from nontwist import (
@@ -344,9 +343,9 @@ STEPPED = {
 def test_the_steps_of_the_solver_are_about_those_forecast(case, method, monkeypatch):
     body, how, end = STEPPED[case]
     taken, expected = [], []
-    solver, forecast = getattr(integrate, method), continuous.expected_steps
+    solver, forecast = continuous.solver_of(method), continuous.expected_steps
     counting = type(method, (solver,), {"step": lambda self: taken.append(1) or solver.step(self)})
-    monkeypatch.setattr(integrate, method, counting)
+    monkeypatch.setattr(continuous, "solver_of", lambda method: counting)
     monkeypatch.setattr(continuous, "expected_steps", lambda *task: expected.append(forecast(*task)) or expected[0])
     simulate(body, times=[end], integrator=Continuous(method=method, rtol=1e-6, atol=1e-8), **how)
     assert len(taken) / 4 < expected[0] < 25 * len(taken)

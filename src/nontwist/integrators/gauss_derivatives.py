@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.elimination import Scratch, eliminate
+from ..engine.elimination import Scratch, eliminate_once
 from ..engine.linearised import NODAL, Calls, Directions, Known, Step, Steps, Wanted, called_at
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
@@ -341,7 +341,7 @@ class Collocation:
                 row[m + r] = 0.0 * h + self.sum(i)
                 if has_inverse:
                     row[m + 3 + 3 * i + r] = 0.0 * h + 1.0
-        self.eliminate(m, width)
+        eliminate_once(a, m, width)
         for i, stage in self.each():
             rows = [a.shifted((3 * i + r) * width + m) for r in range(3)]
             C = Matrix(*(Vector(*(row[k] for row in rows)) for k in range(3)))
@@ -350,11 +350,6 @@ class Collocation:
                 setattr(stage, name, g @ C)
             for j in loop(s if has_inverse else 0):
                 self.put("U", i * s + j, Matrix(*(h * vector_at(row, 3 + 3 * j) for row in rows)))
-
-    def eliminate(self, m: int, width: int) -> None:
-        """Let the elimination stand once in the code, whatever the sizes."""
-        v = Variables(m=m, width=width)
-        eliminate(self.scratches["a"], v.m, v.width)
 
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
@@ -414,7 +409,7 @@ class Collocation:
         for i, stage in self.each():
             for r, x in enumerate(stage.next_dp):
                 a[(3 * i + r) * (m + 1) + m] = x
-        self.eliminate(m, m + 1)
+        eliminate_once(a, m, m + 1)
         most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + TINY, stiff=0.0 * self.h)
         for i, stage in self.each():
             d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
@@ -475,7 +470,7 @@ class Collocation:
             for o, row in enumerate((*self.matrix("theta", j), *self.matrix("Z", j))):
                 for c in range(3):
                     a[(3 * j + c) * width + m + o] = row[c]
-        self.eliminate(m, width)
+        eliminate_once(a, m, width)
         for j in loop(self.s):
             for o in range(6):
                 put(

@@ -82,7 +82,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED
 from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
-from ..engine.linearised import Wanted
+from ..engine.known_steps import Wanted
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS

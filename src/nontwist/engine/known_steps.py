@@ -9,7 +9,7 @@ constrained axis the frame turns, by ε = n × dn: a vector x along the body is 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import remade
@@ -22,6 +22,7 @@ from .sampling import Nodes
 if TYPE_CHECKING:
     from .linear_functions import Calls
 
+Number = TypeVar("Number")
 INPUTS = {
     "inertia": 6,  # 11, 22, 33, 23, 13, 12
     "axis": 3,
@@ -285,11 +286,14 @@ class Known(Nodes):
         return f if self.turn is None else varied(f, cross(f, self.turn))
 
 
-def varied(x: Any, change: Any) -> Any:
+def varied(x: Number, change: Any) -> Number:
     """Return numbers to which a change of value 0 is added: their values stay the same to the last bit."""
+    found: Any = x
     if isinstance(x, tuple):
-        return remade(x, [varied(*each) for each in zip(x, change, strict=True)])
-    return Dual(plain(x), change.sum(0.0, 1.0, x, 1.0, change).tangents) if isinstance(change, Dual) else x
+        found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
+    elif isinstance(change, Dual):
+        found = Dual(plain(x), change.sum(0.0, 1.0, x, 1.0, change).tangents)
+    return found  # type: ignore[no-any-return]
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:

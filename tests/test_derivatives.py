@@ -316,6 +316,15 @@ def test_a_body_that_hardly_turns(order, speed):
     assert abs(d.d_rotation.values[-1, :, 3:]).max() <= speed
 
 
+@pytest.mark.parametrize("order", [2, 4, 8])
+def test_a_longer_run_of_a_body_that_hardly_turns(order):
+    """It turns further by the velocity at the end."""
+    how = {"t_end": 1, "step": 0.1, "integrator": "gauss", "order": order, "rotation": R0}
+    d = sensitivities(standard(J), wrt="duration", material_angular_velocity=1e-6 * W0, **how)
+    expected = d.material_angular_velocity.values[-1]
+    assert abs(d.d_rotation.values[-1, :, 0] - expected).max() < 1e-12 * abs(expected).max()
+
+
 @pytest.mark.parametrize("order", [2, 4, 8, 16])
 def test_a_top_that_hangs_at_rest(order):
     """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
@@ -589,6 +598,23 @@ def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, 
                 again = expected.values * one
                 assert array.shape == again.shape
                 assert abs(array - again).max() <= 1e-14 * max(1, abs(again).max())
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+@pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize(("body", "load"), [("nontwisting", "none"), ("standard", "body"), ("heavy", "none")])
+def test_jacobians_by_few_parameters(scheme, body, load):
+    """Turns of the start alone turn all of a run that does not see its attitude; of a heavy body they do not."""
+    inertia, axis, dead = BODIES[body]
+    system = DirectorSystem(euler_inertia(inertia), axis, dead)
+    W = W0 if system.axis is None else W0 - (W0 @ system.axis) * system.axis
+    how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": LOADS[load], "store": 4}
+    names = ["material_angular_velocity", "rotation", "inertia", "duration"]
+    start = {"material_angular_velocity": W, "rotation": R0}
+    found = propagator(system, **how).jacobian(wrt=names, **start)
+    d = sensitivities(system, wrt=names, **how, **start)
+    for array, expected in zip(found, (d.d_rotation, d.d_material_angular_velocity), strict=True):
+        assert abs(array - expected.values).max() <= 1e-14 * max(1, abs(expected.values).max())
 
 
 def test_jacobian_serves_least_squares():

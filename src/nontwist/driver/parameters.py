@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engine.functions import FUNCTIONS, changes_of_numbers, kind_of, numbers_of
-from ..engine.linearised import INPUTS
+from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..kernels.control import loop, when
+from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, fma, select
 from ..kernels.parts import part
 
@@ -24,6 +24,12 @@ class Scratch(NamedTuple):
 
     def __setitem__(self, k: Any, x: Any) -> None:
         self.memory.store(k * self.lanes, x, self.lanes)
+
+
+def eliminate_once(a: Scratch, m: int, columns: int) -> None:
+    """Let the elimination stand once in the code, whatever the sizes."""
+    v = Variables(m=m, columns=columns)
+    eliminate(a, v.m, v.columns)
 
 
 @part

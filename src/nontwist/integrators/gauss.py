@@ -79,7 +79,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..engine.generalised import STAGE
-from ..engine.linearised import Wanted
+from ..engine.known_steps import Wanted
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS

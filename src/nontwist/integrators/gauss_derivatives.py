@@ -15,7 +15,7 @@ and the turn of the step, ``θ = Σ Θ_i dV_i + ...``, is linear as well (`gauss
 T_ji) a system with the transposed matrix makes the response of the end to what stands on the right at each stage. An
 input then costs one product a stage. All derivatives of F are those of its text on dual numbers, in the directions of
 V and g for the matrices, in those of the start and of the inputs for dF. Inertia changes by a whole symmetric matrix,
-as duals in the frame b (`engine.linearised`): no eigenvector is differentiated.
+as duals in the frame b (`engine.known_steps`): no eigenvector is differentiated.
 
 Steps are independent of each other once the states are known, so lanes hold several of them. Their stages are solved
 again: by fixed points and, where those do not contract, by Newton's iteration with the matrices above.
@@ -27,8 +27,10 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.elimination import Scratch, eliminate
-from ..engine.linearised import NODAL, Calls, Directions, Known, Step, Steps, Wanted, called_at
+from ..engine.elimination import Scratch, eliminate_once
+from ..engine.known_steps import NODAL, Directions, Step, Steps, Wanted
+from ..engine.linear_functions import Calls
+from ..engine.linearised import called_at
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
@@ -38,78 +40,12 @@ from ..kernels.memory import View, doubles, put, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_stages import LEVEL, OVERFLOW, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
+from .gauss_known_stages import KnownStages, StageEquations
+from .gauss_stages import LEVEL, OVERFLOW, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
 CORRECTIONS, CLOSE, SAME = 20, 1e-9, 1e-6
 STATE = {"turn": 3, "velocity": 3}
-
-
-class KnownStages(Known):
-    """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
-
-    def __init__(
-        self, parts: Parts, body: Body, nodes: Any, scale: Any, directions: Directions, steps: View, calls: Calls
-    ) -> None:
-        super().__init__(parts, body, nodes(0), scale, directions, calls=calls)
-        self._nodes, self._steps = nodes, steps
-        self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.places else None
-
-    @property
-    def orbit(self) -> tuple[Any, Vector]:
-        """The rate of the orbit, and its axis in space."""
-        return self.vary.along("orbit", self._steps.orbit[0]), vector_at(self._steps.orbit, 1)
-
-    def known(self, j: Any) -> Any:
-        """Return what is known of a node."""
-        return self._nodes(j)
-
-    def fraction(self, j: Any) -> Any:
-        """Return how far into the step a node is; seen from an orbit, no time passes in it."""
-        return 0.0 if self.parts.orbit else self._steps.table[TABLE.nodes + j]
-
-    def evaluate(self, i: Any, W: Vector, g: Any, is_sloped: bool) -> None:
-        """Evaluate the functions of the state at a stage."""
-        rows = self.R @ g
-        assert self.calls is not None
-        self.calls.evaluate(self.known(i), self.basis @ rows.T, rows @ W, ZEROS, is_sloped)
-
-
-class StageEquations(Equations):
-    """The equations of the stages for the velocities V that vectors of space turn with."""
-
-    acting: KnownStages
-
-    def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
-        """Return P, the vectors g, and what the equations say at stages."""
-        P, g = self.placed(i, matrix)
-        if not self.parts.calls:
-            return P, g, self.now(stage, P, g)
-        self.acting.evaluate(i, self.k * P, g, False)
-        acting, at, parts = self.acting, self.acting.known(i), self.parts
-        load = acting.factor * (at.load @ acting.R) if parts.function else None
-        of_potentials = acting.factor * (at.of_potentials @ acting.basis) if parts.generalised else None
-        return P, g, self.now(stage, P, g, load, of_potentials)
-
-    def orbital(self, g: Any) -> Vector:
-        """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""
-        return -self.turning(ZEROS, g)
-
-    def rate(self, i: Any, V: Vector, g: Any, C: Any) -> Vector:
-        """Return V' at a stage, of numbers of any kind; C: the axes of b at the beginning as seen there."""
-        acting, W = self.acting, V if self.orbit is None else V + self.orbital(g)
-        body = acting.body
-        functions = acting.functions(i).torque(g, W) if self.parts.calls else ()
-        x, y, z = self.now(self.sampled(i), body.momentum_of(W), g, *functions).rate
-        if acting.force is not None:
-            more = ZEROS
-            for f, c in zip(Matrix(*map(acting.seen, acting.force)).T, C, strict=True):
-                more = more + cross(f, c)
-            x, y, z = x + more[0], y + more[1], z + body.free * more[2]
-        if self.parts.spin:
-            z = z + (body.E[0] + body.E[1]) * (acting.spin(i) / acting.h)
-        rate = body.velocity_of(Vector(x, y, z))
-        return rate if self.orbit is None else rate - cross(self.orbital(g), V)
 
 
 def scratches(s: int, columns: int) -> dict[str, int]:
@@ -341,7 +277,7 @@ class Collocation:
                 row[m + r] = 0.0 * h + self.sum(i)
                 if has_inverse:
                     row[m + 3 + 3 * i + r] = 0.0 * h + 1.0
-        self.eliminate(m, width)
+        eliminate_once(a, m, width)
         for i, stage in self.each():
             rows = [a.shifted((3 * i + r) * width + m) for r in range(3)]
             C = Matrix(*(Vector(*(row[k] for row in rows)) for k in range(3)))
@@ -350,11 +286,6 @@ class Collocation:
                 setattr(stage, name, g @ C)
             for j in loop(s if has_inverse else 0):
                 self.put("U", i * s + j, Matrix(*(h * vector_at(row, 3 + 3 * j) for row in rows)))
-
-    def eliminate(self, m: int, width: int) -> None:
-        """Let the elimination stand once in the code, whatever the sizes."""
-        v = Variables(m=m, width=width)
-        eliminate(self.scratches["a"], v.m, v.width)
 
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
@@ -414,7 +345,7 @@ class Collocation:
         for i, stage in self.each():
             for r, x in enumerate(stage.next_dp):
                 a[(3 * i + r) * (m + 1) + m] = x
-        self.eliminate(m, m + 1)
+        eliminate_once(a, m, m + 1)
         most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + TINY, stiff=0.0 * self.h)
         for i, stage in self.each():
             d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
@@ -475,7 +406,7 @@ class Collocation:
             for o, row in enumerate((*self.matrix("theta", j), *self.matrix("Z", j))):
                 for c in range(3):
                     a[(3 * j + c) * width + m + o] = row[c]
-        self.eliminate(m, width)
+        eliminate_once(a, m, width)
         for j in loop(self.s):
             for o in range(6):
                 put(
@@ -516,8 +447,6 @@ class Collocation:
             for name in nodal:
                 for c in range(self.wanted[name]):
                     found = [row @ tangent(F, places[name] + c) for row in both]
-                    if self.parts.orbit:
-                        found[3:] = Vector(*found[3:]) + cross(self.ends[1], found[:3])
                     for r, x in enumerate(found):
                         store(r, self.columns[name] + self.wanted[name] * i + c, x)
             for j in range(count):

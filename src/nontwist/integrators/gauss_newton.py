@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from ..engine.elimination import Scratch, eliminate_once
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
 from ..engine.state_moments import DIFFERENCE
@@ -56,43 +57,6 @@ def drawn_of_duals(C: Any, f: Vector) -> Vector:
     return Vector(
         *(Dual(x.value, [t + d[i] for t, d in zip(x.tangents, changes, strict=True)]) for i, x in enumerate(v))
     )
-
-
-def eliminate(a: Any, m: int, width: int) -> None:
-    """Let `eliminated` stand once in the code, whatever the sizes."""
-    v = Variables(m=m, width=width)
-    eliminated(a, v.m, v.width)
-
-
-@part
-def eliminated(a: Any, m: Any, width: Any) -> None:
-    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; partial pivots."""
-
-    def subtract(i: Any, k: Any, g: Any, first: Any) -> None:
-        for _ in when(g != 0.0):
-            for j in loop(first, width):
-                a[i * width + j] = a[i * width + j] - g * a[k * width + j]
-
-    for k in loop(m):
-        v = Variables(pivot=k, largest=abs(a[k * width + k]))
-        for i in loop(k + 1, m):
-            here = abs(a[i * width + k])
-            v.pivot, v.largest = select(here > v.largest, i, v.pivot), larger(here, v.largest)
-        pivot = v.pivot
-        for _ in when(pivot != k):
-            for j in loop(k, width):
-                x, y = a[k * width + j], a[pivot * width + j]
-                a[k * width + j], a[pivot * width + j] = y, x
-        f = 1.0 / a[k * width + k]
-        for i in loop(k + 1, m):
-            subtract(i, k, f * a[i * width + k], k + 1)
-    for back in loop(m):
-        k = m - 1 - back
-        f = 1.0 / a[k * width + k]
-        for j in loop(m, width):
-            a[k * width + j] = f * a[k * width + j]
-        for i in loop(k):
-            subtract(i, k, a[i * width + k], m)
 
 
 def column_at(a: Any, i: Any, width: Any, column: Any) -> Vector:
@@ -129,7 +93,7 @@ def vectors_of_space(
             a[at + 3 * i + r] = a[at + 3 * i + r] + 1.0
             for c, g in enumerate(starts):
                 a[at + side + c] = g[r]
-    eliminate(a, m, width)
+    eliminate_once(Scratch(a, 1), m, width)
     for i in loop(s):
         stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
         for c, name in enumerate(names):
@@ -247,7 +211,7 @@ class Residuals:
     def solve(self) -> None:
         """Find the changes of P at the stages."""
         combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.number)
-        eliminate(self.momenta, self.m, self.m + 1)
+        eliminate_once(Scratch(self.momenta, 1), self.m, self.m + 1)
 
     def correct(self, v: Variables) -> None:
         """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.

@@ -10,8 +10,8 @@ import numpy as np
 from ..engine.chained import LANES
 from ..engine.growth import Growth as Block
 from ..engine.growth import grow
+from ..engine.known_steps import STEPS
 from ..engine.layout import side_by_side
-from ..engine.linearised import STEPS
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES

@@ -17,7 +17,9 @@ from ..engine.bodies import rows_of
 from ..engine.chained import CHAIN, LANES
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised, places_of_directions
+from ..engine.known_steps import INPUTS, NODAL, STEPS, Step
+from ..engine.linear_functions import places_of_directions
+from ..engine.linearised import carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY
 from ..geometry.arrays import Array, aligned

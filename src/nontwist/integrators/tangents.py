@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..engine import chained
 from ..engine.chained import CHAIN, LANES
-from ..engine.linearised import STEPS, Carried
+from ..engine.known_steps import STEPS
+from ..engine.linearised import Carried
 from ..engine.records import STATE, State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States

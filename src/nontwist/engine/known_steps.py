@@ -1,0 +1,308 @@
+"""What is known of steps that are taken again, and what of it has derivatives (`linearised`).
+
+All is in the frame b of the body, in its units, and relative to the attitude Λ at the beginning: the quaternion that
+the text turns is 1 there, and what is given in space is seen from there, f = Λᵀ m, which a turn δ of the body changes
+by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`Varied`). With the
+constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂ -
+ε̂ A.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from ..kernels.dual import Dual, plain
+from ..kernels.elements import remade
+from ..kernels.memory import Doubles
+from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from .marching import Text
+from .records import FORCES, Body, Parts, State, places
+from .sampling import Nodes
+
+if TYPE_CHECKING:
+    from .linear_functions import Calls
+
+Number = TypeVar("Number")
+INPUTS = {
+    "inertia": 6,  # 11, 22, 33, 23, 13, 12
+    "axis": 3,
+    "dead": 9,  # rows of f^i
+    "damping": 9,  # rows
+    "step": 1,
+    "spin": 1,  # its change in the step
+    "rate": 3,  # of the momentum of rotors
+    "orbit": 1,  # its rate, of one that steps are seen from
+    "moving": 3,  # moment along the frame
+    "space": 3,
+    "rotor": 3,
+    "forces": FORCES,
+    "time": 1,  # at the beginning
+    "factor": 1,  # of functions of the state
+    "terms": 0,  # changes of the numbers of these, as many as are asked for
+}
+NODAL = ("moving", "space", "rotor", "forces")  # at every node of the load
+Wanted = tuple[tuple[str, int], ...]  # inputs, and of how many numbers each
+
+
+class Steps(NamedTuple):
+    """Some steps, and where their matrices go: entry (i, j) of that of the step k at ``(i width + j) stride + k``."""
+
+    stages: int
+    steps: int
+    stride: int
+    width: int  # columns: of the state, and of the inputs
+    sizes: Doubles  # (steps,) of the steps
+    quaternions: Doubles  # (steps + 1, 4) scalar last
+    velocities: Doubles  # (steps + 1, 3)
+    normals: Doubles  # (steps + 1, 6)
+    body: Doubles  # `Body`
+    factor: Doubles  # of what follows
+    moved: Doubles  # (nodes, 3) moments along the frame
+    pushed: Doubles  # (nodes, 3) in space
+    wheels: Doubles  # (nodes, 6) momentum of rotors and its rate
+    spins: Doubles  # (steps,) changes of a spin
+    times: Doubles  # of the nodes
+    forces: int  # address of (nodes, 18) on the directors; 0: none
+    generalised: int  # addresses of what makes moments of functions of the state, and their derivatives as well
+    sloped: int
+    action: int  # what they make
+    terms: int  # address of the terms
+    seeds: Doubles  # (numbers, directions) of `generalised.Sloped`
+    speed: float  # the scale of velocities
+    table: Doubles  # coefficients of a scheme
+    orbit: Doubles  # rate and axis of one that steps are seen from
+    out: Doubles
+    workspace: int
+    failed: int  # how many steps could not be solved again
+
+
+STEPS = places(Steps)
+
+
+class Step(NamedTuple):
+    """What is known of a step, in body components and the units of the caller; functions of the state in b."""
+
+    h: float
+    p: Quaternion
+    q: Quaternion  # at the end
+    W: Vector
+    ahead: Vector  # W at the end
+    N: Symmetric
+    moving: Vector
+    space: Vector
+    rotor: Vector
+    rate: Vector
+    spin: float
+    t: float  # of the node
+    forces: int  # address of those of a table there
+    directors: Matrix  # where functions of the state are linear
+    w: Vector
+    half: Vector
+    load: Vector  # what they give there
+    of_potentials: Vector
+
+
+class Varied(Body):
+    """A body whose numbers are duals, and its products of inertia, of value 0."""
+
+    products: Any  # J23, J13, J12
+    is_free: bool
+
+    @property
+    def coupling(self) -> Any:
+        """J12."""
+        return self.products[2]
+
+    def momentum_of(self, W: Vector) -> Vector:
+        """Return the momentum of a velocity."""
+        found: Vector = varied(super().momentum_of(W), self._crossed(W))
+        return found
+
+    def velocity_of(self, P: Vector) -> Vector:
+        """Return the velocity of a momentum."""
+        W = super().velocity_of(P)
+        found: Vector = varied(W, -plain(self.k) * self._crossed(W))
+        return found
+
+    def _crossed(self, W: Vector) -> Vector:
+        (J23, J13, J12), third = self.products, self.is_free
+        return Vector(J12 * W[1] + J13 * W[2], J12 * W[0] + J23 * W[2], J13 * W[0] + J23 * W[1] if third else 0.0 * J12)
+
+
+class Directions:
+    """The directions of derivatives, one after the other: of the attitude, of W, of N, and of inputs."""
+
+    def __init__(self, places: dict[str, int], count: int) -> None:
+        self.places, self.count = places, count
+
+    def along(self, name: str, x: Any) -> Any:
+        """Return numbers as duals, in the directions of this name; as they are where it has none."""
+        if name not in self.places:
+            return x
+        return self._seeded(x, self.places[name])[0]
+
+    def tangents(self, place: int) -> list[Any]:
+        """Return the derivatives of the number at a place."""
+        return [1.0 if j == place else 0.0 for j in range(self.count)]
+
+    def of(self, name: str, kind: Any) -> Any:
+        """Return a vector of value 0 with the directions of this name, None where it has none."""
+        return self.along(name, kind(*(0.0,) * kind.size)) if name in self.places else None
+
+    def _seeded(self, x: Any, place: int) -> tuple[Any, int]:
+        if not isinstance(x, tuple):
+            return Dual(x, self.tangents(place)), place + 1
+        found = []
+        for y in x:
+            y, place = self._seeded(y, place)
+            found.append(y)
+        return remade(x, found), place
+
+
+class Known(Nodes):
+    """What acts in steps of which all is known, and what of it has derivatives.
+
+    Attributes
+    ----------
+    turn : Vector, how the body is turned at the beginning; None without derivatives
+    tilt : Vector, how the frame is turned in the body; None where it is not
+    now : State, that a march carries at the beginning; None: made from what is known
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        body: Body,
+        at: Any,
+        scale: Any,
+        directions: Directions,
+        R: Matrix | None = None,
+        calls: Calls | None = None,
+        now: State | None = None,
+    ) -> None:
+        self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
+        self.calls, self.factor, self.vary, self.now = calls, directions.along("factor", scale), directions, now
+        self.basis, d = body.basis, directions.of("axis", Vector)
+        self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
+        self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis if R is None else R
+        self.delta = self.turn
+        if self.tilt is not None:
+            self.turn = self.turn + self.tilt
+        self.h = directions.along("step", at.h)
+        self.body = self._varied(body._replace(spin=1.0))
+
+    def _varied(self, body: Body) -> Body:
+        """Return the body with what of it has derivatives."""
+        dJ, tilt = self.vary.of("inertia", Symmetric), self.tilt
+        dead, damping = self.vary.along("dead", body.dead), self.vary.along("damping", body.damping)
+        if tilt is not None:
+            dead = varied(dead, Matrix(*(cross(column, tilt) for column in dead.T)).T)
+            damping = varied(damping, tilted(damping, tilt))
+            dJ = symmetric(tilted(body.inertia, tilt)) if dJ is None else dJ + symmetric(tilted(body.inertia, tilt))
+        body = body._replace(dead=dead, damping=damping)
+        if dJ is None:
+            return body
+        a, b, c, *products = dJ
+        k, off = body.k, body.off
+        E = varied(body.E, 0.5 * Vector(b + c - a, c + a - b, a + b - c))
+        off = varied(off, (products[1], products[0]))
+        found = Varied(*body._replace(E=E, off=off, k=varied(k, -k * k * Vector(a, b, c))))
+        found.products, found.is_free = products, not self.parts.is_constrained
+        return found
+
+    def start(self, text: Text, W: Vector, N: Any) -> State:
+        """Return the state at the beginning, of the velocity W and N."""
+        at, now = self._at, self.now
+        if now is None:
+            zeros = Vector(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 0.0), (0.0,) * text.auxiliary
+            now = State(Quaternion(1.0, 0.0, 0.0, 0.0), W, *zeros)
+        s = W = self.velocity(W)
+        if not self.parts.is_director_scheme:
+            s = self.body.momentum_of(W)
+        auxiliary = now.auxiliary
+        if self.parts.is_director_scheme:
+            N = self.vary.along("normal", N)
+            if self.tilt is not None:
+                N = varied(N, symmetric(tilted(N.matrix, self.tilt)))
+            auxiliary = (*N, *auxiliary[6:])
+        elif text.remembered is not None and self.delta is None:
+            ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
+            auxiliary = text.remembered(at.h, *ends)
+        return now._replace(s=s if self.now is None else varied(now.s, s), auxiliary=auxiliary)
+
+    def velocity(self, W: Vector) -> Vector:
+        """Return the velocity at the beginning."""
+        return self.tilted(self.vary.along("velocity", W))
+
+    def known(self, j: Any) -> Any:
+        """Return what is known of a node."""
+        return self._at
+
+    def along(self, x: Vector) -> Vector:
+        """Return a vector of the body in b."""
+        found: Vector = x @ self.basis
+        return found
+
+    def tilted(self, x: Vector) -> Vector:
+        """Return a vector of the body as the frame has it that is turned."""
+        return x if self.tilt is None else varied(x, cross(x, self.tilt))
+
+    def moving(self, j: Any = 0) -> Vector:
+        """Return the moment along the frame."""
+        return self.tilted(self.vary.along("moving", self._scale * self.along(self.known(j).moving)))
+
+    def space(self, j: Any = 0) -> Vector:
+        """Return the moment in space as seen at the beginning."""
+        return self.seen(self.vary.along("space", self._scale * self.known(j).space))
+
+    def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
+        """Return the momentum of the rotors and its rate."""
+        c, rate = (self._scale * self.along(x) for x in (self.known(j).rotor, self.known(j).rate))
+        return self.tilted(self.vary.along("rotor", c)), self.tilted(self.vary.along("rate", rate))
+
+    def spin(self, j: Any = 0) -> Any:
+        """Return the change of the prescribed spin."""
+        return self.vary.along("spin", self._at.spin)
+
+    def dead(self) -> Matrix:
+        """Return the dead forces as seen at the beginning, rows."""
+        return Matrix(*map(self.seen, self.body.dead))
+
+    def functions(self, j: Any = 0) -> Any:
+        """Return the functions of the state."""
+        assert self.calls is not None
+        return self.calls.linear(self, j)
+
+    def later(self, j: Any = 0) -> Any:
+        """Return the changes of the time of a node, a number of value 0."""
+        later = self.vary.along("time", 0.0)
+        return later + self.fraction(j) * (self.h - plain(self.h)) if isinstance(self.h, Dual) else later
+
+    def fraction(self, j: Any) -> Any:
+        """Return how far into the step a node is."""
+        return 0.5
+
+    def seen(self, x: Vector) -> Vector:
+        """Return a vector in space as seen at the beginning."""
+        f: Vector = x @ self.R
+        return f if self.turn is None else varied(f, cross(f, self.turn))
+
+
+def varied(x: Number, change: Any) -> Number:
+    """Return numbers to which a change of value 0 is added: their values stay the same to the last bit."""
+    found: Any = x
+    if isinstance(x, tuple):
+        found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
+    elif isinstance(change, Dual):
+        found = Dual(plain(x), change.sum(0.0, 1.0, x, 1.0, change).tangents)
+    return found  # type: ignore[no-any-return]
+
+
+def tilted(A: Matrix, tilt: Vector) -> Matrix:
+    """Return A ε̂ - ε̂ A."""
+    return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
+
+
+def symmetric(A: Matrix) -> Symmetric:
+    """Return the entries of a symmetric matrix."""
+    return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])

@@ -1,0 +1,80 @@
+"""The equations of the stages of a step that is taken again, with derivatives (`gauss_derivatives`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..engine.known_steps import Directions, Known
+from ..engine.linear_functions import Calls
+from ..engine.records import Body, Parts
+from ..kernels.memory import View, vector_at
+from ..kernels.vectors import Matrix, Vector, cross
+from .gauss_coefficients import TABLE
+from .gauss_stages import ZEROS, Equations
+
+
+class KnownStages(Known):
+    """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
+
+    def __init__(
+        self, parts: Parts, body: Body, nodes: Any, scale: Any, directions: Directions, steps: View, calls: Calls
+    ) -> None:
+        super().__init__(parts, body, nodes(0), scale, directions, calls=calls)
+        self._nodes, self._steps = nodes, steps
+        self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.places else None
+
+    @property
+    def orbit(self) -> tuple[Any, Vector]:
+        """The rate of the orbit, and its axis in space."""
+        return self.vary.along("orbit", self._steps.orbit[0]), vector_at(self._steps.orbit, 1)
+
+    def known(self, j: Any) -> Any:
+        """Return what is known of a node."""
+        return self._nodes(j)
+
+    def fraction(self, j: Any) -> Any:
+        """Return how far into the step a node is; seen from an orbit, no time passes in it."""
+        return 0.0 if self.parts.orbit else self._steps.table[TABLE.nodes + j]
+
+    def evaluate(self, i: Any, W: Vector, g: Any, is_sloped: bool) -> None:
+        """Evaluate the functions of the state at a stage."""
+        rows = self.R @ g
+        assert self.calls is not None
+        self.calls.evaluate(self.known(i), self.basis @ rows.T, rows @ W, ZEROS, is_sloped)
+
+
+class StageEquations(Equations):
+    """The equations of the stages for the velocities V that vectors of space turn with."""
+
+    acting: KnownStages
+
+    def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
+        """Return P, the vectors g, and what the equations say at stages."""
+        P, g = self.placed(i, matrix)
+        if not self.parts.calls:
+            return P, g, self.now(stage, P, g)
+        self.acting.evaluate(i, self.k * P, g, False)
+        acting, at, parts = self.acting, self.acting.known(i), self.parts
+        load = acting.factor * (at.load @ acting.R) if parts.function else None
+        of_potentials = acting.factor * (at.of_potentials @ acting.basis) if parts.generalised else None
+        return P, g, self.now(stage, P, g, load, of_potentials)
+
+    def orbital(self, g: Any) -> Vector:
+        """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""
+        return -self.turning(ZEROS, g)
+
+    def rate(self, i: Any, V: Vector, g: Any, C: Any) -> Vector:
+        """Return V' at a stage, of numbers of any kind; C: the axes of b at the beginning as seen there."""
+        acting, W = self.acting, V if self.orbit is None else V + self.orbital(g)
+        body = acting.body
+        functions = acting.functions(i).torque(g, W) if self.parts.calls else ()
+        x, y, z = self.now(self.sampled(i), body.momentum_of(W), g, *functions).rate
+        if acting.force is not None:
+            more = ZEROS
+            for f, c in zip(Matrix(*map(acting.seen, acting.force)).T, C, strict=True):
+                more = more + cross(f, c)
+            x, y, z = x + more[0], y + more[1], z + body.free * more[2]
+        if self.parts.spin:
+            z = z + (body.E[0] + body.E[1]) * (acting.spin(i) / acting.h)
+        rate = body.velocity_of(Vector(x, y, z))
+        return rate if self.orbit is None else rate - cross(self.orbital(g), V)

@@ -151,7 +151,7 @@ def moment(
     is_c = is_c_function(function)
     function = as_c_function(function) if is_c else as_function(function, "function")
     own = None if derivative is None else as_function(derivative, "derivative")
-    return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled)
+    return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled or is_c)
 
 
 def damping(coefficient: ArrayLike) -> Load:

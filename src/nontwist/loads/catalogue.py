@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_floats, as_tensor
+from ..geometry.arrays import as_array, as_floats, as_tensor, increasing
 from ..geometry.values import as_function
 from .base import Load
 from .border import load_of, of_function, values_of
@@ -298,7 +298,8 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     True
     """
     if values is not None:
-        return load_of(Rotor, axis, as_array(momentum, "times", (None,)), values)
+        increasing(times := as_array(momentum, "times", (None,)))
+        return load_of(Rotor, axis, times, values)
     h = as_floats(momentum, "momentum")
     if h.ndim:
         raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")

@@ -78,9 +78,9 @@ def sensitivities(
         load: "pulse" and "sine", their peaks; "frequency"; "phase"; "values" of tables and of momenta of rotors;
         "rotor", the axis of one; "damping", the entries of its matrix; "linear" and "quadratic", the coefficients of a
         potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; fields of loads of
-        your own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. For a body with a constrained axis only
-        the admissible part of a change counts: the part of a velocity orthogonal to the axis, and the part of a change
-        of the axis orthogonal to the axis.
+        your own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. For a
+        body with a constrained axis only the admissible part of a change counts: the part of a velocity orthogonal to
+        the axis, and the part of a change of the axis orthogonal to the axis.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project

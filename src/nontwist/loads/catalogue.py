@@ -119,10 +119,11 @@ def moment(
         compilation.
     derivative : callable, optional
         Used by `nontwist.sensitivities` and `nontwist.gradient`. Without it the function is differentiated exactly, by
-        dual numbers, or, where it does not take them, by central differences.
-        ``derivative(t, directors, angular_velocity)`` returns two arrays: the derivatives of the moment with respect to the directors, (3, 3, 3), whose entry [c, i,
-        x] is that of component c with respect to ``directors[i, x]``; and with respect to the angular velocity, (3, 3).
-        It runs in Python. Derivatives with respect to time, which only `duration` needs, are then central differences.
+        dual numbers, or, where it does not take them, by central differences. ``derivative(t, directors,
+        angular_velocity)`` returns two arrays: the derivatives of the moment with respect to the directors, (3, 3, 3),
+        whose entry [c, i, x] is that of component c with respect to ``directors[i, x]``; and with respect to the
+        angular velocity, (3, 3). It runs in Python. Derivatives with respect to time, which only `duration` needs, are
+        then central differences.
 
     Returns
     -------

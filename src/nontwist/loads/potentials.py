@@ -254,7 +254,8 @@ class GravityGradient(OfOneVector):
     @property
     def quadratic(self) -> Array:
         """Return Q = 3n²J."""
-        return 3 * self.mean_motion**2 * self.inertia
+        found: Array = 3 * self.mean_motion**2 * self.inertia
+        return found
 
     @classmethod
     def words(cls, record: Record) -> str:

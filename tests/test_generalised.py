@@ -8,7 +8,6 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from nontwist.loads.records import load_of
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
@@ -45,6 +44,7 @@ from nontwist import (
 from nontwist.analysis.invariants import drifts
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads.forces import DirectorForces
+from nontwist.loads.kinds import load_of
 from nontwist.spec import Spec
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 

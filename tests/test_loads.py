@@ -362,7 +362,7 @@ def test_a_load_is_refused_where_it_is_registered(magnet):
         ("bare", Bare, "Bare has no field of its own: add one, and @dataclass(frozen=True, eq=False) above "),
         ("magnet", magnet([0, 0, 1], [1, 0, 0]), "LOADS['magnet'] must be a subclass of Term, got Magnet(scale=1.0"),
         ("csv", magnet, "LOADS['csv'] is a kind of run files: give the load another kind"),
-        ("sine", magnet, "'sine' is already the key of the class Sine of nontwist.loads.terms: give the load another "),
+        ("other", magnet, "Magnet and Magnet both begin with the field 'dipole': rename that of your class"),
     ):
         with pytest.raises(ValueError, match="^" + re.escape(message)):
             LOADS[key] = value

@@ -13,7 +13,7 @@ import sys
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 from unittest.mock import patch
 
 import numpy as np
@@ -43,11 +43,12 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.integrators.base import Integrator
 from nontwist.integrators.stepping import march
-from nontwist.loads import LOADS
+from nontwist.loads import LOADS, DirectorForces
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.recordings.formats import READERS
 from nontwist.runfile.body import Body
 from nontwist.runfile.json_schema import json_schema
+from nontwist.spec import Spec
 from nontwist.validation import conserved
 from nontwist.validation.problems import SAMPLES
 from nontwist.viewer.content import content
@@ -232,14 +233,24 @@ def test_random_bodies_of_a_validation_include_heavy_ones_of_ones_own(monkeypatc
     assert "gauss 4: energy, 100 bodies" in {check.name for check in checks}
 
 
+@dataclass(frozen=True, eq=False)
+class Brake(DirectorForces):
+    """A force against the velocity of the tip of the third director."""
+
+    brake: Annotated[float, Spec("", unit="N m s")]
+
+    def forces(self, t, directors, angular_velocity):
+        none = np.zeros(3)
+        return np.array([none, none, -self.brake * np.cross(angular_velocity, directors[2])])
+
+
+@patch.dict(LOADS, brake=Brake)
 @pytest.mark.parametrize("scheme", ["gauss", "split", "continuous"])
-def test_director_forces_of_the_page_are_a_damping(scheme):
+def test_director_forces_of_ones_own_are_a_damping(scheme):
     """-c d3 × (w × d3) = -c (I - d3 ⊗ d3) w: a matrix of damping, which other code computes."""
     how = {"t_end": 2, "step": 0.01, "material_angular_velocity": (1, -2, 3), "integrator": scheme}
-    with patch.dict(LOADS):
-        exec(code_of_the_page("load"), space := {})
-        run = simulate(standard([3, 4, 5]), load=space["load"], **how)
-        assert content(run)["about"]["Load"] == "brake of 0.3 N m s"
+    run = simulate(standard([3, 4, 5]), load=Brake(0.3), **how)
+    assert content(run)["about"]["Load"] == "brake: brake 0.3 N m s"
     known = simulate(standard([3, 4, 5]), load=damping(np.diag([0.3, 0.3, 0.0])), **how)
     assert abs(run.directors - known.directors).max() < 1e-11
 

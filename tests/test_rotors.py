@@ -287,7 +287,10 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
             "momentum = [1, 2]",
             r"toml: load\.0\.momentum: \[1, 2\] -> a number, kg m² s⁻¹, in place of times and values$",
         ),
-        ("times = [0, 1], values = [1]", "2 times, but 1 values"),
+        (
+            "times = [0, 1], values = [1]",
+            r"load\.0\.values: \[1(\.0)?\] \(values must have the shape \(2,\), got \(1,\)\) -> a momentum for ",
+        ),
     ],
 )
 def test_wrong_rotors_in_run_files(tmp_path, keys, text):

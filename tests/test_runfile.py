@@ -198,7 +198,7 @@ ONE_LINE = {
     "key of another kind": (
         f"{BODY}{TIME}[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [0, 1]\nvalues = [[0, 0, 1], [0, 0, 1]]\n"
         "file = 'moment.csv'\n",
-        "load.0.file: unknown key -> known are kind, frame, times, values, scale; it belongs to kind = "
+        "load.0.file: unknown key -> known are scale, kind, frame, times, values; it belongs to kind = "
         '"csv" or "rotor"',
     ),
     "nearest word": (

@@ -62,9 +62,8 @@ def sensitivities(
     """Integrate the motion of a body and its derivatives with respect to the start, the body and the load.
 
     They are the exact derivatives of the computed run, step by step, on its time grid. They grow as neighbouring
-    motions diverge. Functions of the state, terms of your own, and potentials that are functions, are
-    differentiated by central differences, unless they are compiled or provide their own derivative; a warning names
-    them.
+    motions diverge. Functions are differentiated by dual numbers, and those that do not take them, as functions in C
+    and of `math`, by central differences; a warning names them.
 
     Parameters
     ----------
@@ -78,10 +77,10 @@ def sensitivities(
         of the grid is lengthened with the same number of steps; "load_scale"; and the parameters of the terms of the
         load: "pulse" and "sine", their peaks; "frequency"; "phase"; "values" of tables and of momenta of rotors;
         "rotor", the axis of one; "damping", the entries of its matrix; "linear" and "quadratic", the coefficients of a
-        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient. ``"load[1].values"``
-        selects those of the second term alone, ``"load[1].scale"`` its factor. For a body with a constrained axis only
-        the admissible part of a change counts: the part of a velocity orthogonal to the axis, and the part of a change
-        of the axis orthogonal to the axis.
+        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; fields of loads of
+        your own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. For a
+        body with a constrained axis only the admissible part of a change counts: the part of a velocity orthogonal to
+        the axis, and the part of a change of the axis orthogonal to the axis.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project

@@ -294,7 +294,7 @@ def varied(x: Number, change: Any) -> Number:
     if isinstance(x, tuple):
         found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
     elif isinstance(change, Dual):
-        found = Dual(plain(x), change.sum(0.0, 1.0, x, 1.0, change).tangents)
+        found = change.chain(plain(x), (1.0, 1.0), (x, change))
     return found  # type: ignore[no-any-return]
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_floats, as_tensor
+from ..geometry.arrays import as_array, as_floats, as_tensor, increasing
 from ..geometry.values import as_function
 from .base import Load
 from .border import load_of, of_function, values_of
@@ -118,11 +118,12 @@ def moment(
         compilation a run with this load proceeds at the speed of Python, and warns once. A C function needs no
         compilation.
     derivative : callable, optional
-        Used by `nontwist.sensitivities` and `nontwist.gradient`. Without it a compiled function is differentiated
-        exactly, by dual numbers, and any other by central differences. ``derivative(t, directors, angular_velocity)``
-        returns two arrays: the derivatives of the moment with respect to the directors, (3, 3, 3), whose entry [c, i,
-        x] is that of component c with respect to ``directors[i, x]``; and with respect to the angular velocity, (3, 3).
-        It runs in Python. Derivatives with respect to time, which only `duration` needs, are then central differences.
+        Used by `nontwist.sensitivities` and `nontwist.gradient`. Without it the function is differentiated exactly, by
+        dual numbers, or, where it does not take them, by central differences. ``derivative(t, directors,
+        angular_velocity)`` returns two arrays: the derivatives of the moment with respect to the directors, (3, 3, 3),
+        whose entry [c, i, x] is that of component c with respect to ``directors[i, x]``; and with respect to the
+        angular velocity, (3, 3). It runs in Python. Derivatives with respect to time, which only `duration` needs, are
+        then central differences.
 
     Returns
     -------
@@ -151,7 +152,7 @@ def moment(
     is_c = is_c_function(function)
     function = as_c_function(function) if is_c else as_function(function, "function")
     own = None if derivative is None else as_function(derivative, "derivative")
-    return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled)
+    return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled or is_c)
 
 
 def damping(coefficient: ArrayLike) -> Load:
@@ -298,7 +299,8 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     True
     """
     if values is not None:
-        return load_of(Rotor, axis, as_array(momentum, "times", (None,)), values)
+        increasing(times := as_array(momentum, "times", (None,)))
+        return load_of(Rotor, axis, times, values)
     h = as_floats(momentum, "momentum")
     if h.ndim:
         raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")

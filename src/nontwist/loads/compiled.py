@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 from threading import RLock
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakValueDictionary
 
 from ..kernels import machine_code
@@ -18,7 +18,7 @@ from ..kernels.elements import Element
 from ..kernels.memory import Pointer, call, scratch
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
-from .c_functions import Moment, address_of
+from .c_functions import CFunction, Moment, address_of
 from .terms import Term
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
@@ -40,35 +40,30 @@ class MachineFunction:
         self.address, self._owners = address_of(self._function), owners
 
 
-class Traceable(NamedTuple):
-    """The text of a term that is a function, as it is compiled."""
+def function_of(term: Term) -> Any:
+    """Return the C function that writes what a term gives; a ValueError where its text cannot be traced."""
+    own = term.called
+    return own if isinstance(own, CFunction) else _made(lambda *given: _traced(term, _numbers(term, *given)))
 
-    term: Term
 
-    @property
-    def compiled(self) -> MachineFunction:
-        """The C function that writes the numbers that it gives; a ValueError where it cannot be traced."""
-        return _made(lambda *given: self.text(*self._numbers(*given)))
+def slopes_of(term: Term) -> MachineFunction | None:
+    """Return what writes these with their derivatives, by each argument and number of the term; of C functions None."""
 
-    @property
-    def slopes(self) -> MachineFunction:
-        """The C function that writes these with their derivatives, by each argument and number of the term."""
+    def text(*given: Any) -> list[Any]:
+        x = seeded((*_numbers(term, *given), *term.numbers))
+        return [y for z in _traced(term, x) for y in (plain(z), *(tangent(z, j) for j in range(len(x))))]
 
-        def text(*given: Any) -> list[Any]:
-            x = seeded((*self._numbers(*given), *self.term.numbers))
-            return [y for z in self.text(*x) for y in (plain(z), *(tangent(z, j) for j in range(len(x))))]
+    return None if isinstance(term.called, CFunction) else _made(text)
 
-        return _made(text)
 
-    def text(self, *x: Any) -> list[Any]:
-        """Return what the term gives for traced numbers."""
-        return self.term.text(lambda function, given, shape: traced(function, given, shape, _name(function)), x)
+def _traced(term: Term, x: tuple[Any, ...]) -> list[Any]:
+    return term.text(lambda function, given, shape: traced(function, given, shape, _name(function)), x)
 
-    def _numbers(self, t: Any, first: Pointer, second: Pointer) -> tuple[Any, ...]:
-        """Return all arguments: the time is the last one of a function of the state."""
-        counts = self.term.counts
-        state = tuple(memory[k] for memory, count in zip((first, second), counts, strict=True) for k in range(count))
-        return (*state, t) if counts[1] else state
+
+def _numbers(term: Term, t: Any, first: Pointer, second: Pointer) -> tuple[Any, ...]:
+    """Return all arguments: the time is the last one of a function of the state."""
+    n, m = term.counts
+    return (*(first[k] for k in range(n)), *(second[k] for k in range(m)), *[t][: bool(m)])
 
 
 def _name(function: Any) -> str:

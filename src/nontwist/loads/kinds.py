@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from ..geometry.values import Registry
-from . import terms
+from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
@@ -19,8 +18,10 @@ MADE = ("constant", "csv", "dipole")  # kinds of run files that are made of othe
 
 def unregistrable(name: str, cls: type[Term]) -> str | None:
     """Return why a class cannot be the entry `name`, and what to do; None if it can."""
-    if reason := terms.unregistrable(name, cls):
-        return reason
+    if not (isinstance(cls, type) and issubclass(cls, Term)):
+        return f"LOADS[{name!r}] must be a subclass of Term, got {shown(cls)}"
+    if not own_fields(cls):
+        return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
     if name in MADE:
         return f"LOADS[{name!r}] is a kind of run files: give the load another kind"
     first = own_fields(cls)[0]

@@ -254,8 +254,8 @@ class GravityGradient(OfOneVector):
     @property
     def quadratic(self) -> Array:
         """Return Q = 3n²J."""
-        Q: Array = 3 * self.mean_motion**2 * self.inertia
-        return Q
+        found: Array = 3 * self.mean_motion**2 * self.inertia
+        return found
 
     @classmethod
     def words(cls, record: Record) -> str:

@@ -53,9 +53,12 @@ def slopes_of(term: Term, x: Array, speed: float, has_time: bool) -> tuple[Array
         Whether those by the time are asked for.
     """
     derivative, value, n = term.derivative, value_of(term, x), len(x)
-    found = None if derivative is not None or isinstance(term.called, CFunction) else by_duals(term, x)
+    is_given = derivative is not None and n == 13  # all but that by the time
+    found = None if is_given or isinstance(term.called, CFunction) else by_duals(term, x)
     if found is not None and np.allclose(found[:, 0], value, SLACK, SLACK * float(abs(value).max())):
         found[:, 0] = value
+        if derivative is not None:
+            put_derivative(found, term, x)
         return found, ""
     found, places = np.zeros((len(value), 1 + n)), [*range(n)]
     found[:, 0] = value
@@ -64,8 +67,7 @@ def slopes_of(term: Term, x: Array, speed: float, has_time: bool) -> tuple[Array
         steps[:13] = np.repeat([DIFFERENCE, DIFFERENCE * speed, STEP * max(1.0, abs(float(x[12])))], [9, 3, 1])
         places = [k for k in places if k != 12 or has_time]
     if derivative is not None:
-        by_directors, by_velocity = own_derivative(term, float(x[12]), x[:9].reshape(3, 3), x[9:12])
-        found[:, 1:10], found[:, 10:13] = by_directors.reshape(3, 9), by_velocity
+        put_derivative(found, term, x)
         places = [k for k in places if k >= 12]
     for k in places:
         ahead, behind = x.copy(), x.copy()
@@ -75,6 +77,12 @@ def slopes_of(term: Term, x: Array, speed: float, has_time: bool) -> tuple[Array
     if isinstance(term, Potential):  # of V its gradient, which its differences in a step are compared with
         found[0, 1 : len(value)] = value[1:]
     return found, "" if derivative is not None else differences_of(term)
+
+
+def put_derivative(found: Array, term: Term, x: Array) -> None:
+    """Set the derivatives by directors and velocity to those that a term has."""
+    by_directors, by_velocity = own_derivative(term, float(x[12]), x[:9].reshape(3, 3), x[9:12])
+    found[:, 1:10], found[:, 10:13] = by_directors.reshape(3, 9), by_velocity
 
 
 def own_derivative(term: Term, t: float, directors: Array, velocity: Array) -> tuple[Array, Array]:

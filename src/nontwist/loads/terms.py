@@ -171,14 +171,10 @@ class Term(ABC):
         """
         return call(self.with_numbers(x[13:]).called, state(x), self.gives)
 
-    def at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return what a text of the state gives, without the factor, checked."""
-        x = [*directors.ravel().tolist(), *angular_velocity.tolist(), t]
-        return np.array(self.text(checked, x)).reshape(self.gives)
-
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term that depends on the state, (3,), N m, without the factor, in Python."""
-        return self.at(t, directors, angular_velocity)
+        x = [*directors.ravel().tolist(), *angular_velocity.tolist(), t]
+        return np.array(self.text(checked, x)).reshape(self.gives)
 
     # ---- its parameters
 
@@ -220,21 +216,18 @@ class Term(ABC):
         return None
 
     @cached_property
-    def traceable(self) -> Any:
-        """The text of the state as it can be compiled and differentiated (`compiled`); None if it runs in Python."""
-        from .compiled import Traceable
-
-        return Traceable(self) if self.compiled else None
-
-    @cached_property
     def c_function(self) -> Any:
         """The text of the state as a C function, on demand; None if it runs in Python."""
-        return self.traceable.compiled if self.traceable else None
+        from .compiled import function_of
+
+        return function_of(self) if self.compiled else None
 
     @cached_property
     def slopes(self) -> Any:
         """A C function that differentiates the text as well; None: its derivatives are others."""
-        return self.traceable.slopes if self.traceable and self.derivative is None else None
+        from .compiled import slopes_of
+
+        return slopes_of(self) if self.compiled and self.derivative is None else None
 
     # ---- as a value
 
@@ -272,7 +265,7 @@ class ForceTerm(Term):
 
     def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces in space, (3, 3), the row i on the director i, N m, without the factor, in Python."""
-        return self.at(t, directors, angular_velocity)
+        return super().moment_at(t, directors, angular_velocity)
 
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
@@ -409,23 +402,6 @@ class Function(OfTime):
     def called(self) -> Callable[..., Any]:
         """The function."""
         return self.function
-
-    @cached_property
-    def traceable(self) -> Any:
-        """The function as a text; None where it runs in Python or is a C function."""
-        return None if self.is_c else super().traceable
-
-    @property
-    def is_c(self) -> bool:
-        """Whether the function is a C function that a caller brought."""
-        from .c_functions import CFunction
-
-        return isinstance(self.function, CFunction)
-
-    @cached_property
-    def c_function(self) -> Any:
-        """The function as a C function; None if it runs in Python."""
-        return self.function if self.is_c else super().c_function
 
     @classmethod
     def words(cls, record: Record) -> str:
@@ -586,12 +562,3 @@ def function_in_words(record: Record, name: str, frame: Any = None) -> str:
 
 def _peak(record: Record, name: str) -> str:
     return f"{vector_text(record[name], record['scale'])} N m {along(record['kind'])}"
-
-
-def unregistrable(name: str, cls: type[Term]) -> str | None:
-    """Return why a class cannot be the entry `name` of `LOADS`, and what to do; None if it can."""
-    if not (isinstance(cls, type) and issubclass(cls, Term)):
-        return f"LOADS[{name!r}] must be a subclass of Term, got {shown(cls)}"
-    if not own_fields(cls):
-        return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
-    return None

@@ -22,7 +22,6 @@ from .csv_table import Table as CsvTable
 from .folder import Folder
 from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
-FACTOR = "a number that the moment is multiplied by"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
 
 
@@ -45,7 +44,7 @@ class LoadSection(Section):
     is_swept: ClassVar[bool] = True
     if TYPE_CHECKING:
         kind: str
-        scale: float
+    scale: float = Field(default=1.0, description="a number that the load is multiplied by")
 
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError if it cannot be made."""
@@ -73,7 +72,6 @@ class Moment(LoadSection):
     """A load that is a function of time, along moving or fixed directions."""
 
     frame: Literal["body", "space"] = Field(description=FRAME)
-    scale: float = Field(default=1.0, description=FACTOR)
 
 
 class Constant(Moment):
@@ -134,7 +132,6 @@ class Damping(LoadSection):
         Annotated[float, Tag("<number>")] | Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")],
         Discriminator(by_shape),
     ] = Field(description="N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers")
-    scale: float = Field(default=1.0, description=FACTOR)
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
@@ -164,7 +161,6 @@ class Rotor(LoadSection):
     values: list[float] | None = Field(
         default=None, description="a momentum for each time, kg m² s⁻¹; constant before the first and after the last"
     )
-    scale: float = Field(default=1.0, description="a number that the momentum is multiplied by")
 
     def unscaled(self, place: Place) -> Load:
         """Return the load for the scale 1."""
@@ -177,11 +173,8 @@ class Rotor(LoadSection):
             return rotor(self.axis, *self._table(place.folder).columns)
         if given != {"times", "values"}:
             raise ValueError("a rotor has a momentum, or times and values, or a file")
-        assert self.times is not None
-        assert self.values is not None
-        if len(self.times) != len(self.values):
-            raise ValueError(f"{len(self.times)} times, but {len(self.values)} values")
-        return rotor(self.axis, self.times, self.values)
+        times: Any = self.times
+        return rotor(self.axis, times, self.values)
 
     @property
     def wrong_key(self) -> str:
@@ -213,7 +206,6 @@ class Dipole(LoadSection):
     kind: Literal["dipole"]
     moment: Vector = Field(description="3 numbers along the directors, A m² or C m")
     field: Vector = Field(description="3 numbers in space, T or V/m")
-    scale: float = Field(default=1.0, description=FACTOR)
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
@@ -254,7 +246,6 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
         described = Field(description=accepted(form, spec), **given)
         keys[keys_of_fields[name]] = Annotated[type_of(form, spec), spec], described
         required += [keys_of_fields[name]] * (default is MISSING)
-    keys["scale"] = float, Field(default=1.0, description="a number that the load is multiplied by")
     made = create_model(cls.__name__, __base__=OfTerm, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
     made.makes, made.error_key, made.is_swept = cls, required[-1], not issubclass(cls, ForceTerm)
     return made

@@ -305,7 +305,7 @@ class StackMarch:
         """Carry out a list of calls for some members."""
         block, workspace, _ = self.laid(todo, width, first, last)
         self.driver(todo, width)(block.ctypes.data)
-        self.called_last = workspace[width * WORK.acting :]  # what the load was called with last
+        self.called_last = workspace[width * WORK.state_call :]  # what the load was called with last
 
     def driver(self, todo: Listed, width: int = 1) -> Kernel:
         """Return the kernel that carries out a list of calls."""

@@ -115,9 +115,8 @@ class StackMarch:
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
         nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
-        return kernel_of(
-            self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes, coasts=coasts, **changes)
-        )
+        parts = parts._replace(is_explicit=parts.motion == "explicit", coasts=coasts, **changes)
+        return kernel_of(self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes))
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""

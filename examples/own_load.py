@@ -8,100 +8,41 @@ V is linear in the directors, so the dead forces D_i B of a body give the same m
 different code, which checks this load.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from pydantic import Field
 
-from nontwist import DirectorSystem, Load, simulate, standard
-from nontwist.geometry.arrays import Array, as_array
-from nontwist.geometry.values import vector_text
-from nontwist.loads import TERMS, Term
-from nontwist.runfile.loads import LOADS, Place, Scaled
-from nontwist.runfile.section import Vector
+from nontwist import DirectorSystem, sensitivities, simulate, standard
+from nontwist.geometry.arrays import Array
+from nontwist.loads import LOADS, Term
+from nontwist.spec import Spec
 
 
 @dataclass(frozen=True, eq=False)
 class Magnet(Term):
-    """A magnet in a uniform field: the term, whose fields a run records."""
+    """A magnet in a uniform field."""
 
-    dipole: Array
-    field: Array
+    dipole: Annotated[Array, Spec("along the directors", unit="A m²", shape=(3,))]
+    field: Annotated[Array, Spec("along fixed axes", unit="T", shape=(3,))]
 
-    @property
-    def function(self) -> Callable[..., Any]:
-        """The moment, in a form that can be compiled."""
-        D, B = self.dipole, self.field
-
-        def torque(t: float, directors: Any, w: Any) -> tuple[float, float, float]:
-            d = D[0] * directors[0] + D[1] * directors[1] + D[2] * directors[2]
-            return d[1] * B[2] - d[2] * B[1], d[2] * B[0] - d[0] * B[2], d[0] * B[1] - d[1] * B[0]
-
-        return torque
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return D × B in space."""
+        return np.cross(self.dipole @ directors, self.field)
 
     @classmethod
     def sample(cls) -> "Magnet":
         """Return the magnet that `nontwist validate` checks."""
-        return cls("state", np.array([0.3, 0.0, 1.2]), np.array([0.0, 1.0, -2.0]), compile=True)
-
-    @staticmethod
-    def words(record: Mapping[str, Any]) -> str:
-        """Return what the viewer says of the record."""
-        return f"magnet {vector_text(record['dipole'], record['scale'])} A m² in {vector_text(record['field'])} T"
+        return cls(np.array([0.3, 0.0, 1.2]), np.array([0.0, 1.0, -2.0]))
 
 
-class MagnetTable(Scaled):
-    """The table ``[[load]]`` of a run file with ``kind = "magnet"``."""
-
-    error_key = "dipole"
-    kind: Literal["magnet"]
-    dipole: Vector = Field(description="3 numbers along the directors, A m²")
-    field: Vector = Field(description="3 numbers along fixed axes, T")
-    scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load for the scale 1."""
-        return magnet(self.dipole, self.field)
-
-
-TERMS["dipole"], LOADS["magnet"] = Magnet, MagnetTable
-
-
-def magnet(dipole: ArrayLike, field: ArrayLike) -> Load:
-    """Return the moment of a uniform field on a magnet.
-
-    Parameters
-    ----------
-    dipole : (3,) array, A m²
-        Components along the directors.
-    field : (3,) array, T
-        In space.
-
-    Returns
-    -------
-    Load
-
-    Raises
-    ------
-    ValueError
-        Wrong shapes, not finite.
-
-    Examples
-    --------
-    >>> magnet((0, 0, 2), (3, 0, 0))
-    <Load: magnet (0, 0, 2) A m² in (3, 0, 0) T>
-    """
-    D, B = as_array(dipole, "dipole", (3,)), as_array(field, "field", (3,))
-    return Load((Magnet("state", D, B, compile=True),))
+LOADS["magnet"] = Magnet
 
 
 def main() -> None:
-    """Let a magnet go in the field: energies, and the same motion by dead forces."""
-    body, dipole, field = standard([2e-5, 3e-5, 4e-5]), (0.3, 0.0, 1.2), (2e-5, 0.0, -4e-5)
-    load = magnet(dipole, field)
+    """Let a magnet go in the field: energies, the same motion by dead forces, and how it depends on the dipole."""
+    body, dipole, field = standard([2e-5, 3e-5, 4e-5]), np.array([0.3, 0.0, 1.2]), np.array([2e-5, 0.0, -4e-5])
+    load = Magnet(dipole, field)
     twin = DirectorSystem(body.euler_inertia, dead_force=np.outer(dipole, field))
     how: dict[str, Any] = {"t_end": 20, "step": 0.02, "material_angular_velocity": (0.5, 0, 2)}
     for integrator in ("lie-midpoint", "energy-momentum", "split"):
@@ -114,6 +55,9 @@ def main() -> None:
             f"K + V to {np.ptp(K + V) / K.max():.0e}; "
             f"from the motion by dead forces {abs(run.directors - other.directors).max().item():.0e}"
         )
+    d = sensitivities(body, load=load, wrt="dipole", store="end", **how)
+    turn = np.linalg.norm(d.d_rotation.values[-1], axis=0)
+    print("1 mA m² more of it turns the end by", ", ".join(f"{1e-3 * x:.3f} rad" for x in turn))
 
 
 if __name__ == "__main__":

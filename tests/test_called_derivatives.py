@@ -1,8 +1,11 @@
 """Derivatives of runs under loads that depend on the state: functions, director forces, potentials."""
 
+import math
 import re
 import warnings
 from dataclasses import dataclass
+from functools import wraps
+from typing import Annotated
 from unittest.mock import patch
 
 import numpy as np
@@ -14,8 +17,8 @@ from nontwist import (
     DirectorSystem,
     EnergyMomentum,
     LieMidpoint,
-    Load,
     SimulationError,
+    body_moment,
     damping,
     director_forces,
     euler_inertia,
@@ -29,11 +32,14 @@ from nontwist import (
     propagator,
     sensitivities,
     simulate,
+    sine,
     spring,
     standard,
 )
-from nontwist.loads import TERMS, Term
+from nontwist.loads import LOADS as KINDS
+from nontwist.loads import Term
 from nontwist.loads.c_functions import Moment
+from nontwist.spec import Spec
 from test_derivatives import AXIS, EYE, R0, START, W0, WEIGHT, J, inertia_entry, states_apart
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
@@ -72,6 +78,16 @@ def hill_slope(g):
     return np.array([np.cos(g[0]) + 0.3 * g[1], g[2] ** 2 + 0.3 * g[0], 2 * g[1] * g[2]])
 
 
+def in_floats(function):
+    """A function that takes no numbers with derivatives."""
+
+    @wraps(function)
+    def rough(*given):
+        return function(*(np.asarray(x, dtype=float) for x in given))
+
+    return rough
+
+
 def forces_at(t, values):
     k = int(np.searchsorted(TIMES, t.real, side="right")) - 1
     x = (t - TIMES[k]) / (TIMES[k + 1] - TIMES[k])
@@ -93,7 +109,10 @@ EXACT = (
 )
 LOADS = {
     "exact": EXACT,
-    "differences": 0.5 * moment(push) + director_forces(pull) + potential(ANCHOR, hill, hill_slope),
+    "duals": 0.5 * moment(push) + director_forces(pull) + potential(ANCHOR, hill, hill_slope),
+    "differences": 0.5 * moment(in_floats(push))
+    + director_forces(in_floats(pull))
+    + potential(ANCHOR, in_floats(hill), in_floats(hill_slope)),
     "along": director_forces(TIMES, FORCES, frame="body"),
     "orbit": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL),
     "orbit alone": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL),
@@ -228,10 +247,11 @@ def test_tangents_are_those_of_the_discrete_run(scheme, order):
 
 @pytest.mark.filterwarnings(IGNORED)
 @pytest.mark.parametrize(("scheme", "order"), ALL)
-def test_functions_are_differentiated_by_differences(scheme, order):
-    """Of the functions alone: ten digits, where differences of runs have eight."""
+@pytest.mark.parametrize(("load", "bound"), [("duals", 1e-12), ("differences", 1e-9)])
+def test_functions_are_differentiated_by_duals_or_differences(scheme, order, load, bound):
+    """Of the functions alone: where they do not take duals ten digits, where differences of runs have eight."""
     step, steps = (0.1, 2) if order != 8 else (0.3, 1)
-    compared(scheme, order, "differences", False, step, steps, DIRECTIONS, 1e-9)
+    compared(scheme, order, load, False, step, steps, DIRECTIONS, bound)
 
 
 @pytest.mark.filterwarnings(IGNORED)
@@ -369,12 +389,14 @@ def test_a_compiled_function_is_differentiated_exactly(scheme, order):
 
 @pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("gauss", 4)])
 def test_compiled_forces_and_potentials_are_differentiated_exactly(scheme, order):
-    """Without a warning; what runs in Python is differenced."""
+    """Without a warning; what takes no duals is differenced."""
     how = {"t_end": 1, "step": 0.1, "rotation": R0, "integrator": scheme, "order": order}
     how["wrt"] = ["rotation", "material_angular_velocity", "load_scale", "load[0].scale"]
 
     def load(compiled):
-        return director_forces(pull, compiled=compiled) + potential(ANCHOR, hill, hill_slope, compiled=compiled)
+        functions = (pull, hill, hill_slope) if compiled else map(in_floats, (pull, hill, hill_slope))
+        forces, V, slope = functions
+        return director_forces(forces, compiled=compiled) + potential(ANCHOR, V, slope, compiled=compiled)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -389,17 +411,53 @@ def test_differences_are_announced_once():
     how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        sensitivities(standard(J), load=moment(push) + potential(ANCHOR, hill, hill_slope), **how)
+        load = moment(in_floats(push)) + potential(ANCHOR, in_floats(hill), in_floats(hill_slope))
+        sensitivities(standard(J), load=load, **how)
     texts = [str(one.message) for one in found if "differences" in str(one.message)]
-    assert texts == [
-        f"derivatives of {__name__}.push and {__name__}.hill_slope are central differences, accurate to about ten "
-        "digits; a moment accepts exact ones: moment(function, derivative=...), or a property derivative of your own "
-        "Term"
-    ]
+    assert texts == [f"derivatives of {__name__}.hill_slope and {__name__}.push {ARE_DIFFERENCES}"]
+    assert found[-1].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*runs in Python")
-        sensitivities(standard(J), load=moment(push, derivative=push_slope), **how)
+        for load in (moment(push, derivative=push_slope), moment(push), potential(ANCHOR, hill, hill_slope)):
+            sensitivities(standard(J), load=load, **how)
+
+
+ARE_DIFFERENCES = (
+    "are central differences, accurate to about ten digits, as numbers with derivatives are not taken; functions of "
+    "NumPy take them, those of math and float() do not, and a moment accepts exact derivatives: moment(function, "
+    "derivative=...)"
+)
+
+
+def test_a_function_that_drops_derivatives_is_found_out():
+    """It reads the memory of its arguments, or gives another value: the value of the floats tells."""
+
+    def raw(t, d, w):
+        return push(
+            float(np.float64(t)) if isinstance(t, float) else 0.0, *(np.zeros_like(x, float) + x for x in (d, w))
+        )
+
+    def other(t, d, w):
+        return push(t, d, w) if isinstance(t, float) else np.zeros(3)
+
+    how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
+    exact = sensitivities(standard(J), load=moment(push, derivative=push_slope), **how).d_rotation.values
+    for function in (raw, other):
+        with pytest.warns(UserWarning, match=rf"^derivatives of \S+{function.__name__} are central differences"):
+            found = sensitivities(standard(J), load=moment(function), **how).d_rotation.values
+        assert abs(found - exact).max() < 1e-9
+
+
+def test_a_function_of_time_is_differentiated_by_it():
+    """As `duration` needs it: by duals, or by differences, which are announced."""
+    how = {"t_end": 1, "step": 0.1, "wrt": "duration"}
+    exact = sensitivities(standard(J), load=sine((0, 3, 0), 2), **how).d_rotation.values
+    found = sensitivities(standard(J), load=body_moment(lambda t: (0, 3 * np.sin(4 * np.pi * t), 0)), **how)
+    assert abs(found.d_rotation.values - exact).max() < 1e-14
+    with pytest.warns(UserWarning, match=r"^derivatives of \S+<lambda> are central differences"):
+        rough = sensitivities(standard(J), load=body_moment(lambda t: (0, 3 * math.sin(4 * np.pi * t), 0)), **how)
+    assert abs(rough.d_rotation.values - exact).max() < 1e-9
 
 
 def test_functions_of_a_script_are_named_as_it_names_them(monkeypatch):
@@ -410,12 +468,11 @@ def test_functions_of_a_script_are_named_as_it_names_them(monkeypatch):
     monkeypatch.setattr(vane, "__qualname__", "vane")
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        sensitivities(standard(J), load=moment(vane), t_end=0.2, step=0.1, rotation=R0)
+        sensitivities(standard(J), load=moment(in_floats(vane)), t_end=0.2, step=0.1, rotation=R0)
     assert {str(one.message) for one in told} == {
         "the load vane runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; moment(function, "
-        "compiled=True), or compile=True of your own Term, is about 100 times faster",
-        "derivatives of vane are central differences, accurate to about ten digits; a moment accepts exact ones: "
-        "moment(function, derivative=...), or a property derivative of your own Term",
+        "compiled=True), or compiled=True of your own Term, is about 100 times faster",
+        f"derivatives of vane {ARE_DIFFERENCES}",
     }
 
 
@@ -423,14 +480,15 @@ def test_functions_of_a_script_are_named_as_it_names_them(monkeypatch):
 class Push(Term):
     """A term of one's own, `push` times a number."""
 
-    strength: float
+    strength: Annotated[float, Spec("", unit="N m")]
 
-    def function(self, t, directors, angular_velocity):
+    def moment(self, t, directors, angular_velocity):
         return self.strength * push(t, directors, angular_velocity)
 
-    @staticmethod
-    def words(record):
-        return "push"
+
+class Rough(Push):
+    def moment(self, t, directors, angular_velocity):
+        return self.strength * in_floats(push)(t, directors, angular_velocity)
 
 
 class Sloped(Push):
@@ -439,39 +497,28 @@ class Sloped(Push):
         return lambda t, d, w: tuple(self.strength * part for part in push_slope(t, d, w))
 
 
-@patch.dict(TERMS, strength=Push)
+@patch.dict(KINDS, push=Push)
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
 @pytest.mark.parametrize("scheme", ["gauss", "energy-momentum"])
 def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
-    """By differences, which are announced; by its own derivative; by its factor and no other of its numbers."""
+    """By duals, compiled or not; by its own derivative; by differences, which are announced."""
     how = {"t_end": 1, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load[0].scale"], "integrator": scheme}
-    own = [Load((kind("state", 3.0, scale=0.5),)) for kind in (Push, Sloped)]
-    given = 1.5 * moment(push, derivative=push_slope)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*runs in Python")
-        exact, truth = (sensitivities(standard(J), load=load, **how) for load in (own[1], given))
-    text = (
-        f"derivatives of {__name__}.Push are central differences, accurate to about ten digits; a moment accepts exact "
-        "ones: moment(function, derivative=...), or a property derivative of your own Term"
-    )
-    slow = "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
-    with (
-        pytest.warns(UserWarning, match=f"^{re.escape(text)}$"),
-        pytest.warns(UserWarning, match=rf"^the load \S+\.Push\.function runs in Python, .* {re.escape(slow)}$"),
-    ):
-        rough = sensitivities(standard(J), load=own[0], **how)
-    for name in DERIVATIVES[:2]:
-        expected = truth[name].values * np.array([1, 1, 1, 3])  # by 0.5 of what is multiplied by 3
-        assert exact[name].values == pytest.approx(expected, rel=1e-13, abs=1e-13)
-        assert 0 < abs(rough[name].values - expected).max() < 1e-9
-    for name in ("strength", "load[0].strength"):
-        message = (
-            f"wrt has the unknown parameter {name!r}; runs have no derivatives with respect to this field of load[0]; "
-            f"its parameters are load[0].scale; "
-        )
-        with pytest.raises(ValueError, match="^" + re.escape(message)):
-            sensitivities(standard(J), load=own[0], **how | {"wrt": name})
+    truth = sensitivities(standard(J), load=1.5 * moment(push, derivative=push_slope), **how)
+    how["wrt"] = [*how["wrt"], "strength"]
+    for make in (Push, Sloped, Rough):
+        for compiled in (False, True)[: 2 - (make is Rough)]:
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                found = sensitivities(standard(J), load=make(3.0, scale=0.5, compiled=compiled), **how)
+            texts = [str(one.message) for one in told if "runs in Python" not in str(one.message)]
+            assert texts == [f"derivatives of {__name__}.Rough.moment {ARE_DIFFERENCES}"] * (make is Rough)
+            assert found.parameter.values[-1] == "load[0].strength"
+            assert found.parameter_unit.values[-1] == "N m"
+            for name in DERIVATIVES[:2]:
+                by_scale = 3 * truth[name].values[..., 3:]  # by 0.5 of what is multiplied by 3
+                expected = np.concatenate([truth[name].values[..., :3], by_scale, by_scale / 6], axis=-1)
+                bound = 1e-9 if make is Rough else 1e-12
+                assert abs(found[name].values - expected).max() < bound * max(1, abs(expected).max())
 
 
 @pytest.mark.parametrize(
@@ -580,6 +627,31 @@ def test_other_ways_to_the_same():
     sums = lyapunov(standard(J), t_end=1, step=0.05, load=load, **START).lyapunov_exponent.sum("exponent")
     assert abs(sums.values).max() < 1e-10  # a volume stays, as of all conservative runs
     assert simulate(standard(J), t_end=1, step=0.05, load=load, **START).equals(d.drop_vars(DERIVATIVES))
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_jacobians_of_a_propagator_under_functions_are_prepared(scheme):
+    """Under compiled functions and potentials, from starts of other speeds and with a factor, bit for bit."""
+    load = spring(STIFFNESS, POINT, ANCHOR, REST) + moment(push, compiled=True)
+    load += potential(POINT, hill, hill_slope, compiled=True)
+    names, how = ["material_angular_velocity", "rotation", "inertia", "duration"], {"integrator": scheme}
+    run = propagator(standard(J), t_end=1, step=0.05, load=load, **how)
+    for speed, scale, wrt in ((1.0, 1.0, names), (0.1, 1.0, names), (1.0, 0.7, names[:-1])):
+        start = START | {"material_angular_velocity": speed * W0}
+        with patch("nontwist.driver.propagation.jacobian_of", side_effect=AssertionError):
+            changes = run.jacobian(wrt=wrt, load_scale=scale, **start)
+        d = sensitivities(standard(J), wrt=wrt, t_end=1, step=0.05, load=scale * load, **how, **start)
+        for found, expected in zip(changes, (d.d_rotation, d.d_material_angular_velocity), strict=True):
+            assert abs(found - expected.values[[0, -1]]).max() <= 1e-14 * abs(expected.values).max()
+
+
+def test_prepared_jacobians_warn_of_differences():
+    def drag(t, d, w, m):
+        m[0], m[1], m[2] = -w[0], -w[1], -w[2]
+
+    run = propagator(standard(J), t_end=1, step=0.05, load=moment(Moment(drag)))
+    with pytest.warns(UserWarning, match="central differences"):
+        run.jacobian(**START)
 
 
 DERIVATIVES = ["d_rotation", "d_material_angular_velocity", "parameter", "parameter_unit"]

@@ -138,7 +138,7 @@ FINE |= {"a lambda": lambda t, d, w: w * t, "a column": lambda t, d, w: tuple(x 
 @pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 def test_machine_code_gives_what_python_gives(name):
     function = FINE[name]
-    part = moment(function, compiled=True).terms[0].compiled
+    part = moment(function, compiled=True).terms[0].c_function
     for t, d, w in STATES:
         expected = np.array(function(t, d.copy(), w.copy()), dtype=float)
         np.testing.assert_allclose(machine(part, t, d, w), expected, rtol=4e-15, atol=1e-15)
@@ -391,7 +391,7 @@ def test_what_a_closure_holds_is_fixed_when_it_is_compiled():
     factor, weights = 2.0, np.array([1.0, 2.0, 3.0])
     load = moment(lambda t, d, w: factor * weights * w, compiled=True)
     factor, weights[:] = 5.0, 0.0
-    assert machine(load.terms[0].compiled, 0.0, np.eye(3), np.ones(3)).tolist() == [2.0, 4.0, 6.0]
+    assert machine(load.terms[0].c_function, 0.0, np.eye(3), np.ones(3)).tolist() == [2.0, 4.0, 6.0]
 
 
 def test_the_same_function_is_compiled_once(monkeypatch):
@@ -403,9 +403,9 @@ def test_the_same_function_is_compiled_once(monkeypatch):
 
     loads = [moment(fresh, compiled=True) for _ in range(3)]
     assert len(made) == 1
-    assert len({load.terms[0].compiled.address for load in loads}) == 1
-    total = c_function(tuple((load.terms[0].compiled, 2.0) for load in loads))
-    assert c_function(tuple((load.terms[0].compiled, 2.0) for load in loads)) is total
+    assert len({load.terms[0].c_function.address for load in loads}) == 1
+    total = c_function(tuple((load.terms[0].c_function, 2.0) for load in loads))
+    assert c_function(tuple((load.terms[0].c_function, 2.0) for load in loads)) is total
     assert len(made) == 2
     assert machine(total, 0.0, np.eye(3), np.ones(3)) == pytest.approx(3 * [6 * 1.2345678], rel=1e-15)
 
@@ -421,7 +421,7 @@ def test_many_compiled_loads_take_little_memory():
     loads = [make(1.0 + k) for k in range(100)]
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit
     assert grown < 100 * 0.1e6  # bytes: 2,000 of them take 200 MB
-    assert len({load.terms[0].compiled.address for load in loads}) == 100
+    assert len({load.terms[0].c_function.address for load in loads}) == 100
 
 
 @pytest.mark.parametrize("frame", ["space", "body"])
@@ -431,7 +431,7 @@ def test_forces_on_the_directors(frame):
 
     term = director_forces(forces, frame=frame, compiled=True).terms[0]
     for t, d, w in STATES:
-        assert machine(term.compiled, t, d, w, 9).reshape(3, 3) == pytest.approx(term.forces(t, d, w), abs=1e-14)
+        assert machine(term.c_function, t, d, w, 9).reshape(3, 3) == pytest.approx(term.forces_at(t, d, w), abs=1e-14)
     with pytest.raises(ValueError, match="it returns 3 values; return three rows of three numbers"):
         director_forces(lambda t, d, w: w, compiled=True)
 
@@ -446,7 +446,7 @@ def test_potentials(vectors):
 
     term = potential(vectors, V, slope, compiled=True).terms[0]
     gamma = rng.normal(size=np.shape(vectors))
-    found = machine(term.compiled, 0.0, gamma, gamma, 1 + gamma.size)
+    found = machine(term.c_function, 0.0, gamma, gamma, 1 + gamma.size)
     assert found == pytest.approx([V(gamma), *slope(gamma).ravel()], abs=1e-15)
     with pytest.raises(ValueError, match="the load slope cannot be compiled: it branches"):
         potential(vectors, V, functools.wraps(slope)(lambda g: slope(g if g.sum() > 0 else 1 * g)), compiled=True)

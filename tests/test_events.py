@@ -29,6 +29,7 @@ from nontwist import (
     standard,
 )
 from nontwist.cli import app
+from nontwist.driver.events import Search
 
 BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
@@ -82,6 +83,27 @@ def test_events_of_a_top_are_those_of_scipy():
     (found,) = integrate(top, t_end=5, events=mine, **how).t_events
     assert len(truth) > 2
     assert found == pytest.approx(truth, abs=1e-11)
+
+
+def test_two_crossings_within_a_step_are_found():
+    """The axis d3 turns at 2 rad/s and is for 0.2 s within 0.2 rad of -e3: both ends of that lie within one step."""
+    lift = with_attributes(lambda t, state: state.directors[2, 2] + 0.98)
+    run = integrate(nontwisting([3, 4, 5]), t_end=12, step=1.2, integrator="gauss", events=lift, **TURNING)
+    truth = np.sort([(k * np.pi + s * np.arccos(0.98)) / 2 for k in (1, 3, 5, 7) for s in (-1, 1)])
+    truth = truth[truth < 12]
+    assert run.t_events[0] == pytest.approx(truth, abs=1e-13 * 12)
+
+
+def test_a_function_with_a_kink_at_its_root_has_the_same_root(monkeypatch):
+    """The polynomial through its values has another one, so Brent's method is taken."""
+    how = {"t_end": 15, "integrator": "gauss", "step": 1.5, **TURNING}
+    body, brent, own = nontwisting([3, 4, 5]), [], Search._between
+    monkeypatch.setattr(Search, "_between", lambda *args: brent.append(1) or own(*args))
+    smooth = integrate(body, events=level, **how).t_events[0]
+    assert not brent
+    kinked = with_attributes(lambda t, state: max(level(t, state), 3 * level(t, state)))
+    assert integrate(body, events=kinked, **how).t_events[0] == pytest.approx(smooth, abs=1e-11)
+    assert len(brent) == len(smooth) > 8
 
 
 def test_the_state_of_an_event_is_that_of_the_run_at_its_time():

@@ -3,10 +3,12 @@
 import json
 from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from nontwist.loads.records import load_of
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
@@ -14,7 +16,6 @@ from scipy.special import ellipk
 from complex_steps import cross
 from nontwist import (
     EnergyMomentum,
-    Load,
     SimulationError,
     compare,
     damping,
@@ -42,9 +43,9 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.invariants import drifts
-from nontwist.loads import TERMS
+from nontwist.loads import LOADS as KINDS
 from nontwist.loads.forces import DirectorForces
-from nontwist.loads.records import load_of
+from nontwist.spec import Spec
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
@@ -116,14 +117,10 @@ def table_at(t):
 class Forces(DirectorForces):
     """A term of one's own, `forces` times a number."""
 
-    strength: float
+    strength: Annotated[float, Spec("")]
 
     def forces(self, t, directors, angular_velocity):
         return self.strength * forces(t, directors, angular_velocity)
-
-    @staticmethod
-    def words(record):
-        return "forces"
 
 
 LOADS = {
@@ -131,7 +128,7 @@ LOADS = {
     "table along directors": (lambda: director_forces(TIMES, FORCES, frame="body"), lambda t, q, w: [table_at(t) @ q]),
     "function": (lambda: director_forces(forces), lambda t, q, w: [forces(t, q, w)]),
     "function along directors": (lambda: director_forces(forces, frame="body"), lambda t, q, w: [forces(t, q, w) @ q]),
-    "term of one's own": (lambda: 2 * Load((Forces("forces", 0.5),)), lambda t, q, w: [forces(t, q, w)]),
+    "term of one's own": (lambda: 2 * Forces(0.5), lambda t, q, w: [forces(t, q, w)]),
     "compiled": (lambda: 2 * director_forces(forces, compiled=True), lambda t, q, w: [2 * forces(t, q, w)]),
 }
 
@@ -141,7 +138,7 @@ def made(name):
     return LOADS[name][0]()
 
 
-@patch.dict(TERMS, strength=Forces)
+@patch.dict(KINDS, strength=Forces)
 @pytest.mark.parametrize("name", LOADS)
 def test_director_forces_in_every_integrator(name):
     load, of_truth = made(name), LOADS[name][1]
@@ -171,7 +168,7 @@ def _continuous(form):
 
 @pytest.mark.parametrize("body", [FREE, HELD, SLANTED], ids=["standard", "nontwisting", "suslov"])
 @pytest.mark.parametrize("name", ["table in space", "table along directors", "function", "term of one's own"])
-@patch.dict(TERMS, strength=Forces)
+@patch.dict(KINDS, strength=Forces)
 def test_director_scheme_is_that_of_the_paper(body, name):
     how = {
         "t_end": 0.4,

@@ -63,8 +63,8 @@ def in_lanes(f, n):
 
     def text(x, y, out):
         for i in loop(0, x.shape[0], n):
-            a, b = x.memory.load(i, n), y.memory.load(i, n)
-            out.memory.store(i, f(a, b), n)
+            a, b = x.load(i, n), y.load(i, n)
+            out.store(i, f(a, b), n)
 
     return Kernel(text, "f8[:], f8[:], f8[:]", lanes=n)
 
@@ -121,10 +121,10 @@ def test_numbers_of_other_kinds():
 
 def test_lanes_are_taken_apart():
     def text(x, out):
-        a = x.memory.load(0, 8)
+        a = x.load(0, 8)
         out[0] = largest_of(a)
         out[1] = elements.lanes_of(a, 3, 1)
-        out.memory.store(2, out[1], 2)
+        out.store(2, out[1], 2)
 
     out = np.empty(4)
     Kernel(text, "f8[:], f8[:]")(X[:8].copy(), out)
@@ -358,7 +358,7 @@ def test_c_functions_are_called():
 
     @kernel("i8, f8, f8[:], f8[:]")
     def called(function, t, x, out):
-        call(function, t, x.memory, out.memory) if hasattr(x, "memory") else call(function, t, x, out)
+        call(function, t, x, out)
 
     out = np.zeros(1)
     for run in (called, called.on_floats):
@@ -394,13 +394,13 @@ def test_refusals_say_what_to_write():
         return float(x[0])
 
     def masks(x):
-        v = Variables(a=x.memory.load(0, 4))
+        v = Variables(a=x.load(0, 4))
         for _ in when(v.a > 0.0):
             v.a = -v.a
         return 1.0
 
     def lanes(x):
-        return x.memory.load(0, 4) + x.memory.load(0, 2)
+        return x.load(0, 4) + x.load(0, 2)
 
     def words(x):
         return x[0] + "1"

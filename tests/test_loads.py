@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Annotated
 from unittest.mock import patch
 
 import numpy as np
@@ -34,9 +35,10 @@ from nontwist import (
     view,
 )
 from nontwist.cli import app
-from nontwist.loads import TERMS, Term
+from nontwist.loads import LOADS, Term
+from nontwist.loads.kinds import load_of
 from nontwist.runfile import json_schema
-from nontwist.runfile.loads import LOADS
+from nontwist.spec import Spec
 from nontwist.validation import conserved
 
 ROOT = Path(__file__).parents[1]
@@ -248,8 +250,8 @@ def test_other_processes_take_every_load():
 def magnet(monkeypatch):
     """The load of the example for contributors, registered while the test runs."""
     monkeypatch.syspath_prepend(ROOT / "examples")
-    with patch.dict(TERMS), patch.dict(LOADS):
-        yield importlib.import_module("own_load").magnet
+    with patch.dict(LOADS):
+        yield importlib.import_module("own_load").Magnet
     del sys.modules["own_load"]
 
 
@@ -275,18 +277,18 @@ OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 
     [
         (
             "field must not be 0",
-            "load.0.field: [0.0, 1.0, -2.0] (field must not be 0) -> 3 numbers along fixed axes, T",
+            "load.0.field: [0.0, 1.0, -2.0] (field must not be 0) -> 3 numbers, T: along fixed axes",
         ),
-        ("it is too weak", "load.0.dipole: [0.3, 0.0, 1.2] (it is too weak) -> 3 numbers along the directors, A m²"),
+        ("it is too weak", "load.0.field: [0.0, 1.0, -2.0] (it is too weak) -> 3 numbers, T: along fixed axes"),
     ],
 )
 def test_the_message_of_a_load_of_ones_own_names_its_key(reason, problem, magnet, tmp_path, monkeypatch):
-    """The key with which the message begins, else `error_key` of the table."""
+    """The key with which the message begins, else the last one that must be given."""
 
-    def refusing(self, place):
+    def refusing(self):
         raise ValueError(reason)
 
-    monkeypatch.setattr(sys.modules["own_load"].MagnetTable, "unscaled", refusing)
+    monkeypatch.setattr(magnet, "__post_init__", refusing)
     (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
     with pytest.raises(RunFileError) as caught:
         read_run_file(tmp_path / "run.toml")
@@ -295,19 +297,20 @@ def test_the_message_of_a_load_of_ones_own_names_its_key(reason, problem, magnet
 
 def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     pytest.importorskip("zarr")
-    load, path = magnet([0.3, 0, 1.2], [0, 1, -2]), tmp_path / "run.toml"
-    assert pickle.loads(pickle.dumps(load)) == load != magnet([0.3, 0, 1.2], [0, 1, -3])
+    load, path = magnet([0.3, 0, 1.2], [0, 1, -2]).load, tmp_path / "run.toml"
+    assert pickle.loads(pickle.dumps(load)) == load != magnet([0.3, 0, 1.2], [0, 1, -3]).load
     path.write_text(FILE, encoding="utf-8")
     run_file = read_run_file(path)
     assert run_file.arguments()["load"] == load
     assert 'kind = "magnet"\ndipole = [0.3, 0.0, 1.2]' in run_file.text()
     run = run_file.simulate()
     assert json.loads(run.attrs["load"]) == load.description
-    assert "magnet (0.3, 0, 1.2) A m² in (0, 1, −2) T" in view(run).html
+    assert load_of(json.loads(run.attrs["load"])) == load
+    assert "magnet: dipole (0.3, 0, 1.2) A m², field (0, 1, −2) T" in view(run).html
     schema = json_schema.json_schema()
-    assert {"$ref": "#/$defs/MagnetTable"} in schema["properties"]["load"]["items"]["oneOf"]
+    assert {"$ref": "#/$defs/Magnet"} in schema["properties"]["load"]["items"]["oneOf"]
     path.write_text(FILE.replace("field = [0, 1, -2]", "field = [0, 1]"), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"load\.0\.field: \[0, 1\] -> 3 numbers along fixed axes, T"):
+    with pytest.raises(ValueError, match=r"load\.0\.field: \[0, 1\] -> 3 numbers, T: along fixed axes"):
         read_run_file(path)
     path.write_text(FILE + OVER, encoding="utf-8")
     sweep(path, tmp_path / "store", progress=False)
@@ -315,55 +318,56 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     for k in range(3):
         one = run_file.simulate(load=magnet([0.3, k, 1.2], [0, 1, -2]))
         assert found[k] == pytest.approx(one.material_angular_velocity.values[-1], abs=1e-14)
-    rows = [row for row in conserved.balances() if row.name.endswith("K + V changes by the work of the load 'dipole'")]
+    rows = [row for row in conserved.balances() if row.name.endswith("K + V changes by the work of the load 'magnet'")]
     assert [row.name.partition(":")[0] for row in rows] == ["lie-midpoint", "energy-momentum"]
     assert all(row.holds for row in rows)
     assert conserved.unchecked() == ()
 
 
 def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
-    load = magnet([0.3, 0, 1.2], [0, 1, -2])
-    with patch.object(TERMS["dipole"], "sample", Term.sample), patch.object(conserved, "CHECKS", (conserved.balances,)):
+    load = magnet([0.3, 0, 1.2], [0, 1, -2]).load
+    with patch.object(magnet, "sample", Term.sample), patch.object(conserved, "CHECKS", (conserved.balances,)):
         result = CliRunner().invoke(app, ["validate", "--group", "invariants", "--json"])
     assert json.loads(result.stdout)["notes"] == [
-        "the load 'dipole' is not checked: add a classmethod sample to its class Magnet, which returns a term to check"
+        "the load 'magnet' is not checked: add a classmethod sample to its class Magnet, which returns a term to check"
     ]
-    assert (result.exit_code, "work of the load 'dipole'" in result.stdout) == (0, False)
+    assert (result.exit_code, "work of the load 'magnet'" in result.stdout) == (0, False)
     run = simulate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load)
-    del TERMS["dipole"], LOADS["magnet"]
-    with pytest.raises(ValueError, match=r"nontwist\.loads\.TERMS has no entry for the class Magnet"):
+    del LOADS["magnet"]
+    with pytest.raises(ValueError, match=r"nontwist\.loads\.LOADS has no entry for the class Magnet: add it .*Magnet$"):
         2 * load
+    with pytest.raises(ValueError, match=r"^the load of the run holds dipole, whose module is not imported; import it"):
+        load_of(load.description)
     assert repr(load) == "<Load: dipole (its module is not imported)>"
     assert "dipole (its module is not imported)" in view(run).html  # a result of another package can be seen
     path = tmp_path / "run.toml"
     path.write_text(FILE, encoding="utf-8")
-    with pytest.raises(ValueError, match=r'load\.0\.kind: "magnet" -> one of "constant", "table", "pulse"'):
+    with pytest.raises(ValueError, match=r'load\.0\.kind: "magnet" -> one of "constant", "csv", "damping"'):
         read_run_file(path)
 
 
 def test_a_load_is_refused_where_it_is_registered(magnet):
-    """A key that another class has; one that is not the first field, or the kind; the same class again is accepted."""
+    """Of a kind that another class has; one whose first field another has; the same class again is accepted."""
 
     @dataclass(frozen=True, eq=False)
     class Heat(Term):
-        times: float
+        times: Annotated[float, Spec("")]
 
     class Bare(Term):
         pass
 
-    table, kinds = LOADS["magnet"], 'which lacks the line kind: Literal["magnets"]: add it'
-    for known, key, value, message in (
-        (TERMS, "times", Heat, "'times' is already the key of the class Table of nontwist.loads.terms: rename the "),
-        (TERMS, "heat", Heat, "TERMS['heat'] is the class Heat, whose first field is 'times': use this as the key"),
-        (TERMS, "bare", Bare, "Bare has no field of its own: add one, and @dataclass(frozen=True, eq=False) above "),
-        (TERMS, "magnet", magnet, "TERMS['magnet'] must be a subclass of Term, got <function magnet at "),
-        (LOADS, "magnets", table, f"LOADS['magnets'] is the class MagnetTable, {kinds}"),
-        (LOADS, "magnet", Heat, "LOADS['magnet'] must be a subclass of LoadSection, as Scaled is; got <class "),
+    for key, value, message in (
+        ("table", Heat, "'table' is already the key of the class Table of nontwist.loads.terms: give the load another"),
+        ("heat", Heat, "Heat and Table both begin with the field 'times': rename that of your class"),
+        ("bare", Bare, "Bare has no field of its own: add one, and @dataclass(frozen=True, eq=False) above "),
+        ("magnet", magnet([0, 0, 1], [1, 0, 0]), "LOADS['magnet'] must be a subclass of Term, got Magnet(scale=1.0"),
+        ("csv", magnet, "LOADS['csv'] is a kind of run files: give the load another kind"),
+        ("sine", magnet, "'sine' is already the key of the class Sine of nontwist.loads.terms: give the load another "),
     ):
         with pytest.raises(ValueError, match="^" + re.escape(message)):
-            known[key] = value
-    assert (TERMS["times"].__name__, "heat" in TERMS) == ("Table", False)
-    TERMS["dipole"], LOADS["magnet"] = TERMS["dipole"], table
+            LOADS[key] = value
+    assert (LOADS["table"].__name__, "heat" in LOADS) == ("Table", False)
+    LOADS["magnet"] = LOADS["magnet"]
 
 
 def test_the_page_for_contributors_names_every_line():
@@ -372,9 +376,9 @@ def test_the_page_for_contributors_names_every_line():
     for name, path in named:
         place = next(p for p in (ROOT / path, ROOT / "src" / "nontwist" / path) if p.is_file())
         assert re.search(rf"^{name}\b.* = ", place.read_text(encoding="utf-8"), re.MULTILINE), (name, path)
-    wanted = {"TERMS": "loads/kinds.py", "LOADS": "runfile/loads.py", "OF_TERMS": "validation/conserved.py"}
+    wanted = {"LOADS": "loads/kinds.py", "OF_TERMS": "validation/conserved.py"}
     assert set(wanted.items()) <= named
-    assert conserved.OF_TERMS.keys() == TERMS.keys()
+    assert conserved.OF_TERMS.keys() == LOADS.keys()
 
 
 def test_a_load_knows_when_it_may_act():
@@ -386,22 +390,14 @@ def test_a_load_knows_when_it_may_act():
     assert (Load().acting.size, Load().end, table.end) == (0, -np.inf, 7)
 
 
-def test_a_term_of_no_kind_and_a_list_of_loads_are_refused():
+def test_a_term_without_a_text_and_a_list_of_loads_are_refused():
     class Other(Term):
-        @staticmethod
-        def words(record):
-            return "another"
+        pass
 
-    with pytest.raises(ValueError, match="one of body, space, state, forces, potential, got 'stat'"):
-        Other("stat")
-    with pytest.raises(ValueError, match="a term of kind 'space' needs samples, which Other lacks"):
-        Other("space")
-    message = (
-        "Other cannot be a term of kind 'forces', only 'body', 'space', 'state': director forces are subclasses of "
-        "nontwist.loads.forces.DirectorForces, and nontwist.potential makes potentials"
-    )
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        Other("forces")
+    with pytest.raises(
+        ValueError, match=r"^Other has no text: give it a method moment or body_moment or space_moment$"
+    ):
+        Other()
     push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])
     with pytest.raises(ValueError, match=re.escape("add the loads of the list with +, as in load=a + b")):
         simulate(BODIES["standard"](), t_end=1, load=[push, push])

@@ -179,7 +179,7 @@ def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
         block, x, lengths = view_of(growth.Growth), start.copy(), np.zeros((3, count))
         block.steps, block.width, block.stride, block.changes, block.every = steps, rows + 2, steps, count, 2
         block.matrices, block.weights, block.normal = M, np.linspace(1, 2, rows), n / np.linalg.norm(n)
-        block.state, block.scratch, block.lengths = x, np.zeros_like(x), lengths
+        block.state, block.lengths = x, lengths
         getattr(growth.grow(rows), how)(block.address)
         found.append((x, lengths))
     assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])

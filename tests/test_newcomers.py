@@ -43,7 +43,7 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.integrators.base import Integrator
 from nontwist.integrators.stepping import march
-from nontwist.loads import TERMS
+from nontwist.loads import LOADS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.recordings.formats import READERS
 from nontwist.runfile.body import Body
@@ -236,7 +236,7 @@ def test_random_bodies_of_a_validation_include_heavy_ones_of_ones_own(monkeypatc
 def test_director_forces_of_the_page_are_a_damping(scheme):
     """-c d3 × (w × d3) = -c (I - d3 ⊗ d3) w: a matrix of damping, which other code computes."""
     how = {"t_end": 2, "step": 0.01, "material_angular_velocity": (1, -2, 3), "integrator": scheme}
-    with patch.dict(TERMS):
+    with patch.dict(LOADS):
         exec(code_of_the_page("load"), space := {})
         run = simulate(standard([3, 4, 5]), load=space["load"], **how)
         assert content(run)["about"]["Load"] == "brake of 0.3 N m s"

@@ -442,6 +442,11 @@ REFUSED = {
     "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, ("too-few-samples", 1, 1)),
     "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, ("too-few-samples", 0, 2)),
     "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "angles"),
+    "angles beside few rates": (
+        "t,roll (deg),pitch (deg),yaw (deg),gx,gy,gz\n0,1,2,3,0,0,1\n1,1,2,3,0,0,1\n",
+        {},
+        "angles",
+    ),
     "no unit": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZYX"}, "no-angle-unit"),
     "axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZZX"}, "euler"),
     "mixed axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZyX"}, "euler"),

@@ -30,7 +30,7 @@ from nontwist import (
     suslov,
 )
 from nontwist.analysis.invariants import drifts
-from nontwist.loads.records import load_of
+from nontwist.loads.kinds import load_of
 from nontwist.sweeps import sweep
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])

@@ -46,7 +46,7 @@ from nontwist.runfile.document import Integrator, Output, Time
 from nontwist.runfile.folder import Folder
 from nontwist.runfile.forecast import forecast
 from nontwist.runfile.json_schema import json_schema
-from nontwist.runfile.loads import LOADS as KINDS
+from nontwist.runfile.loads import Tables
 from nontwist.runfile.makers import MAKERS
 from nontwist.runfile.reading import checked
 from nontwist.runfile.start import Start
@@ -57,8 +57,8 @@ from runfile_documents import documents
 A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
 
 KINDS_OF_LOADS = (
-    '"constant", "table", "pulse", "sine", "csv", "damping", "rotor", "director_forces", "potential", "spring", '
-    '"dipole", "gravity_gradient"'
+    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "director_forces", "potential", '
+    '"spring", "gravity_gradient"'
 )
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 PLACE = Path(__file__).parents[1]
@@ -198,7 +198,7 @@ ONE_LINE = {
     "key of another kind": (
         f"{BODY}{TIME}[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [0, 1]\nvalues = [[0, 0, 1], [0, 0, 1]]\n"
         "file = 'moment.csv'\n",
-        "load.0.file: unknown key -> known are frame, scale, kind, times, values; it belongs to kind = "
+        "load.0.file: unknown key -> known are kind, frame, times, values, scale; it belongs to kind = "
         '"csv" or "rotor"',
     ),
     "nearest word": (
@@ -275,7 +275,7 @@ ONE_LINE = {
     ),
     "pulse": (
         f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nstart = 2\nend = 1\n',
-        "load.0.end: 1.0 (pulse must end after it starts, got start = 2 s, end = 1 s) -> a number after start, s",
+        "load.0.end: 1.0 (pulse must end after it starts, got start = 2 s, end = 1 s) -> a number, s: after start",
     ),
     "no file": (
         f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n',
@@ -288,7 +288,7 @@ ONE_LINE = {
     "step": (
         BODY + TIME.replace("0.1", "0.3"),
         "time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
-        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, and "
+        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most",
     ),
     "10^12 steps": (
@@ -298,7 +298,7 @@ ONE_LINE = {
     "automatic step": (
         f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
         "time.step: missing (the automatic step would take 2e+10 steps of at most 0.05 rad, more than 1e+07; choose a "
-        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, and "
+        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most",
     ),
     "store": (
@@ -729,7 +729,7 @@ def test_the_page_on_run_files_holds_one_that_runs(write):
         assert f"\n{line}\n" in page
     for keys in (section.model_fields for section in (Body, Start, Time, Integrator, Output)):
         assert all(f"`{key}`" in page for key in keys)
-    assert all(f"`{kind}`" in page for kind in (*KINDS, *MAKERS))
+    assert all(f"`{kind}`" in page for kind in (*Tables(), *MAKERS))
 
 
 @pytest.mark.parametrize(("name", "order"), [("lie-midpoint", 2), ("energy-momentum", 2)])

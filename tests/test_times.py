@@ -241,7 +241,7 @@ def test_resampling_is_what_the_run_has_passed_through(name):
         assert got.directors.values == pytest.approx(asked.directors.values, abs=2e-13)
         assert got.material_angular_velocity.values == pytest.approx(asked.material_angular_velocity.values, abs=2e-12)
     assert "moment" not in got
-    assert got.attrs["resampled"] == "by substeps from stored states"
+    assert got.attrs["resampled"] == "between stored states"
 
 
 def test_resampling_needs_the_functions_of_a_load():

@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from typing import Any
 
 SENTENCES = {
@@ -82,3 +84,16 @@ class InputWarning(Worded, UserWarning):
 
 def _again(kind: Any, code: str, within: str, fields: dict[str, Any]) -> Any:
     return kind(code, within, **fields)
+
+
+def warn(message: str) -> None:
+    """Warn at the line of the caller of the package."""
+    warnings.warn(message, UserWarning, stacklevel=callers_level())
+
+
+def callers_level() -> int:
+    """Return the stack level, seen from the caller of this function, of the first frame outside the package."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("nontwist."):
+        level, frame = level + 1, frame.f_back
+    return level

@@ -18,14 +18,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from .errors import InputError, PythonOptions
-from .geometry.values import shown
+from .geometry.arrays import as_array, as_direction, increasing, refuse
+from .geometry.values import among, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
+BOUNDS: dict[str, Any] = {
+    "positive": (lambda x: x <= 0, "must be positive"),
+    "not negative": (lambda x: x < 0, "must not be negative"),
+}
+SYMMETRIC = 1e-12  # of a matrix, relative
 WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number", Sequence: "a list of texts"}
 
 
@@ -33,22 +39,53 @@ WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number"
 class Spec:
     """What a field means, in sentences for docstrings and helps; how a command writes its value and option; its unit.
 
-    Sentences name options as those of messages do: ``{option[rate]}``.
+    Sentences name options as those of messages do: ``{option[rate]}``. Of a field that is a number or an array, `shape`
+    says which, a name in it being the length of another field, and `rule` what else holds: "positive", "not negative",
+    "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its name for callers, if it
+    has another. One that `is_fixed` is no parameter of derivatives.
     """
 
     text: str
     metavar: str = ""
     option: str = ""
     unit: str = ""
+    shape: tuple[int | str | None, ...] = ()
+    rule: str = ""
+    is_fixed: bool = False
 
 
 @cache
 def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
-    """Return the type, the default and the description of each field of a dataclass."""
+    """Return the type, the default and the description of each field of a dataclass that has a description."""
     hints = get_type_hints(cls, include_extras=True)
-    return {
-        one.name: (*get_args(hints[one.name])[:1], one.default, get_args(hints[one.name])[1]) for one in fields(cls)
-    }
+    described = ((one, get_args(hints[one.name])) for one in fields(cls) if get_origin(hints[one.name]) is Annotated)
+    return {one.name: (kind, one.default, spec) for one, (kind, spec) in described}
+
+
+def as_specified(record: Any, name: str) -> Any:
+    """Return the value of a field that is a word, a number or an array; a ValueError where it is not as described."""
+    kind_of_record: Any = type(record)
+    value, (kind, _, spec) = getattr(record, name), specs(kind_of_record)[name]
+    name = spec.option or name
+    if get_origin(kind) is Literal:
+        if not among(value, get_args(kind)):
+            words = get_args(kind)
+            known = " or ".join(map(repr, words)) if len(words) == 2 else f"one of {', '.join(words)}"
+            raise ValueError(f"{name} must be {known}, got {shown(value)}")
+        return value
+    if spec.rule.startswith("direction in "):
+        return as_direction(value, name, spec.rule.removeprefix("direction in "))
+    array = as_array(value, name, tuple(np.size(getattr(record, n)) if isinstance(n, str) else n for n in spec.shape))
+    if spec.rule in BOUNDS:
+        is_wrong, words = BOUNDS[spec.rule]
+        refuse(is_wrong(array), name, lambda i: f"{words}, got {array[i]:g} {spec.unit}")
+    if spec.rule == "increasing":
+        increasing(array)
+    if spec.rule == "symmetric":
+        if (gap := abs(array - array.T).max()) > SYMMETRIC * abs(array).max():
+            raise ValueError(f"{name} is not symmetric: entries differ by {gap:.3g}; give (A + Aᵀ)/2")
+        return (array + array.T) / 2
+    return array if spec.shape else float(array)
 
 
 def require_types(record: Any) -> None:

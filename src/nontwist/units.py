@@ -47,3 +47,9 @@ def split_unit(header: str) -> tuple[str, str | None]:
     """Return the name of a column and the unit in brackets at its end; an index like ``[1]`` is none."""
     match = re.match(r"^(.*?)\s*[\[(]\s*((?=[^\[\]]*[^\d\s\[\]()])[^\[\]]*?)[\])]\s*$", header.strip())
     return (match[1], match[2].strip()) if match else (header.strip(), None)
+
+
+def in_datasets(unit: str) -> str:
+    """Return a unit as datasets write it: "kg m2 s-1" for "kg m²/s"."""
+    plain = unit.translate(str.maketrans("²³⁻¹", "23-1"))
+    return re.sub(r"/([a-zA-Zµ]+)(\d?)", lambda m: f" {m[1]}-{m[2] or 1}", plain)

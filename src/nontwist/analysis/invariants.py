@@ -132,7 +132,8 @@ def _orbit(records: Records) -> Mapping[str, Any] | None:
 
 def _vectors(records: Records) -> Array:
     """Return the space vectors of potentials, (k, 3)."""
-    named = [record[key] for record in records for key in ("vector", "anchor", "vectors_of", "radial") if key in record]
+    keys = "vector", "anchor", "vectors_of", "radial"
+    named = (next((record[key] for key in keys if key in record), np.eye(3)) for record in records)  # those of your own
     return np.concatenate([np.zeros((0, 3)), *(np.reshape(one, (-1, 3)) for one in named)])
 
 

@@ -17,7 +17,7 @@ from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from ..loads.records import rotors_of
+from ..loads.kinds import rotors_of
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
 from .variables import (

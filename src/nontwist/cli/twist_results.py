@@ -66,7 +66,7 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     import numpy as np
 
     from ..geometry.values import error_place, error_text, number_text, text_to_place
-    from ..recordings.samples import GAP
+    from ..recordings.motions import GAP
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
 

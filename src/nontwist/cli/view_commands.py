@@ -125,9 +125,9 @@ def view_command(
 
     Options from --columns to --time-unit define how recordings are read, as in nontwist twist; a recording shows its
     twist about the z axis. States of a run that are far apart, as those of a run to a tolerance, are completed by
-    substeps of its integrator. --from and --to choose a part; the twist of runs and recordings counts from its start.
-    The page is one HTML file of 60 to 500 kB, up to 1 MB for two runs. --gif, --mp4 and --png write a film or a picture
-    of the same scene, without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with
+    states in between. --from and --to choose a part; the twist of runs and recordings counts from its start. The page
+    is one HTML file of 60 to 500 kB, up to 1 MB for two runs. --gif, --mp4 and --png write a film or a picture of the
+    same scene, without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with
     status 5 if a file cannot be read or written, or exists already.
     """
     from ..io.whole import require_free

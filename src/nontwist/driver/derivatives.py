@@ -21,7 +21,6 @@ from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
-from .notices import warn_of_differences
 from .parameters import EVERY, Parameters
 from .planning import Plan, planned
 from .single_run import AT_REST, PreparedPlan, integrated, run_of
@@ -222,7 +221,6 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     `means`: whether the run has means over its steps.
     """
     Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
-    warn_of_differences(plan.load)
     run = run_of(plan._replace(store=1, means=means), begin)
     grid = run.stretches
     assert grid is not None
@@ -283,10 +281,10 @@ class Jacobian:
         kept[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
         is_few = steps.carried is not None and self._parameters.count <= CarriedTangents.MOST
-        how = steps, self._parameters.count, self._parameters.entries, kept
-        self._carried = CarriedTangents(*how) if is_few else None
-        self._tangents = None if is_few else PreparedTangents(*how)
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
+        how = self._parameters.entries, kept
+        self._carried = CarriedTangents(steps, self._still, *how) if is_few else None
+        self._tangents = None if is_few else PreparedTangents(steps, self._parameters.count, *how)
 
     def __call__(self, p: Any, W: Any, scale: float, removed: float) -> Array | None:
         """Return the derivatives of the run from the quaternion `p`, scalar last, and W; None where it fails.
@@ -295,14 +293,14 @@ class Jacobian:
         """
         if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
             return None
-        start = self._still
+        start = None
         if self._parameters.needs_velocity:
             start = self._parameters.start(self._rows, np.array(W), removed)
         if self._carried is not None:
             return self._carried(p, W, start, scale)
         assert self._tangents is not None
         states = self._prepared.states(p, W, scale)
-        return None if states is None else self._tangents(states, start, scale)
+        return None if states is None else self._tangents(states, self._still if start is None else start, scale)
 
 
 def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:

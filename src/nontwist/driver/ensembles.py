@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, statistics
+from ..errors import warn
 from ..geometry.arrays import largest_size
 from ..geometry.values import as_whole
 from ..integrators import DEFAULT, Integrator, Status
@@ -24,7 +24,7 @@ from . import completion
 from .coarseness import coarseness
 from .costs import cores, members_cost
 from .grid import SMALL, automatic_grid, free_memory
-from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
+from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import planned
 from .starts import starts
 from .tolerance import controlled, first_grid
@@ -184,7 +184,7 @@ def simulate_ensemble(
             outcome = completion.march(scheme, problem, workers)
     done = outcome.states.velocity[outcome.failures[:, 0] == Status.OK]
     if not plan.is_controlled and (text := coarseness(scheme, problem, largest_size(done))) is not None:
-        warnings.warn(text, UserWarning, stacklevel=callers_level())
+        warn(text)
         kept["warning"] = text
     many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
     return with_messages(many, problem, outcome)
@@ -203,7 +203,7 @@ def with_messages(many: xarray.Dataset, problem: Problem, outcome: Outcome) -> x
         return many.assign_attrs(message="done")
     first = next(iter(failed))
     summary = f"{len(failed)} of {len(problem)} members have failed, the first is {first}: {failed[first]}"
-    warnings.warn(summary, UserWarning, stacklevel=callers_level())
+    warn(summary)
     texts = [failed.get(i, "") for i in range(len(problem))]
     many["message"] = ("member", np.array(texts, dtype=object), {"long_name": "why the run of the member ended"})
     return many.assign_attrs(message=summary)

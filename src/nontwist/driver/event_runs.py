@@ -39,7 +39,7 @@ class Kept:
         """Take the states of a part that are wanted, up to a time."""
         times, own, count = part.times, part.outcome.intervals, len(part.times)
         assert own is not None
-        passed = own.integrals(np.diff(times))
+        passed = own.integrals(np.diff(times))[0]
         totals = self.total + np.concatenate([np.zeros((1, passed.shape[1])), np.cumsum(passed, axis=0)])
         self.like = own
         used = [0] * count if own.newton_iterations is None else [0, *own.newton_iterations[0, : count - 1].tolist()]
@@ -67,12 +67,12 @@ class Kept:
         part, since = root.part, float(root.part.times[root.check])
         own = part.outcome.intervals
         assert own is not None
-        before = own.integrals(np.diff(part.times))
+        before = own.integrals(np.diff(part.times))[0]
         integral = np.asarray(self.total) - before[root.check :].sum(axis=0)
         if root.time > since:
             rest = part.beyond(root.check, np.array([since, root.time])).intervals
             assert rest is not None
-            integral = integral + rest.integrals(np.array([root.time - since]))[0]
+            integral = integral + rest.integrals(np.array([root.time - since]))[0, 0]
             if rest.newton_iterations is not None:
                 self.used = max(self.used, int(rest.newton_iterations.max()))
         self.add(root.time, root.state, integral)
@@ -81,10 +81,10 @@ class Kept:
         """Return the outcome of the run, whose last part has the outcome `last`, and which has failed, or not."""
         n, like = len(self.times), self.like
         assert like is not None
-        none = like.integrals(np.zeros(0))
+        none = like.integrals(np.zeros(0))[0]
         between = np.diff(np.array(self.integrals), axis=0) if n > 1 else none
-        counts = None if like.newton_iterations is None else np.array(self.iterations[1:], dtype=np.int64)
-        means = like.of_integrals(between, np.diff(np.array(self.times)), counts)
+        counts = None if like.newton_iterations is None else np.array([self.iterations[1:]], dtype=np.int64)
+        means = like.of_integrals(between[None], np.diff(np.array(self.times)), counts)
         states = stacked_states(self.states) if n else last.states.part(0, slice(0))
         failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
         reasons = {} if failure is None else {0: failure.reason}

@@ -2,9 +2,10 @@
 
 The functions are evaluated at all nodes of the run, and so often inside each step that the body turns by at most about
 a quarter of a radian from one time to the next. The states there, and all that follow, are those of the run itself
-(`nontwist.engine.outputs`): nothing is interpolated, so an event at t is where ``event(t, state(t))`` changes its sign,
-and ``times=[t]`` gives its state. Between two times of opposite sign the root is found by Brent's method, to 1e-12 h +
-4 eps |t|. A sign that changes twice between two times is missed, and so is a function that touches zero there.
+(`integrators.dense`, `engine.outputs`), so an event at t is where ``event(t, state(t))`` changes its sign, and
+``times=[t]`` gives its state. Between two times of opposite sign the root is that of the polynomial through values of
+the function, where it has such a root and states are found by power series; otherwise it is found by Brent's method, to
+1e-12 h + 4 eps |t|. A sign that changes twice between two times is missed, and so is a function that touches zero.
 
 A run with events goes from node to node in parts, each of which continues the one before bit for bit, and ends in the
 part in which a terminal event occurs.
@@ -31,6 +32,8 @@ TURN, MOST = 0.25, 64  # rad between two times; how many of them there may be in
 FIRST, LARGEST = 64, 4096  # steps of the first part, of the largest
 TIMES = 10**6  # in a run without steps, at most
 RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
+DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
+KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 
 
 class Event(NamedTuple):
@@ -100,6 +103,18 @@ class Part(NamedTuple):
         """The times that have been reached."""
         return self.problem.output[: int(self.outcome.good[0])]
 
+    def inside(self, times: Array) -> States | None:
+        """Return states at times between the nodes; None where there is no series."""
+        problem = self.problem
+        if problem.off_grid or self.outcome.failure() is not None:
+            return None
+        nodes, own = problem.times(np.arange(problem.steps + 1)), self.outcome.states.part(0)
+        found = self.scheme.between(replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes)))
+        if found is not None:  # with the signs of those before
+            p = own.quaternion[np.searchsorted(self.times, times, side="right") - 1]
+            found.quaternion[np.sum(found.quaternion * p, axis=1) < 0] *= -1
+        return found
+
     def beyond(self, check: int, times: Array) -> Outcome:
         """Return the outcome at times from that of the number `check` to the next node."""
         problem, t = self.problem, float(self.times[check])
@@ -121,6 +136,14 @@ class Root(NamedTuple):
     state: States
     part: Part
     check: int
+
+
+class Crossing(NamedTuple):
+    """A change of sign: of an event, after the time of this number, with the values there and at the next."""
+
+    event: int
+    check: int
+    values: tuple[float, float]
 
 
 def parts(scheme: Integrator, problem: Problem) -> Iterator[Part]:
@@ -167,7 +190,7 @@ class Search:
 
     def roots(self, part: Part) -> Iterator[Root]:
         """Yield the events of a part in the order of their times, up to one that ends the run."""
-        found, states = list[Root](), part.outcome.states
+        found, crossed, states = list[Root](), list[Crossing](), part.outcome.states
         times, p, W = part.times.tolist(), states.quaternion[0].tolist(), states.velocity[0].tolist()
         for number, event in enumerate(self.events):
             before, value = self.signs[number], 0.0
@@ -175,17 +198,49 @@ class Search:
                 last, value = value, event.value(t, p[k], W[k])
                 sign = float(np.sign(value))
                 if before * sign < 0 and event.counts(sign > 0):
-                    found.append(self._between(part, number, k - 1, (last, value)))
+                    crossed.append(Crossing(number, k - 1, (last, value)))
                 elif before and not sign and event.counts(before < 0):
                     found.append(Root(t, number, states.part(0, k), part, k))
                 before = sign
             self.signs[number] = before
+        found += self._by_polynomials(part, crossed) or (self._between(part, *each) for each in crossed)
         for root in sorted(found, key=lambda root: root.time):
             yield root
             if self.left[root.event]:
                 self.left[root.event] -= 1
                 if not self.left[root.event]:
                     return
+
+    def _by_polynomials(self, part: Part, crossed: list[Crossing]) -> list[Root]:
+        """Return the roots of polynomials through values of the functions; none where a function is no polynomial."""
+        if not crossed:
+            return []
+        from numpy.polynomial.chebyshev import chebroots, chebvander
+
+        a, b = (part.times[[each.check + k for each in crossed]] for k in range(2))
+        middle, half = (a + b) / 2, (b - a) / 2
+        times = middle[:, None] + half[:, None] * KNOTS[1:-1]
+        if (inner := part.inside(times.ravel()[np.argsort(times, axis=None)])) is None:
+            return []
+        known, roots, sizes = dict(zip(np.sort(times, axis=None).tolist(), range(times.size), strict=True)), [], []
+        for each, ts in zip(crossed, times.tolist(), strict=True):
+            at = [inner.part(known[t]) for t in ts]
+            event = self.events[each.event]
+            inside = [event.value(t, x.quaternion.tolist(), x.velocity.tolist()) for t, x in zip(ts, at, strict=True)]
+            values = np.array([each.values[0], *inside, each.values[1]])
+            own = chebroots(np.linalg.solve(chebvander(KNOTS, DEGREE), values))
+            own = own.real[(abs(own.imag) < ROOT) & (abs(own.real) < 1)]
+            roots.append(own[0] if len(own) == 1 else np.nan)
+            sizes.append(ROOT * abs(values).max())
+        found = middle + half * np.array(roots)
+        if np.isnan(found).any() or (ends := part.inside(np.unique(found))) is None:
+            return []
+        place = np.unique(found, return_inverse=True)[1].tolist()
+        states = [ends.part(k) for k in place]
+        for each, t, x, size in zip(crossed, found.tolist(), states, sizes, strict=True):
+            if not abs(self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist())) <= size:
+                return []
+        return [Root(t, c.event, x, part, c.check) for c, t, x in zip(crossed, found.tolist(), states, strict=True)]
 
     def _between(self, part: Part, number: int, check: int, values: tuple[float, float]) -> Root:
         """Return the root between the time of the number `check` and the next, at which the function has `values`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset
+from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole
@@ -28,7 +28,7 @@ from .costs import cores, members_cost
 from .derivatives import differentiable, linearised_by, solved_with
 from .ensembles import with_messages
 from .grid import automatic_grid
-from .notices import announce, callers_level, progress_bar, warn_of_grid, warn_of_step
+from .notices import announce, progress_bar, warn_of_grid, warn_of_step
 from .planning import Plan, planned
 from .starts import start_of_one, starts
 from .tolerance import controlled
@@ -124,7 +124,7 @@ def lyapunov(
 def _warn_of_hidden(plan: Plan) -> None:
     if linearised_by(plan).is_director_scheme:
         text = "energy-momentum hides exponents below zero; use gauss or lie-midpoint for these"
-        warnings.warn(text, UserWarning, stacklevel=callers_level())
+        warn(text)
 
 
 def lyapunov_ensemble(

@@ -268,7 +268,7 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
         tables = {"load": load, "spin": paced(Load(), systems)}
         messages = [off_grid_message(table, t_start, t_end, grid.steps, what) for what, table in tables.items()]
     for term in load.terms:
-        if isinstance(term, (Table, ForceTable)) and term.times[-1] < t_end and term.end_value > 0:
+        if isinstance(term, (Table, ForceTable)) and term.times[-1] < t_end and term.values[-1].any():
             messages.append(
                 f"a table of the load ends at t = {term.times[-1]:.12g} s with a non-zero value and is 0 from there to "
                 f"{t_end:.12g} s"

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from ..errors import warn
 from ..integrators import Integrator, Problem, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from ..loads.state_derivatives import without_derivative
-from ..loads.terms import name_of
+from ..loads.calls import name_of
 from ..models.stack import SystemStack
 from . import costs
 from .grid import load_messages
@@ -44,7 +42,7 @@ def failure_message(problem: Problem, failure: Failure) -> str:
 def say(messages: list[str]) -> bool:
     """Warn of each message, at the line of the caller of the package; return whether there is none."""
     for message in messages:
-        warnings.warn(message, UserWarning, stacklevel=callers_level())
+        warn(message)
     return not messages
 
 
@@ -66,22 +64,12 @@ def warn_of_step(scheme: Integrator, problem: Problem) -> bool:
 
 def warn_of_cost(load: Load) -> bool:
     """Warn of loads that run in Python; return whether there are none."""
-    slow = [name_of(term.function).removeprefix("__main__.") for term in load.called.terms if term.compiled is None]
+    slow = [name_of(term.called).removeprefix("__main__.") for term in load.called.terms if term.c_function is None]
     text = (
         f"the load {', '.join(slow)} runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; "
-        "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
+        "moment(function, compiled=True), or compiled=True of your own Term, is about 100 times faster"
     )
     return not slow or say([text])
-
-
-def warn_of_differences(load: Load) -> bool:
-    """Warn of functions and terms whose derivatives are differences; return whether there are none."""
-    names = [name.removeprefix("__main__.") for name in without_derivative(load.terms)]
-    text = (
-        f"derivatives of {' and '.join(names)} are central differences, accurate to about ten digits; a moment accepts "
-        "exact ones: moment(function, derivative=...), or a property derivative of your own Term"
-    )
-    return not names or say([text])
 
 
 def announce(cost: Cost, scheme: Integrator, problem: Problem) -> bool:
@@ -90,14 +78,6 @@ def announce(cost: Cost, scheme: Integrator, problem: Problem) -> bool:
         raise ValueError(reason)
     text = costs.notice(cost)
     return text is None or scheme.refusal(problem) is not None or say([text])
-
-
-def callers_level() -> int:
-    """Return the stack level, seen from the caller of this function, of the first frame outside the package."""
-    level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("nontwist."):
-        level, frame = level + 1, frame.f_back
-    return level
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.functions import numbers_of
+from ..engine.functions import FUNCTIONS, changes_of_numbers, kind_of, numbers_of
 from ..engine.linearised import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
@@ -21,21 +21,18 @@ from ..integrators.problem import Problem
 from ..loads.base import is_called, with_moments
 from ..loads.derivatives import (
     Slopes,
-    chord,
     fixed_slopes,
     forces_rates,
     moment_rates,
     moment_slopes,
-    parameters_of,
     rotor_slopes,
     table_slopes,
     with_parameter,
 )
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
-from ..loads.terms import Rotor, Term, own_fields
+from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
 
-XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
 SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
 OWN = {  # those that every run has: labels, unit
     "material_angular_velocity": (BODY, "rad s-1"),
@@ -197,6 +194,8 @@ class Parameters:
         term = self.terms[one.term]
         if not is_called(term) or isinstance(term, ForceTable):
             return []
+        if kind_of(term) in FUNCTIONS and one.field != "scale":
+            return [[(term, change)] for change in changes_of_numbers(term, one.field)]
         value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
         units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)
         size = float(abs(value).max()) or 1.0
@@ -316,7 +315,6 @@ class Parameters:
             yield _nodal("moving" if term.kind == "body" else "space", slopes, first, nodes, factor)
         else:
             fixed = fixed_slopes(term, field)
-            assert fixed is not None
             name = "damping" if term.kind == "state" else "dead"
             yield Entries(name, fixed.component, first + fixed.parameter, factor * fixed.value)
 

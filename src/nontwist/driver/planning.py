@@ -35,6 +35,7 @@ class Plan(NamedTuple):
     asked: Array | None  # output times that need not lie on a grid
     tolerance: float | None = None
     schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
+    shows: Literal["steps", "between", "nothing"] = "steps"  # from what states that nobody has chosen are: short steps
     means: bool = True  # whether means over the stored intervals are computed, most of what a run holds
 
     @property
@@ -55,7 +56,13 @@ class Plan(NamedTuple):
     @property
     def is_shown(self) -> bool:
         """Whether steps that nobody has chosen are stored: figures and analyses are made from their states."""
-        return self.tolerance is None and self.store != "end"
+        return self.tolerance is None and self.store != "end" and self.shows != "nothing" and not self.is_between
+
+    @property
+    def is_between(self) -> bool:
+        """Whether such states are found between steps, however long these are."""
+        is_open = self.tolerance is None and self.store != "end" and self.shows == "between"
+        return is_open and self.scheme.has_series(self.systems, self.load)
 
     @property
     def off_grid(self) -> bool:

@@ -14,7 +14,6 @@ from ..geometry.values import as_list
 from ..integrators import DEFAULT, Integrator
 from ..integrators.compiled import Compiled
 from ..loads import Load
-from ..loads.base import is_called
 from ..models.system import DirectorSystem, as_system
 from .derivatives import Jacobian, jacobian_of
 from .grid import require_resolution
@@ -255,8 +254,7 @@ class Propagator:
         except (KeyError, TypeError):  # words that are none are refused as in `sensitivities`
             plan = self._plan._replace(store=1)
             assert plan.grid is not None
-            is_ready = PreparedPlan.accepts(plan, plan.grid) and not any(map(is_called, plan.load.terms))
-            found = Jacobian(self._plan, plan.grid, key) if is_ready else None
+            found = Jacobian(self._plan, plan.grid, key) if PreparedPlan.accepts(plan, plan.grid) else None
             self._jacobians[key] = found
             return found
 

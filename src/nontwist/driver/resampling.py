@@ -1,14 +1,16 @@
-"""A run at other times: by substeps of its own integrator from the stored state before, not by interpolation.
+"""A run at other times: by power series at its stored states, otherwise by substeps from the stored state before.
 
-What lies between two stored states is what the run has passed through: whole steps of the run, and one more from the
-last node. So a state has the order of the integrator, and it keeps what the integrator keeps at any length of a step;
-it is that of ``times=``, to the round-off of a state that is taken up again. No kink of the load is crossed: a stored
-interval is divided there.
+Where stored states lie on one trajectory, as those of `gauss` do, the states between them are found as those of a run
+with ``times=`` (`integrators.dense`). Otherwise what lies between two of them is what the run has passed through: whole
+steps of the run, and one more from the last node. So a state has the order of the integrator, and it keeps what the
+integrator keeps at any length of a step; it is that of ``times=``, to the round-off of a state that is taken up again.
+No kink of the load is crossed: a stored interval is divided there.
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +25,7 @@ from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
 from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, as_load
 from ..loads.base import of_body
-from ..loads.records import load_of
+from ..loads.kinds import load_of
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -37,7 +39,7 @@ NEEDED = "time", "quaternion", "directors", "director_velocities", "material_ang
 
 
 def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) -> xarray.Dataset:
-    """Return the states of a run at other times, by substeps of its integrator from the stored states.
+    """Return the states of a run at other times, as its integrator finds them between the stored states.
 
     Parameters
     ----------
@@ -100,6 +102,15 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
     is_stored = t[of] == wanted
     _put(found, is_stored, stored, of[is_stored])
     rest = np.flatnonzero(~is_stored)
+    if len(rest) and wanted[-1] < t[-1]:
+        one = stored.part(slice(0, 1))
+        grid = stretched(t, np.ones(len(t) - 1))
+        body, n = stacked(system), grid.steps
+        start = Problem(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
+        inner = scheme.between(replace(start, asked=wanted[rest]), stored)
+        if inner is not None:
+            _put(found, rest, inner, slice(None))
+            rest = rest[:0]
     if scheme.any_times:
         groups = [(0, rest)] if len(rest) else []
     else:
@@ -129,9 +140,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
         _put(found, here, outcome.states.part(0), slice(None))
     states = found.part(place)
     states = states._replace(quaternion=without_jumps(states.quaternion))
-    return state_dataset(system, load, x, states).assign_attrs(
-        run.attrs | {"resampled": "by substeps from stored states"}
-    )
+    return state_dataset(system, load, x, states).assign_attrs(run.attrs | {"resampled": "between stored states"})
 
 
 def _resampled_parts(

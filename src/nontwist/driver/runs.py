@@ -56,9 +56,10 @@ def simulate(
         Optional where `times` are given.
     step : float, s, optional
         Must divide the span. None: the body turns by at most 0.05 rad per step, the load is resolved, and its
-        breakpoints are nodes, with equal steps between neighbouring breakpoints. `gauss` of an order above 2 also meets
-        a tolerance of 1e-8, and shows a swing under gravity or a potential by 30 steps at least; with ``store="end"``
-        only this tolerance applies. The longest step is recorded in the run, with `stretches`.
+        breakpoints are nodes, with equal steps between neighbouring breakpoints. `gauss` of an order above 2 meets
+        a tolerance of 1e-8; the states that it stores are 0.05 rad apart, and show a swing under gravity or a
+        potential by 30 states at least. Its steps are longer unless the load is a function of the state. The longest
+        step is recorded in the run, with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,
         and that of W relative to its largest magnitude, are below the tolerance at all stored states. (A body at rest
@@ -92,9 +93,10 @@ def simulate(
         least cost.
     times : (k,) array, s, optional
         Increasing times at which to output, instead of at every step. Not together with `store`, nor, with "exact" and
-        "continuous", with `step`. The run takes the same steps as without them. A state between two nodes results from
-        one more step of the integrator from the node before, and has its order and its invariants. What is on `midtime`
-        belongs to the intervals between the output times.
+        "continuous", with `step`. The run takes the same steps as without them. A state between two nodes has the order
+        and the invariants of the integrator: with `gauss` it results from power series at both, otherwise, and where
+        the load is a function of the state, from one more step from the node before. What is on `midtime` belongs to
+        the intervals between the output times.
     store : int or "end"
         Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores only
         the ends by default.
@@ -246,4 +248,4 @@ def integrate(
         system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
     )
     plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time, tolerance)
-    return run_of(plan, begin, progress, events=as_events(events))
+    return run_of(plan._replace(shows="between"), begin, progress, events=as_events(events))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -12,9 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
+from ..errors import warn
+from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
+from ..integrators.costs import largest_velocity, swing_rate
 from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
@@ -23,10 +25,10 @@ from .coarseness import coarseness, unremarkable
 from .event_runs import Ended
 from .events import Event
 from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
-from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
+from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
-from .tolerance import controlled, first_grid
+from .tolerance import apart_shown, controlled, first_grid
 
 CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
@@ -140,6 +142,8 @@ def run_of(
         steps = _chosen(plan, begin, estimate)
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
+        if plan.asked is None and plan.is_between:
+            own = own._replace(asked=times_shown(plan, begin, steps.material_angular_velocity))
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
@@ -186,25 +190,47 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
             prepared.unremarkable = run._fastest  # there is nothing to say of slower runs either
         return run
     if run._fastest > known:
-        warnings.warn(text, UserWarning, stacklevel=callers_level())
+        warn(text)
     return run._warned(text)
 
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance."""
-    scheme, grid = first_grid(plan, begin)
-    check_cost(plan._replace(scheme=scheme), begin, grid)
+    own = plan._replace(shows="nothing", store=1) if plan.is_between else plan
+    scheme, grid = first_grid(own, begin)
+    fastest = largest_velocity(plan.systems, begin.velocity, plan.load, plan.t_start, plan.t_end, begin.load_scale)
+    between = max(1, int((plan.t_end - plan.t_start) / apart(plan, begin, fastest)))
+    states = stored_count(between, plan.store) if plan.is_between else None
+    check_cost(own._replace(scheme=scheme), begin, grid, states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
-        found = controlled(plan, begin, intervals=plan.means, progress=report)
-    warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, found.problem.grid)
-    run = trajectory(plan._replace(scheme=found.scheme), found.problem, found.outcome)
+        found = controlled(own, begin, intervals=plan.means, progress=report)
+    own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
+    warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
+    if plan.is_between:
+        times = times_shown(plan, begin, outcome.states.velocity[0])
+        problem = replace(own._replace(asked=times).problem(begin, problem.grid), intervals=plan.means)
+        outcome = completion.march(found.scheme, problem)
+    run = trajectory(own, problem, outcome)
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
+
+
+def times_shown(plan: Plan, begin: Starts, velocities: Array) -> Array:
+    """Return the times at which states are stored that nobody has chosen: the body turns by 0.05 rad in between."""
+    fastest = float(np.sqrt(np.nanmax(np.square(velocities).sum(axis=1))))
+    grid = stretches_of(plan.paced, plan.t_start, plan.t_end, apart(plan, begin, fastest))
+    return plan.problem(begin, grid).output
+
+
+def apart(plan: Plan, begin: Starts, fastest: float) -> float:
+    """Return how far such times are apart, s, given the largest |w|."""
+    return apart_shown(plan.t_end - plan.t_start, fastest, swing_rate(plan.systems, plan.load, begin.load_scale))
 
 
 def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:
     """Return the run whose steps are those of a plan with output times or events, as far as it comes."""
     try:
-        return run_of(plan._replace(asked=None), begin, estimate=estimate)
+        shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
+        return run_of(plan._replace(asked=None, shows=shows), begin, estimate=estimate)
     except SimulationError as error:
         if error.partial is None:
             raise
@@ -212,14 +238,15 @@ def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory
         return run
 
 
-def check_cost(plan: Plan, begin: Starts, grid: Stretches) -> bool:
+def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = None) -> bool:
     """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints.
 
-    Return whether nothing was said.
+    Return whether nothing was said. `states` is how many are stored, if not those of the grid.
     """
     scheme, load = plan.scheme, plan.load
     is_quiet = not (load.terms and scheme.is_compiled) or warn_of_cost(load)
-    states = len(plan.asked) if plan.asked is not None else stored_count(grid.steps, plan.store)
+    if states is None:
+        states = len(plan.asked) if plan.asked is not None else stored_count(grid.steps, plan.store)
     whole = plan.problem(begin, grid, np.array([0, grid.steps]))
     is_quiet &= announce(costs.run_cost(scheme, whole, states), scheme, whole)
     if not plan.off_grid and plan.grid is not None:

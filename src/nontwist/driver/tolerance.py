@@ -23,21 +23,22 @@ its worst over the stored states. A tolerance bounds it.
 
 All members of an ensemble have one grid; the worst member decides. Where neither step nor tolerance is given, the
 tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached, and
-where ten floors are more than 1e-3. Where all steps of such a run are stored, they turn the body by at most 0.05 rad,
-as those of other integrators do, and are at most 0.2 rad of the phase of a swing: figures, twist angles and extrema are
-made from these states.
+where ten floors are more than 1e-3. In between the stored states of such a run the body turns by at most 0.05 rad, and
+by at most 0.2 rad of the phase of a swing: figures, twist angles and extrema are made from these states. Where they are
+found between the steps (`integrators.dense`), steps are as long as the tolerance allows; otherwise as short as that.
 """
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
+from functools import lru_cache
 from math import inf, log
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.values import number_text
 from ..integrators import Integrator, Problem, Status
@@ -47,7 +48,6 @@ from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
 from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of
-from .notices import callers_level
 from .planning import Plan
 from .starts import Starts
 
@@ -153,7 +153,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
             if amplified and plan.tolerance is None:
-                warnings.warn(amplified, UserWarning, stacklevel=callers_level())
+                warn(amplified)
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
         is_seen = gap < UNSEEN or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
@@ -168,7 +168,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
     if plan.tolerance is not None:
         raise ValueError(text)
-    warnings.warn(text, UserWarning, stacklevel=callers_level())
+    warn(text)
     return Controlled(scheme, fine.problem, fine.outcome, goal, d)
 
 
@@ -183,14 +183,25 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
 
     def step(scheme: Integrator, longer: float = 1.0) -> float:
         p = _order(scheme)
-        c = max(scheme.lag(STEADY), EPS) / STEADY ** (p + 1)
-        h = (TENTH * max(plan.goal, EPS) / (c * span * rate)) ** (1 / p) / rate  # less is refused after a run
+        h = (TENTH * max(plan.goal, EPS) / (_lag(scheme) * span * rate)) ** (
+            1 / p
+        ) / rate  # less is refused after a run
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
-    shown = min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
-    longest = shown if plan.is_shown else inf
+    longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
     return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
+
+
+@lru_cache(maxsize=64)
+def _lag(scheme: Integrator) -> float:
+    """Return c, where a step misses a steady turn by θ by c θ^(p + 1)."""
+    return float(max(scheme.lag(STEADY), EPS) / STEADY ** (_order(scheme) + 1))
+
+
+def apart_shown(span: float, fastest: float, swing: float) -> float:
+    """Return how far states are apart from which figures are made, s."""
+    return min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
 
 
 def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:

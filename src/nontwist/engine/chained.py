@@ -15,6 +15,7 @@ one by one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -52,19 +53,26 @@ class Chain(NamedTuple):
     kept: Wholes  # (steps,) 1: the state at the end of the step is kept
     states: Doubles  # forward (kept, 6, count); back (kept, 6), derivatives of f by attitude and velocity
     found: Doubles  # back: (count,) df/dp
-    scratch: Doubles
+    scratch: Doubles  # back: (width,)
 
 
 CHAIN = places(Chain)
 
 
-def combine(factors: list[Any], x: Any, to: Any, count: Any) -> None:
-    """Put the sum of rows of so many numbers, times these factors, to a row."""
+def multiply(
+    c: Any, n: Any, rows: int, count: Any, add: Callable[[Any, Any, Variables], None] = lambda row, k, y: None
+) -> None:
+    """Replace X, so many rows of `count` numbers, by M X; `add` adds to `y.y`, the numbers k of a row."""
+    entries = c.matrices.shifted(n)
     for k in loop(0, count, width()):
-        s = factors[0] * load(x, k)
-        for j, factor in enumerate(factors[1:], 1):
-            s = fma(factor, load(x, j * count + k), s)
-        store(to, k, s)
+        x = [load(c.state, j * count + k) for j in range(rows)]
+        for i in loop(rows):
+            row = entries.shifted(i * c.width * c.stride)
+            y = Variables(y=row[0] * x[0])
+            for j in range(1, rows):
+                y.y = fma(row[j * c.stride], x[j], y.y)
+            add(row, k, y)
+            store(c.state, i * count + k, y.y)
 
 
 @lru_cache
@@ -73,27 +81,24 @@ def forward(rows: int) -> Kernel:
 
     def text(address: Any) -> None:
         c, lanes = View(Chain, doubles(address)).read(), width()
-        x, y, v = c.state, c.scratch, Variables(done=0)
+        x, v = c.state, Variables(done=0)
+
+        def add(row: Any, k: Any, y: Variables) -> None:
+            """Add what the fixed entries do."""
+            for j in loop(c.inputs):
+                y.y = fma(row[c.acting[j] * c.stride], load(c.changes, j * c.padded + k), y.y)
+
         for n in loop(c.steps):
-            entries = c.matrices.shifted(n)
-            for i in loop(rows):
-                row, to = entries.shifted(i * c.width * c.stride), y.shifted(i * c.padded)
-                combine([row[j * c.stride] for j in range(rows)], x, to, c.padded)
-                for j in loop(c.inputs):
-                    entry, changes = row[c.acting[j] * c.stride], c.changes.shifted(j * c.padded)
-                    for k in loop(0, c.padded, lanes):
-                        store(to, k, fma(entry, load(changes, k), load(to, k)))
+            multiply(c, n, rows, c.padded, add)
             for _ in when(c.begins.address != 0):
                 for e in loop(c.begins[n], c.begins[n + 1]):
-                    column = entries.shifted(c.own_columns[e] * c.stride)
-                    to, value = y.shifted(c.own_parameters[e]), c.own_values[e]
+                    column = c.matrices.shifted(n + c.own_columns[e] * c.stride)
+                    to, value = x.shifted(c.own_parameters[e]), c.own_values[e]
                     for i in range(rows):
                         to[i * c.padded] = fma(value, column[i * c.width * c.stride], to[i * c.padded])
-            for k in loop(0, rows * c.padded, lanes):
-                store(x, k, load(y, k))
             for _ in when(c.kept[n] != 0):
                 for k in loop(0, 6 * c.padded, lanes):
-                    store(c.states, v.done * 6 * c.padded + k, load(y, k))
+                    store(c.states, v.done * 6 * c.padded + k, load(x, k))
                 v.done = v.done + 1
 
     return Kernel(text, "i8", 0)

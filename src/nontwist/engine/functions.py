@@ -7,19 +7,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import warn
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.c_functions import Moment, address_of
+from ..loads.calls import REMEDY
 from ..loads.compiled import c_function
-from ..loads.forces import DirectorForces
-from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
+from ..loads.derivatives import differenced
+from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.state_derivatives import slopes_of, value_of
-from ..loads.terms import REMEDY, Term
-from .generalised import FUNCTION, GIVEN, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
+from ..loads.terms import ForceTerm, Term
+from ..spec import specs
+from .generalised import FUNCTION, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 
 KEPT = 8  # states whose derivatives are kept
-GIVE = {OF_FORCES: 9, OF_MOMENT: 3, FUNCTION: 0}  # numbers that functions of the state give; 0: V and its gradient
+FUNCTIONS = (FUNCTION, OF_FORCES, OF_MOMENT)  # kinds of terms whose texts are called
 
 
 class Called:
@@ -42,11 +45,11 @@ class Called:
         self._whole, self.action, self._kept = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
-            parts: Any = tuple((term.compiled, term.scale) for term in self.load.terms if term.compiled is not None)
+            parts: Any = tuple((term.c_function, term.scale) for term in self.load.terms if term.c_function)
             self.address = self._address(
                 c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
             )
-        if any(isinstance(term, (DirectorForces, Potential)) for term in load.terms):
+        if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 
     def _lay_out(self, terms: Sequence[Term], slopes: Callable[[Term], Any] | None = None) -> None:
@@ -57,8 +60,8 @@ class Called:
         for k, term in enumerate(terms):
             place = 1 + TERM.size * k
             found[place : place + TERM.size] = numbers_of(term)
-            if kind_of(term) in GIVE:
-                whole[place + TERM.function] = self._address(term.compiled or evaluated(term))
+            if kind_of(term) in FUNCTIONS:
+                whole[place + TERM.function] = self._address(term.c_function or evaluated(term))
                 whole[place + TERM.slopes] = 0 if slopes is None else self._address(slopes(term))
         self._kept.append(found)
         self.generalised, self.terms = generalised.address, found.ctypes.data
@@ -108,30 +111,38 @@ class Varied(Called):
 
     def __init__(self, terms: Sequence[Term], action: int, has_time: bool) -> None:
         self.action, self._kept, self.error = action, [], None
+        self.differenced, self._told = set[str](), set[str]()  # names of functions of which differences were taken
 
         def slopes(term: Term) -> Any:
             if term.slopes is not None:
                 return term.slopes
-            n = GIVEN if (count := GIVE[kind_of(term)]) else term.vectors.size  # type: ignore[attr-defined]
             known = dict[tuple[bytes, float], Array]()  # of the last states, which are asked for more than once
 
             def table(t: float, first: Any, second: Any) -> Array:
-                x, speed = given(term, t, first, second), second[3] if count else 0.0
+                x, speed = (
+                    np.array([*given(term, t, first, second), *term.numbers]),
+                    second[3] if term.counts[1] else 0.0,
+                )
                 if (key := (x.tobytes(), speed)) not in known:
                     if len(known) >= KEPT:
                         known.clear()
-                    known[key] = slopes_of(term, x, speed, has_time).ravel()
-                return known[key]
+                    known[key], name = slopes_of(term, x, speed, has_time)
+                    self.differenced |= {name} - {""}
+                return known[key].ravel()
 
-            return PythonFunction(table, (count or 1 + n) * (1 + n))
+            given_to = sum(term.counts) + bool(term.counts[1]) + len(term.numbers)
+            return PythonFunction(table, count_of(term) * (1 + given_to))
 
         self._lay_out(terms, slopes)
 
     def require_no_error(self) -> None:
-        """Raise what a function in Python has raised: it could not pass the kernel."""
+        """Raise what a function in Python has raised: it could not pass the kernel; tell of differences, once."""
         error, self.error = self.error, None
         if error is not None:
             raise error
+        if names := sorted(self.differenced - self._told):
+            self._told |= self.differenced
+            warn(differenced(names))
 
 
 class PythonFunction(NamedTuple):
@@ -143,19 +154,23 @@ class PythonFunction(NamedTuple):
 
 def given(term: Term, t: float, first: Any, second: Any) -> Array:
     """Return what a function in Python is called with: directors, velocity, time; γ of a potential."""
-    is_potential = isinstance(term, PotentialFunction)
-    return np.array(first[: term.vectors.size] if is_potential else [*first[:9], *second[:3], t])  # type: ignore[attr-defined]
+    n, m = term.counts
+    return np.array([*first[:n], *second[:m], t] if m else first[:n])
+
+
+def count_of(term: Term) -> int:
+    """Return how many numbers a function gives: forces, a moment, or V and its gradient."""
+    return 1 + term.counts[0] if isinstance(term, Potential) else 9 if isinstance(term, ForceTerm) else 3
 
 
 def evaluated(term: Term) -> PythonFunction:
     """Return the function of a term, without its factor, in Python: forces, a moment, or V and its gradient."""
-    count = GIVE[kind_of(term)] or 1 + term.vectors.size  # type: ignore[attr-defined]
-    return PythonFunction(lambda t, first, second: value_of(term, given(term, t, first, second)), count)
+    return PythonFunction(lambda t, first, second: value_of(term, given(term, t, first, second)), count_of(term))
 
 
 def kind_of(term: Term) -> int:
     """Return what `generalised` takes a term for."""
-    kinds = (GravityGradient, ORBITING), (Quadratic, QUADRATIC), (Spring, SPRING), (PotentialFunction, FUNCTION)
+    kinds = (GravityGradient, ORBITING), (Quadratic, QUADRATIC), (Spring, SPRING), (Potential, FUNCTION)
     otherwise = OF_FORCES if term.kind == "forces" else OF_MOMENT
     return next((kind for made, kind in kinds if isinstance(term, made)), otherwise)
 
@@ -164,6 +179,9 @@ def numbers_of(term: Term) -> Array:
     """Return a term as `generalised.Term` has it, without addresses."""
     found, kind = np.zeros(TERM.size), kind_of(term)
     found.view(np.int64)[TERM.kind], found[TERM.scale] = kind, term.scale
+    if kind in FUNCTIONS:
+        own = term.numbers
+        found.view(np.int64)[TERM.numbers], found[TERM.own : TERM.own + len(own)] = len(own), own
     if not isinstance(term, Potential):
         return found
     vectors = term.vectors
@@ -179,4 +197,16 @@ def numbers_of(term: Term) -> Array:
         found[TERM.stiffness], found[TERM.rest] = term.stiffness, term.rest_length
     found.view(np.int64)[TERM.dimension] = len(term.vectors)
     found[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()
+    return found
+
+
+def changes_of_numbers(term: Term, name: str) -> Array:
+    """Return what `numbers_of` a term whose text is called change by, along each number of a field."""
+    before = term.varying[: term.varying.index(name)]
+    value = np.asarray(getattr(term, name))
+    first = TERM.own + sum(np.size(getattr(term, other)) for other in before)
+    found = np.zeros((value.size, TERM.size))
+    found[:, first : first + value.size] = np.eye(value.size)
+    if specs(type(term))[name][2].rule.startswith("direction"):
+        found[:, first : first + value.size] -= np.outer(value, value)
     return found

@@ -42,6 +42,7 @@ from ..kernels.elements import Whole, cos, larger, logical_not, remade, select, 
 from ..kernels.kernel import kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
+from ..loads.terms import MOST_NUMBERS
 from .records import FORCES, StateCall, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
@@ -63,6 +64,8 @@ class Term(NamedTuple):
     rest: float  # length, or the time at which an orbit begins
     function: int  # address of a function, of V and its gradient, of forces or of a moment
     slopes: int  # address of one that gives their derivatives as well
+    numbers: int  # of the term, that a function is differentiated by
+    own: Annotated[tuple[Any, ...], MOST_NUMBERS]
 
 
 class Sloped(NamedTuple):
@@ -89,6 +92,10 @@ class Numbers:
 
     def __init__(self, view: View, seeded: Callable[[Any, int], Any], first: int) -> None:
         self._view, self._seeded, self._first = view, seeded, first
+
+    def number(self, place: Any) -> Any:
+        """Return the number at a place of the record."""
+        return self._seeded(self._view.number(place), self._first + place)
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._view, name)
@@ -149,7 +156,8 @@ class DualState(State):
         self._own, self._first, side = own, first, machine_code.lanes()
         super().__init__(memory)
         self.scratch = DualMemory(self.scratch, scratch(fields(StateCall)["scratch"].size * side))
-        self._given, self._table = DualMemory(scratch(GIVEN), scratch(GIVEN * side)), scratch(FORCES // 2 * (1 + GIVEN))
+        self._given = DualMemory(scratch(GIVEN + MOST_NUMBERS), scratch((GIVEN + MOST_NUMBERS) * side))
+        self._table = scratch((1 + FORCES // 2 + 3) * (1 + GIVEN + MOST_NUMBERS))
 
     def seeded(self, x: Any, place: Any) -> Any:
         """Return numbers as duals."""
@@ -169,17 +177,23 @@ class DualState(State):
         """Return what a function of the state gives, in memory."""
         put(self._given, (self.d, self.w, self.t))
         call(term.slopes, plain(self.t), self.memory, self.memory.shifted(W), self._table)
-        self._chain(GIVEN, self._given, count, self.scratch)
+        self._chain(GIVEN, term, count, self.scratch)
         return self.scratch
 
     def of_potential(self, term: Numbers, at: DualMemory, found: DualMemory) -> None:
         """Set V and its gradient for what is seen."""
         n = 3 * term.dimension
+        for k in loop(n):
+            self._given[k] = at[k]
         call(term.slopes, plain(self.t), at.values, at.values, self._table)
-        self._chain(n, at, 1 + n, found)
+        self._chain(n, term, 1 + n, found)
 
-    def _chain(self, n: Any, given: DualMemory, count: Any, found: DualMemory) -> None:
-        """Set what is found from the table of values and derivatives by the n numbers that are given."""
+    def _chain(self, n: Any, term: Numbers, count: Any, found: DualMemory) -> None:
+        """Set what is found from the table of values and derivatives by the n numbers given, and those of the term."""
+        given = self._given
+        for k in loop(term.numbers):
+            given[n + k] = term.number(TERM.own + k)
+        n = n + term.numbers
         for i in loop(count):
             row = self._table.shifted(i * (1 + n))
             v = Variables(x=row[1] * tangent(given[0], 0))

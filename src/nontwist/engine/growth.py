@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import sqrt
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, doubles, load, store
-from ..kernels.tracing import width
-from .chained import LANES, combine
+from ..kernels.memory import Doubles, View, doubles
+from .chained import LANES, multiply
 
 
 class Growth(NamedTuple):
@@ -34,7 +33,6 @@ class Growth(NamedTuple):
     weights: Doubles  # (rows,) 1 over the squares of the units
     normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
     state: Doubles  # X (rows, LANES)
-    scratch: Doubles  # (rows, LANES)
     lengths: Doubles  # (times, count) R_kk
 
 
@@ -58,20 +56,11 @@ def grow(rows: int) -> Kernel:
             for i in range(rows):
                 x[i * LANES + k] = v.y[i] / length
 
-    def multiply(b: View, n: Any) -> None:
-        """Replace X by M X."""
-        x, y, matrices = b.state, b.scratch, b.matrices.shifted(n)
-        for i in loop(rows):
-            row = [matrices[(i * b.width + j) * b.stride] for j in range(rows)]
-            combine(row, x, y.shifted(i * LANES), LANES)
-        for k in range(0, rows * LANES, width()):
-            store(x, k, load(y, k))
-
     def text(address: Any) -> None:
         b = View(Growth, doubles(address))
         v = Variables(since=0, done=0)
         for n in loop(b.steps):
-            multiply(b, n)
+            multiply(b, n, rows, LANES)
             v.since = v.since + 1
             for _ in when((v.since == b.every) | (n + 1 == b.steps)):
                 orthonormalise(b, b.lengths.shifted(v.done * b.changes))

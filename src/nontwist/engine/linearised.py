@@ -26,7 +26,7 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, jacobian, plain, tangent
 from ..kernels.elements import any_of, logical_not, remade, select, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, call, doubles, scratch, size_of, vector_at
+from ..kernels.memory import Doubles, View, Wholes, call, doubles, put, scratch, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .generalised import STATE, Sloped
 from .marching import UNIT, Text
@@ -128,12 +128,13 @@ class Varied(Body):
 
     def momentum_of(self, W: Vector) -> Vector:
         """Return the momentum of a velocity."""
-        return super().momentum_of(W) + self._crossed(W)
+        found: Vector = varied(super().momentum_of(W), self._crossed(W))
+        return found
 
     def velocity_of(self, P: Vector) -> Vector:
         """Return the velocity of a momentum."""
         W = super().velocity_of(P)
-        found: Vector = W - plain(self.k) * self._crossed(W)
+        found: Vector = varied(W, -plain(self.k) * self._crossed(W))
         return found
 
     def _crossed(self, W: Vector) -> Vector:
@@ -178,6 +179,7 @@ class Known(Nodes):
     ----------
     turn : Vector, how the body is turned at the beginning; None without derivatives
     tilt : Vector, how the frame is turned in the body; None where it is not
+    now : State, that a march carries at the beginning; None: made from what is known
     """
 
     def __init__(
@@ -189,9 +191,10 @@ class Known(Nodes):
         directions: Directions,
         R: Matrix | None = None,
         calls: Calls | None = None,
+        now: State | None = None,
     ) -> None:
         self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
-        self.calls, self.factor, self.vary = calls, directions.along("factor", scale), directions
+        self.calls, self.factor, self.vary, self.now = calls, directions.along("factor", scale), directions, now
         self.basis, d = body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
         self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis if R is None else R
@@ -206,36 +209,39 @@ class Known(Nodes):
         dJ, tilt = self.vary.of("inertia", Symmetric), self.tilt
         dead, damping = self.vary.along("dead", body.dead), self.vary.along("damping", body.damping)
         if tilt is not None:
-            dead = dead + Matrix(*(cross(column, tilt) for column in dead.T)).T
-            damping = damping + tilted(damping, tilt)
+            dead = varied(dead, Matrix(*(cross(column, tilt) for column in dead.T)).T)
+            damping = varied(damping, tilted(damping, tilt))
             dJ = symmetric(tilted(body.inertia, tilt)) if dJ is None else dJ + symmetric(tilted(body.inertia, tilt))
         body = body._replace(dead=dead, damping=damping)
         if dJ is None:
             return body
         a, b, c, *products = dJ
         k, off = body.k, body.off
-        E = body.E + 0.5 * Vector(b + c - a, c + a - b, a + b - c)
-        k = k - k * k * Vector(a, b, c)
-        found = Varied(*body._replace(E=E, off=(off[0] + products[1], off[1] + products[0]), k=k))
+        E = varied(body.E, 0.5 * Vector(b + c - a, c + a - b, a + b - c))
+        off = varied(off, (products[1], products[0]))
+        found = Varied(*body._replace(E=E, off=off, k=varied(k, -k * k * Vector(a, b, c))))
         found.products, found.is_free = products, not self.parts.is_constrained
         return found
 
     def start(self, text: Text, W: Vector, N: Any) -> State:
         """Return the state at the beginning, of the velocity W and N."""
-        at, none = self._at, Vector(0.0, 0.0, 0.0)
+        at, now = self._at, self.now
+        if now is None:
+            zeros = Vector(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 0.0), (0.0,) * text.auxiliary
+            now = State(Quaternion(1.0, 0.0, 0.0, 0.0), W, *zeros)
         s = W = self.velocity(W)
         if not self.parts.is_director_scheme:
             s = self.body.momentum_of(W)
-        auxiliary: Any = (0.0,) * text.auxiliary
+        auxiliary = now.auxiliary
         if self.parts.is_director_scheme:
             N = self.vary.along("normal", N)
             if self.tilt is not None:
-                N = N + symmetric(tilted(N.matrix, self.tilt))
+                N = varied(N, symmetric(tilted(N.matrix, self.tilt)))
             auxiliary = (*N, *auxiliary[6:])
         elif text.remembered is not None and self.delta is None:
             ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
             auxiliary = text.remembered(at.h, *ends)
-        return State(Quaternion(1.0, 0.0, 0.0, 0.0), s, none, Quaternion(0.0, 0.0, 0.0, 0.0), auxiliary)
+        return now._replace(s=s if self.now is None else varied(now.s, s), auxiliary=auxiliary)
 
     def velocity(self, W: Vector) -> Vector:
         """Return the velocity at the beginning."""
@@ -252,7 +258,7 @@ class Known(Nodes):
 
     def tilted(self, x: Vector) -> Vector:
         """Return a vector of the body as the frame has it that is turned."""
-        return x if self.tilt is None else x + cross(x, self.tilt)
+        return x if self.tilt is None else varied(x, cross(x, self.tilt))
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame."""
@@ -291,7 +297,7 @@ class Known(Nodes):
     def seen(self, x: Vector) -> Vector:
         """Return a vector in space as seen at the beginning."""
         f: Vector = x @ self.R
-        return f if self.turn is None else f + cross(f, self.turn)
+        return f if self.turn is None else varied(f, cross(f, self.turn))
 
 
 class Calls(NamedTuple):
@@ -407,6 +413,13 @@ class LinearFunctions:
         )
 
 
+def varied(x: Any, change: Any) -> Any:
+    """Return numbers to which a change of value 0 is added: their values stay the same to the last bit."""
+    if isinstance(x, tuple):
+        return remade(x, [varied(*each) for each in zip(x, change, strict=True)])
+    return change.chain(plain(x), (1.0, 1.0), (x, change)) if isinstance(change, Dual) else x
+
+
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
     """Return A ε̂ - ε̂ A."""
     return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
@@ -487,23 +500,21 @@ def derivatives(
     text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    solved, is_active, parts = Solved(), at.h == at.h, calls.parts
+    solved, parts = Solved(), calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     if parts.calls:
         call_at_middle(calls, at)
     with solving(solved):
         here = Known(parts, body, at, scale, Directions({}, 0), calls=calls)
-        is_stalled = text.step(here, here.start(text, W, N), is_active).stalled
+        is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
         solved.begin()
-        known = Known(parts, body, at, scale, directions, calls=calls)
-        state = text.step(known, known.start(text, W, N), is_active).state
-    return ends(text, known, state), is_stalled
+        return changes_of(text, Known(parts, body, at, scale, directions, calls=calls), W, N), is_stalled
 
 
 def call_at_middle(calls: Calls, at: View) -> None:
     """Evaluate functions of the state in the middle of a midpoint step, which turns by ``cay(hΩ)``, from its ends."""
     p, q = at.p, at.q
-    turn, R = Quaternion(p[0], -p[1], -p[2], -p[3]) @ q, attitude(p)
+    turn, R = p.inverse @ q, attitude(p)
     a = (1.0 / turn[0]) * turn.vector
     s = 1.0 / (1.0 + a @ a)
     rows = Matrix(*(mean(s, -a, row) for row in R))
@@ -511,11 +522,14 @@ def call_at_middle(calls: Calls, at: View) -> None:
     calls.evaluate(at, rows.T, s * w if calls.parts.is_director_scheme else w, a)
 
 
-def ends(text: Text, known: Known, state: State) -> list[Any]:
+def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     """Return the changes of attitude, W and N at the end of a step, as duals."""
+    h = plain(known.h)
+    state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
     assert known.turn is not None
-    turn = known.turn @ attitude(q) + 2.0 * (Quaternion(q[0], -q[1], -q[2], -q[3]) @ state.p).vector
+    turned = q if known.now is None else known.now.p.inverse @ q
+    turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
     W = text.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
@@ -540,6 +554,8 @@ class Carried(NamedTuple):
     values: Doubles
     kept: Wholes  # (steps,) 1: the changes of the state at the end of the step are kept
     found: Doubles  # (kept, 6, padded)
+    first: Doubles  # quaternion at the start of the run
+    turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
 
 
 class Loaded(Directions):
@@ -578,11 +594,13 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
             with solving(solved):
                 found = text.step(Known(parts, body, at, scale, none, R), now, at.h == at.h)
                 solved.begin()
+                values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
+                changes_of(text, Known(parts, body, at, scale, values, R, now=now), W, N)
                 for first in loop(0, count, side):
                     own_changes = changes.shifted(first)
-                    known = Known(parts, body, at, scale, Loaded(places, own_changes, count, used), R)
-                    after = ends(text, known, text.step(known, known.start(text, W, N), at.h == at.h).state)
-                    for r, y in enumerate(after):
+                    directions = Loaded(places, own_changes, count, used)
+                    known = Known(parts, body, at, scale, directions, R, now=now)
+                    for r, y in enumerate(changes_of(text, known, W, N)):
                         own_changes.store(r * count, tangent(y, 0), side)
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1
@@ -591,6 +609,8 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
             for _ in when(own.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
+                begin = Quaternion(*(own.first[k] for k in range(4)))
+                put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
                 v.done = v.done + 1
         now = v.state
         memory.write(now._replace(auxiliary=(*now.auxiliary, *state.auxiliary[text.auxiliary :])))

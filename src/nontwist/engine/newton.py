@@ -43,6 +43,7 @@ def solve(
     is_active: Any,
     is_constrained: bool = False,
     is_long: bool = False,
+    explicit: Vector | None = None,
 ) -> Solution:
     """Solve r(y) = 0 for the bodies whose mask is set.
 
@@ -61,10 +62,17 @@ def solve(
     is_long : bool
         Whether r is long, or calls functions of the state: it stands in the code once, and gets nothing that is no
         number.
+    explicit : Vector, optional
+        The solution, where it is known.
     """
     known: Solved | None = getattr(_local, "solved", None)
     if known is not None and known.is_complete:
         return known.derivatives(equations_at, guess)
+    if explicit is not None:
+        found = Solution(explicit, 0.0 * explicit[0], 0.0 * explicit[0], 0.0 * explicit[0] > 1.0)
+        if known is not None:
+            known.add(equations_at, found, is_constrained)
+        return found
     v = Variables(y=guess, active=is_active, diverged=is_active & False, used=0.0, residual=0.0, before=-1.0, count=0)
     v.A = ((0.0, 0.0),) * 2 if is_constrained else Matrix(*((0.0,) * 3,) * 3)
 
@@ -116,7 +124,8 @@ class Solved:
 
     def derivatives(self, equations_at: Any, guess: Vector) -> Solution:
         """Return the next solution as duals, for equations whose numbers are duals: ``dy = -A⁻¹ dr``."""
-        solution, A = self._found.pop(0)
+        solution, A = known = self._found.pop(0)
+        self._found.append(known)  # for the step that is taken once more
         y = Vector(*solution.y[: len(A)], *guess[len(A) :])
         missed = [Dual(0.0, x.tangents) for x in equations_at(y, False)(y)]
         changes = [sum_of(*(a * x for a, x in zip(row, missed, strict=False))) for row in A]

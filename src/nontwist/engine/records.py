@@ -219,7 +219,6 @@ class Parts(NamedTuple):
     motion: str = ""  # the equations that a scheme takes, where it has several
     is_director_scheme: bool = False  # carries W and N, else the momentum
     is_constrained: bool = False
-    is_explicit: bool = False  # nothing is to be solved
     dissipates: bool = False
     moving: bool = False  # moments along the frame
     space: bool = False  # moments in space
@@ -240,6 +239,11 @@ class Parts(NamedTuple):
     def is_along_frame(self) -> bool:
         """Whether nothing but dead forces and moments along the frame acts."""
         return not (self.space or self.damping or self.rotor or self.forces or self.calls)
+
+    @property
+    def is_explicit(self) -> bool:
+        """Whether nothing is to be solved."""
+        return self.motion == "explicit"
 
     @property
     def acts(self) -> bool:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array, cross
+from .free_constants import carlson_rf
 
 DIGITS = 120
 ZERO = Decimal(0)
@@ -186,20 +187,9 @@ def _half_period(span: float, part: float) -> float:
 
 
 def _pole(apart: list[complex], slope: complex) -> complex:
-    """Return a with ℘(a) - e_i = `apart` and ℘'(a) = `slope`: Carlson's R_F of complex arguments (DLMF 19.36)."""
+    """Return a with ℘(a) - e_i = `apart` and ℘'(a) = `slope`: Carlson's R_F of complex arguments."""
     most = max(abs(x) for x in apart)
     x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in apart)
     known = -2 * cmath.sqrt(x) * cmath.sqrt(y) * cmath.sqrt(z)
     sign = -1.0 if abs(known + slope) < abs(known - slope) else 1.0
-    mean = (x + y + z) / 3
-    while max(abs(mean - x), abs(mean - y), abs(mean - z)) > 0.003 * abs(mean):
-        s, t, u = cmath.sqrt(x), cmath.sqrt(y), cmath.sqrt(z)
-        shift = s * t + t * u + u * s
-        x, y, z = (x + shift) / 4, (y + shift) / 4, (z + shift) / 4
-        mean = (x + y + z) / 3
-    a, b = 1 - x / mean, 1 - y / mean
-    c = -a - b
-    e2, e3 = a * b - c * c, a * b * c
-    series = 1 - e2 / 10 + e3 / 14 + e2 * e2 / 24 - 3 * e2 * e3 / 44
-    series += -5 * e2 * e2 * e2 / 208 + 3 * e3 * e3 / 104 + e2 * e2 * e3 / 16
-    return sign * series / cmath.sqrt(mean)
+    return complex(sign * carlson_rf(x, y, z, 0.003))

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.attitudes import without_jumps
 from ..geometry.tensors import LEVI
 from .quality import noise_of, scatter_of
 
@@ -31,9 +32,8 @@ FINE = 1e-9  # rad: noise at least
 def continuous(quaternions: Array) -> Array:
     """Return quaternions of either sign so that each is close to the one before."""
     found = np.array(quaternions)
-    good = np.flatnonzero(np.isfinite(found).all(axis=1))
-    dots = (found[good[1:]] * found[good[:-1]]).sum(axis=1)
-    found[good[1:]] *= np.cumprod(np.where(dots < 0, -1.0, 1.0))[:, None]
+    good = np.isfinite(found).all(axis=1)
+    found[good] = without_jumps(found[good])
     return found
 
 

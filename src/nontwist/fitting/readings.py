@@ -12,9 +12,10 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
-from ..recordings.motions import Motion, measured_quaternions, raw_motion
-from ..recordings.rates import Rates, read_rates
+from ..recordings.motions import measured_quaternions, raw_motion
+from ..recordings.rates import Rates, of_run, read_rates
 from ..recordings.reading import read_motion
+from ..recordings.rotations import Motion
 from .orienting import continuous, derived_rates
 from .speeds import Speed, as_speed, constant
 
@@ -32,32 +33,27 @@ def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: di
 
 def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> Rates:
     """Return one recording."""
+    motion, notes, rest = None, tuple[str, ...](), one
     if isinstance(one, tuple):
         turned = [part for part in one if hasattr(part, "as_quat")]
         rest = tuple(part for part in one if not hasattr(part, "as_quat"))
-        if not turned:
-            return _rates(one, name, reading, None)
+        motion = Motion(turned[0], as_floats(rest[0], "times")) if turned and rest else None
         if len(rest) == 1 or use == "only":
-            motion = Motion(turned[0], as_floats(rest[0], "times"))
-            return _attitudes(motion, _quaternions(motion), name, ("attitudes: as given",))
-        return _rates(rest, name, reading, continuous(turned[0].as_quat()))
-    if hasattr(one, "dims") and not hasattr(one, "data_vars"):
-        motion, notes = raw_motion(one, None), (one.attrs.get("notes", "attitudes: as given"),)
-        return _attitudes(motion, _quaternions(motion), name, notes)
-    if not use:
-        return _rates(one, name, reading, None)
-    if hasattr(one, "data_vars"):
+            use, notes = "only", ("attitudes: as given",)
+    elif hasattr(one, "dims") and not hasattr(one, "data_vars"):
+        motion, notes, use = raw_motion(one, None), (one.attrs.get("notes", "attitudes: as given"),), "only"
+    elif use and hasattr(one, "data_vars"):
         try:
-            motion = raw_motion(one, None)
+            motion, notes = raw_motion(one, None), ("attitudes: directors",)
         except ValueError as error:
             raise ValueError(f"{name} has no attitudes: {error}") from error
-        notes = ("attitudes: directors",)
-    else:
+    elif use:
+        again = one
         if callable(getattr(one, "read", None)):
             text = one.read()
-            one, again = io.StringIO(text), io.StringIO(text)
+            rest, again = io.StringIO(text), io.StringIO(text)
         else:
-            again, name = one, str(one)
+            name = str(one)
         how = {key: value for key, value in reading.items() if key in (*SHARED, "columns") and value is not None}
         if use == "both":
             how.pop("columns", None)
@@ -66,10 +62,12 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         except InputError as error:
             raise error.about(name) from error
         motion, notes = raw_motion(recording, None), (recording.attrs["notes"],)
+    if motion is None:
+        return _rates(rest, name, reading, None)
     quaternions = _quaternions(motion)
     if use == "only":
         return _attitudes(motion, quaternions, name, notes)
-    found = _rates(one, name, reading, continuous(quaternions))
+    found = _rates(rest, name, reading, continuous(quaternions))
     return replace(found, notes=(*found.notes, *notes))
 
 
@@ -110,30 +108,17 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
         except InputError as error:
             raise error.about(str(one) if isinstance(one, (str, os.PathLike)) else "") from error
     if hasattr(one, "data_vars"):
-        known = [key for key in ("gyroscope", "material_angular_velocity") if key in one.variables]
-        if not known or "time" not in one.variables or set(one[known[0]].dims) != {"time", "director"}:
-            raise ValueError(
-                f"{name} must be what sensors.gyroscope returns, or a run of one body; this Dataset has "
-                f"{', '.join(map(str, one))}"
-            )
-        time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
-        time, rates = as_floats(time, "time"), as_floats(rates, known[0])
-        return Rates(time, rates, name, (f"rates: {known[0]}",), quaternions=quaternions).cleaned()
+        return of_run(one, name, quaternions)
     if isinstance(one, tuple) and len(one) in (2, 3):
-        time = as_floats(one[0], "times")
+        arrays = [as_floats(part, what) for part, what in zip(one, ("times", "rates", "speeds"), strict=False)]
+        time, n = arrays[0], arrays[0].size
         if time.ndim != 1:
             raise ValueError(f"times must have the shape (n,), got {time.shape}")
-        rates = as_floats(one[1], "rates")
-        if rates.shape != (len(time), 3):
-            raise ValueError(
-                f"rates must have the shape ({len(time)}, 3) as there are {len(time)} times, got {rates.shape}"
-            )
-        speeds = as_floats(one[2], "speeds") if len(one) == 3 else None
-        if speeds is not None and speeds.shape != time.shape:
-            raise ValueError(
-                f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got {speeds.shape}"
-            )
-        return Rates(time, rates, name, ("rates: as given",), None, speeds, quaternions).cleaned()
+        for what, array, shape in zip(("rates", "speeds"), arrays[1:], ((n, 3), (n,)), strict=False):
+            if array.shape != shape:
+                raise ValueError(f"{what} must have the shape {shape} as there are {n} times, got {array.shape}")
+        speed = arrays[2] if len(arrays) == 3 else None
+        return Rates(time, arrays[1], name, ("rates: as given",), None, speed, quaternions).cleaned()
     raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
 
 

@@ -18,7 +18,9 @@ from .members import one_by_one, outcome_of
 from .problem import Failure, March, Outcome, Problem, Status
 
 if TYPE_CHECKING:
+    from ..geometry.attitudes import States
     from ..loads import Load
+    from ..models.stack import SystemStack
 
 __all__ = [
     "Failure",
@@ -146,6 +148,17 @@ class Integrator:
         6: (24, 32, 48),
         8: (20, 24, 32),
     }
+
+    def has_series(self, systems: SystemStack, load: Load) -> bool:
+        """Whether its nodes lie on one trajectory, nearly, and states between them are found by power series."""
+        return False
+
+    def between(self, problem: Problem, states: States) -> States | None:
+        """Return the states of one body at the times asked for, given those at all nodes of its grid.
+
+        None where nodes do not lie on one trajectory, nearly.
+        """
+        return None
 
     def __init_subclass__(cls) -> None:
         if len(cls.orders) == 1:  # before `dataclass` reads the annotations

@@ -16,6 +16,7 @@ from .base import Integrator, Outcome, Prepared, Problem
 if TYPE_CHECKING:
     from ..engine.marching import Text
     from ..engine.records import Body, Parts
+    from ..geometry.attitudes import States
     from ..kernels.vectors import Vector
     from ..loads import Load
 
@@ -98,13 +99,27 @@ class Compiled(Integrator):
         self.require(problem)
         return march(problem, threads, self)
 
+    def between(self, problem: Problem, states: States) -> States | None:
+        """Return the states of one body at the times asked for, given those at all nodes of its grid."""
+        if not self.has_series(problem.systems, problem.load):
+            return None
+        from .dense import between
+
+        return between(self, problem, states)
+
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
         return type(self).march is Compiled.march and load.is_compiled
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""
+        from .marching import dense_of
         from .prepared_march import PreparedMarch
+        from .stack_march import StackMarch
 
         self.require(problem)
-        return PreparedMarch(problem, self)
+        if (dense := dense_of(problem, self)) is not None:
+            from .dense import PreparedDense
+
+            return PreparedDense(dense)
+        return PreparedMarch(StackMarch(problem, self))

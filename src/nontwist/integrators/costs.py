@@ -6,6 +6,7 @@ steps.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -152,10 +153,17 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
 
 def _axes(systems: SystemStack) -> Axes:
     """Return the axes of each body."""
+    return _axes_of_one(systems) if len(systems) == 1 else _axes_of(systems)
+
+
+def _axes_of(systems: SystemStack) -> Axes:
     basis, E, M = frames(systems)
     e = E[:, range(3), range(3)]
     moments: Array = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
     return Axes(basis, moments)
+
+
+_axes_of_one = lru_cache(maxsize=64)(_axes_of)
 
 
 def _turning(systems: SystemStack) -> slice:

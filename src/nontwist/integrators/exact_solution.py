@@ -37,7 +37,7 @@ from ..exact.loaded_body import (
     turning,
     unrefined,
 )
-from ..geometry.arrays import Array, sum_of_squares
+from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
 from ..loads import Load
 from ..loads.base import with_moments as moments_of
@@ -219,7 +219,7 @@ def free_intervals(systems: SystemStack, W: Array, n: int) -> Intervals:
     m, mu = len(W), np.zeros((len(W), 0))
     if systems.axis is not None:
         JW = (systems.convected_inertia @ W[:, :, None])[:, :, 0]
-        mu = np.sum(systems.axis * np.cross(JW, W), axis=1, keepdims=True)
+        mu = np.sum(systems.axis * cross(JW, W), axis=1, keepdims=True)
     none = np.zeros((m, n, 3))
     return Intervals(np.repeat(mu[:, None], n, axis=1), none, np.zeros((m, n)), None, none)
 

@@ -104,6 +104,8 @@ from ..kernels.vectors import (
     sum_of,
     taxicab,
 )
+from ..loads import Load
+from ..models.stack import SystemStack
 from .base import Problem
 from .compiled import ONCE, Compiled, Needs, velocity_of
 from .costs import damping_rate
@@ -186,6 +188,12 @@ class Gauss(Compiled):
         bounds.
         """
         return LARGEST_TURN[self.order]
+
+    def has_series(self, systems: SystemStack, load: Load) -> bool:
+        """Whether its nodes lie on one trajectory, nearly, and the equations between them can be run on series."""
+        from .dense import can_expand
+
+        return self.order > 2 and can_expand(systems, load)
 
     def remark(self, problem: Problem) -> str | None:
         """Return the warning about damped modes that the step does not resolve."""

@@ -170,8 +170,9 @@ class Now(NamedTuple):
 
     W: Vector
     rate: Vector  # of P
-    own: Any  # moments along the frame and in space, torque
+    own: Any  # moments along the frame and in space, of dead forces, torque
     push: Any
+    still: Any
     torque: Vector
 
 
@@ -250,7 +251,7 @@ class Equations:
         push = None if push is None else inverse(g, push)
         torque = sum_of(cross(whole, W), own, sum_of(still, of_potentials), push)
         third = body.free * torque[2] if parts.is_constrained else torque[2]
-        return Now(W, Vector(torque[0], torque[1], third), own, push, torque)
+        return Now(W, Vector(torque[0], torque[1], third), own, push, still, torque)
 
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Now]:
         """Return P, the vectors g, and what the equations say at stages."""

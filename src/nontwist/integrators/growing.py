@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -77,8 +76,7 @@ class Growth:
         steps, k = self._steps, self.count
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
-        sizes: Any = {"state": (steps.rows, LANES), "scratch": (steps.rows, LANES)}
-        arrays, at = side_by_side(**sizes, weights=(steps.rows,), normal=(steps.rows,))
+        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(steps.rows,), normal=(steps.rows,))
         arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done, run = np.empty((len(self.times), k)), 0, grow(steps.rows)

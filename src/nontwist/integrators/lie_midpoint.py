@@ -69,7 +69,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..engine.marching import Step, Text, midpoint_step
-from ..engine.newton import EPS, Solution, solve
+from ..engine.newton import EPS, solve
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
@@ -168,15 +168,14 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         terms = sum_of(taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om), drag, of_state.size)
         return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
 
-    if parts.is_explicit:
-        M = loads.moving
-        z = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
-        solution, auxiliary = Solution(z, zero, zero, zero > 1.0), state.auxiliary
-    else:
-        guess = h * rates[0]
-        guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
-        solution = solve(equations_at, sizes, guess, is_active, parts.is_constrained, parts.calls)
-        z, rate = solution.y, (1.0 / h) * solution.y
+    guess, M, auxiliary = h * rates[0], loads.moving, state.auxiliary
+    guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
+    known = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
+    how = is_active, parts.is_constrained, parts.calls, known if parts.is_explicit else None
+    solution = solve(equations_at, sizes, guess, *how)
+    z = solution.y
+    if not parts.is_explicit:
+        rate = (1.0 / h) * z
         parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
         auxiliary = (*parabola, *rate, *rates[1])
     Om = velocity_in_step(acting, loads, P + z)

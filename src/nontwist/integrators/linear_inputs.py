@@ -32,6 +32,12 @@ class Entries(NamedTuple):
         component = self.component[which] - places[which] + rows
         return Entries(self.name, component, self.parameter[which], T[rows, places[which]] * self.value[which], step)
 
+    def without_zeros(self) -> Entries:
+        """Return the entries that are not 0."""
+        which = np.flatnonzero(self.value)
+        step = None if self.step is None else self.step[which]
+        return Entries(self.name, self.component[which], self.parameter[which], self.value[which], step)
+
 
 Sampled = Callable[["Nodes"], Iterable[Entries]]
 

@@ -72,6 +72,8 @@ class Linearised:
     ----------
     part : int
         Steps whose matrices are made at a time.
+    see_attitude : bool
+        Whether what acts on the steps depends on the attitude.
 
     Raises
     ------
@@ -106,6 +108,7 @@ class Linearised:
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
         parts = acting._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
+        self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
         self.offsets, self.width = dict[str, int](), self.rows
@@ -116,7 +119,8 @@ class Linearised:
         if scheme.linear is None:
             self._kernel: Any = linearised(scheme.text(parts.motion), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
-            self.carried = partial(carried, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
+            if not called:
+                self.carried = partial(carried, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
             self._kernel = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
@@ -202,13 +206,23 @@ class Linearised:
         """Whether something depends on the state that no kernel knows, so that what acts depends on the states."""
         return self._varied is not None
 
-    def layouts(self, count: int, entries: Sampled, back: bool = False) -> Iterator[tuple[Acting, Link]]:
-        """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`."""
+    def require_no_error(self) -> None:
+        """Raise what a function in Python has raised."""
+        if self._varied is not None:
+            self._varied.require_no_error()
+
+    def layouts(
+        self, count: int, entries: Sampled, back: bool = False, size: int | None = None
+    ) -> Iterator[tuple[Acting, Link]]:
+        """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`.
+
+        `size`: how many steps a part has, if not those whose matrices are made at a time.
+        """
         for first, last in self.pieces(LONGEST, back):
             nodes = self.nodes(first, last)
             acting = Acting(first, last, self.sampled(nodes))
             chain = Chain(self, count, entries(nodes), first, last, back)
-            for piece in ranged(first, last, self.part, back):
+            for piece in ranged(first, last, size or self.part, back):
                 yield acting.part(*piece), chain.part(*piece)
 
     def workspace(self) -> Workspace:
@@ -225,8 +239,7 @@ class Linearised:
         """
         acting.put(own.block, states.part(slice(acting.first, acting.last + 1)))
         self._kernel(own.address)
-        if self._varied is not None:
-            self._varied.require_no_error()
+        self.require_no_error()
         if own.block[STEPS.failed]:
             t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
@@ -339,8 +352,8 @@ class Chain:
         fixed: list[Entries] = []
         own: list[Entries] = []
         for entry in entries:
+            entry = entry.turned(steps.turns.get(entry.name)).without_zeros()
             if len(entry.value):
-                entry = entry.turned(steps.turns.get(entry.name))
                 (fixed if entry.step is None else own).append(entry)
         columns = _joined([entry.component + steps.offsets[entry.name] for entry in fixed], np.int64)
         parameters = _joined([entry.parameter for entry in fixed], np.int64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,16 +15,29 @@ from .compiled import Compiled
 from .problem import Intervals, Outcome, Problem, Status
 from .stack_march import SAME, StackMarch
 
+if TYPE_CHECKING:
+    from .dense import Dense
 
-def march(problem: Problem, threads: int, scheme: Compiled) -> Outcome:
+
+def dense_of(problem: Problem, scheme: Compiled) -> Dense | None:
+    """Return what finds outputs between nodes, where these lie on one trajectory; None where they are substeps."""
+    if problem.asked is None or not scheme.has_series(problem.systems, problem.load):
+        return None
+    from .dense import Dense
+
+    return Dense(problem, scheme)
+
+
+def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
         problem = tangent(problem)
-    todo = StackMarch(problem, scheme)
+    dense = dense_of(problem, scheme) if can_be_dense else None
+    todo = StackMarch(problem, scheme) if dense is None else dense.march
     if problem.memory is not None:
         todo.remember(problem.memory)
     common, end = todo.run(threads)
-    arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.output)
+    arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
 
@@ -45,14 +59,19 @@ def march(problem: Problem, threads: int, scheme: Compiled) -> Outcome:
         elif failures[i, 0] == Status.LOAD and i not in reasons:
             is_one = len(problem) == 1
             reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
+    first = todo.skipped
+    if dense is not None:
+        if (outputs := dense.outputs(good, end)) is None:
+            return march(problem, threads, scheme, False)
+        (arrays, good), first = outputs, dense.skipped
     return Outcome(
-        states_in(todo, arrays),
+        states_in(arrays, first),
         good,
         failures,
         reasons,
-        intervals_in(todo, arrays) if problem.intervals else None,
+        intervals_in(todo, arrays, first) if problem.intervals else None,
         _observed(todo) if problem.observed else None,
-        arrays["states"] * todo.factors,
+        todo.arrays["states"] * todo.factors,
         end,
     )
 
@@ -69,23 +88,22 @@ def tangent(problem: Problem) -> Problem:
     return replace(problem, velocity=W, normal=None)
 
 
-def states_in(todo: StackMarch, arrays: dict[str, Array]) -> States:
-    """Return the stored states in the arrays of a march, or in those of one member."""
+def states_in(arrays: dict[str, Array], first: int) -> States:
+    """Return the stored states in the arrays of a march, or in those of one member, from number `first` on."""
     p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
-    first = todo.skipped
     return States(p[..., first:, :], W[..., first:, :], N[..., first:, :] if N.size else None)
 
 
-def intervals_in(todo: StackMarch, arrays: dict[str, Array]) -> Intervals:
-    """Return the means in the arrays of a march, or in those of one member.
+def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Intervals:
+    """Return the means in the arrays of a march, or in those of one member, from interval `first` on.
 
     The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
     is not held is not counted where it moves exactly.
     """
-    sums, is_constrained = arrays["intervals"][..., todo.skipped :, :], todo.stack.systems.axis is not None
-    first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
+    sums, is_constrained = arrays["intervals"][..., first:, :], todo.stack.systems.axis is not None
+    begin = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
     return Intervals(
-        sums[..., first : SUMS.moment if is_constrained else SUMS.mu],
+        sums[..., begin : SUMS.moment if is_constrained else SUMS.mu],
         sums[..., SUMS.moment : SUMS.dead],
         sums[..., SUMS.work],
         sums[..., SUMS.iterations].astype(np.int64),

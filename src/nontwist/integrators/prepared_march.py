@@ -18,10 +18,8 @@ from ..engine.prepared import GIVEN, HEAD, run_prepared
 from ..engine.records import BLOCK, BODY
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from .compiled import Compiled
 from .listing import listed
 from .marching import intervals_in, states_in
-from .problem import Problem
 from .stack_march import StackMarch
 
 READ = "quaternions", "velocities", "normals", "intervals", "states"
@@ -29,13 +27,12 @@ START, FOUND = Struct("=8d"), Struct("=2d")
 
 
 class PreparedMarch:
-    """The march of a problem of one body whose start is left open."""
+    """The march of one body whose start is left open."""
 
-    def __init__(self, problem: Problem, scheme: Compiled) -> None:
-        march = self._march = StackMarch(problem, scheme)
-        (parts,) = march.groups
-        march.sample(parts, 0, problem.steps)
-        self._todo = listed(march, parts, 1, 0, problem.steps)
+    def __init__(self, march: StackMarch) -> None:
+        self._march, (parts,), steps = march, march.groups, march.stack.steps
+        march.sample(parts, 0, steps)
+        self._todo = listed(march, parts, 1, 0, steps)
         self._unit, self._threads, self._run = float(march.bodies[0, BODY.unit]), local(), run_prepared.function
         self._factors = march.factors[0]
         self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}
@@ -57,8 +54,8 @@ class PreparedMarch:
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
         march, arrays = self._march, views(found, self._spans)
-        means = intervals_in(march, arrays)._asdict()
-        return {"states": states_in(march, arrays), **means, "memory": arrays["states"] * self._factors}
+        means = intervals_in(march, arrays, march.skipped)._asdict()
+        return {"states": states_in(arrays, march.skipped), **means, "memory": arrays["states"] * self._factors}
 
     @property
     def states(self) -> States:
@@ -76,4 +73,4 @@ class PreparedMarch:
         put(call, HEAD, block=block, numbers=len(memory), enter=between.enter.address)
         put(call, HEAD, run=march.driver(self._todo).address)
         given = call[HEAD.size :].data.cast("B")
-        return memory, given, call.ctypes.data, (states_in(march, arrays).part(0), call, block, alive)
+        return memory, given, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)

@@ -183,20 +183,20 @@ class Intervals(NamedTuple):
         return {name: None if array is None else array[0] for name, array in self._asdict().items()}
 
     def integrals(self, lengths: Array) -> Array:
-        """Return the integrals over the intervals of one body, side by side, (n, columns)."""
+        """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""
         n, by = len(lengths), lengths[:, None]
-        dead, twist = (() if x is None else (x[0, :n],) for x in (self.dead_moment, self.twist))
-        parts = [by * self.multipliers[0, :n], by * self.moment[0, :n], self.load_work[0, :n, None]]
-        return np.concatenate([*parts, *(by * x for x in dead), *(x[:, None] for x in twist)], axis=1)
+        dead = () if self.dead_moment is None else (by * self.dead_moment[:, :n],)
+        twist = () if self.twist is None else (self.twist[:, :n, None],)
+        own = by * self.multipliers[:, :n], by * self.moment[:, :n], self.load_work[:, :n, None]
+        return np.concatenate([*own, *dead, *twist], axis=2)
 
     def of_integrals(self, integrals: Array, lengths: Array, iterations: NDArray[np.int64] | None) -> Intervals:
-        """Return other intervals of one body, from columns as `integrals` returns them, and iterations (n,)."""
+        """Return other intervals from columns as `integrals` returns them, and iterations (m, n)."""
         c, by = self.multipliers.shape[2], lengths[:, None]
-        dead, twist = None if self.dead_moment is None else integrals[None, :, c + 4 : c + 7] / by, None
-        if self.twist is not None:
-            twist = integrals[None, :, -1]
-        means = integrals[None, :, :c] / by, integrals[None, :, c : c + 3] / by, integrals[None, :, c + 3]
-        return Intervals(*means, None if iterations is None else iterations[None], dead, twist)
+        dead = None if self.dead_moment is None else integrals[..., c + 4 : c + 7] / by
+        twist = None if self.twist is None else integrals[..., -1]
+        means = integrals[..., :c] / by, integrals[..., c : c + 3] / by, integrals[..., c + 3]
+        return Intervals(*means, iterations, dead, twist)
 
 
 class Outcome(NamedTuple):

@@ -180,7 +180,7 @@ class Split(Compiled):
 
         Nodes of substeps are their middles.
         """
-        if parts.is_constrained and parts.motion == "explicit":
+        if parts.is_constrained and parts.is_explicit:
             return ONCE, GAUSS[self.order].nodes
         return fractions(self.order), nodes(self.order)
 

@@ -115,7 +115,7 @@ class StackMarch:
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
         nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
-        parts = parts._replace(is_explicit=parts.motion == "explicit", coasts=coasts, **changes)
+        parts = parts._replace(coasts=coasts, **changes)
         return kernel_of(self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes))
 
     def begin(self, stack: Problem) -> None:

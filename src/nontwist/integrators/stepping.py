@@ -94,7 +94,7 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
     whole = march_one(replace(problem, asked=None, stored=nodes, intervals=True))
     once = replace(problem, asked=None, steps=1, stored=ENDS, intervals=True, progress=None)
     reached, counts = problem.times(nodes)[: len(whole.directors)], whole.newton_iterations
-    passed = whole.means.integrals(np.diff(reached))
+    passed = whole.means.integrals(np.diff(reached))[0]
     total = np.concatenate([np.zeros((1, passed.shape[1])), np.cumsum(passed, axis=0)])
     states, sums, iterations = [(whole.directors[0], whole.velocities[0])], [total[0]], list[int]()
     last, failure = 0, whole.failure
@@ -109,7 +109,7 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
                 failure = failure or part.failure._replace(step=int(nodes[k]))
                 break
             q, v = part.directors[1], part.velocities[1]
-            integral = integral + part.means.integrals(np.array([since]))[0]
+            integral = integral + part.means.integrals(np.array([since]))[0, 0]
             used = 0 if part.newton_iterations is None else int(part.newton_iterations[0])
         iterations.append(used if counts is None else max([used, *counts[last:k].tolist()]))
         last = k
@@ -118,7 +118,7 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
     n, first = len(states) - 1, 0 if outputs.has_start else 1
     between = np.diff(np.array(sums), axis=0)
     q, v = (np.array(part) for part in zip(*states, strict=True))
-    used_most = None if counts is None else np.array(iterations, dtype=np.int64)
-    means = whole.means.of_integrals(between, outputs.length[:n], used_most).of_one
+    used_most = None if counts is None else np.array([iterations], dtype=np.int64)
+    means = whole.means.of_integrals(between[None], outputs.length[:n], used_most).of_one
     parts = [None if array is None else array[first:] for array in (q, v, *list(means.values())[:4])]
     return March._make([*parts, failure])

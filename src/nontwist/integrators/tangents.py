@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from threading import local
 from typing import Any
 
@@ -16,8 +18,8 @@ from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linear_inputs import Sampled
-from .linearised import Linearised, Link
+from .linear_inputs import Entries, Nodes, Sampled
+from .linearised import LONGEST, Linearised, Link
 
 Kept = NDArray[np.int64]
 
@@ -29,14 +31,14 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     """
     count = start.shape[1]
     padded = -(-count // LANES) * LANES
-    x, scratch, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
+    x, own = aligned(steps.rows, padded), steps.workspace()
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run = chained.forward(steps.rows)
     for acting, link in steps.layouts(count, entries):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
-        run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=found[done:]))
+        run(link.put(matrices=own.matrices, state=x, kept=part, states=found[done:]))
         done += int(part.sum())
     return steps.turned_back(found[:, :, :count])
 
@@ -89,79 +91,101 @@ class PreparedTangents:
             known = None
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
-        start = self._steps.turned(start)
-        scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
-        for block, address, link in calls:
+        scale[0], x[:, : self._count] = factor, self._steps.turned(start)
+        for block, address, link, refresh in calls:
+            if self._steps.is_called:
+                refresh()
             self._kernel(address)
+            self._steps.require_no_error()
             if block[STEPS.failed]:
                 block[STEPS.failed] = 0
                 return None
             self._run(link)
-        changes: Array = found[:, :, : self._count]
-        return changes.copy() if self._steps.frame is None else self._steps.turned_back(changes)
+        changes: Array = np.empty((1 + len(found), *start[:6].shape))
+        changes[0], changes[1:] = start[:6], self._steps.turned_back(found[:, :, : self._count])
+        return changes
 
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
-        x, scratch, scale = aligned(steps.rows, padded), aligned(steps.rows, padded), np.ones(1)
-        found, done = aligned(1 + int(self._kept.sum()), 6, padded, empty=True), 1
+        x, scale = aligned(steps.rows, padded), np.ones(1)
+        found, done = aligned(int(self._kept.sum()), 6, padded, empty=True), 0
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for acting, link in self._parts:
             block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            acting.put(block, states.part(slice(acting.first, acting.last + 1)))
+            refresh = partial(acting.put, block, states.part(slice(acting.first, acting.last + 1)))
+            refresh()
             block[STEPS.factor] = scale.ctypes.data
             link = Link(link.block.copy(), link.alive)
-            at = link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=found[done:])
-            calls.append((block, block.ctypes.data, at))
+            at = link.put(matrices=own.matrices, state=x, kept=part, states=found[done:])
+            calls.append((block, block.ctypes.data, at, refresh))
             alive.append((link, part))
             done += int(part.sum())
-        return states, x, found, scale, calls, (own, scratch, alive)
+        return states, x, found, scale, calls, (own, alive)
 
 
 class CarriedTangents:
-    """As `PreparedTangents`, of a traced scheme and few parameters: the steps are taken and linearised at once."""
+    """As `PreparedTangents`, of a traced scheme and few parameters: the steps are taken and linearised at once.
+
+    A turn of the start alone, by a parameter that does nothing else, turns all of a run that does not see its attitude.
+    """
 
     MOST = 3 * LANES
 
-    def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
-        self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
-        self._count, self._threads, side = count, local(), machine_code.lanes()
+    def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
+        is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
+        self._turned, self._carried = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
+        self._steps, self._kept, self._threads, side = steps, kept, local(), machine_code.lanes()
+        place, self._count = np.cumsum(~is_turned) - 1, len(self._carried)
+
+        def carried(nodes: Nodes) -> Iterator[Entries]:
+            return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
+
+        self._parts = list(steps.layouts(self._count, carried, size=LONGEST))
         arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("acting", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
-        self._padded, self._kernel = -(-count // side) * side, steps.carried(tuple(sorted(inputs))).function
+        self._padded, self._kernel = -(-self._count // side) * side, steps.carried(tuple(sorted(inputs))).function
+        self._start, self._entering = self._parted(start), steps.entering
 
-    def __call__(self, p: Any, W: Any, start: Array, factor: float) -> Array | None:
+    def _parted(self, start: Array) -> tuple[Array, Array, Array]:
+        """Return the changes of the first state as they are returned, carried along, and turned."""
+        seen = start if self._turn is None else self._turn @ start
+        return start[:6], seen[:, self._carried], seen[:3, self._turned]
+
+    def __call__(self, p: Any, W: Any, start: Array | None, factor: float) -> Array | None:
         """Return the changes of the states of the run from the quaternion p, scalar last, and W; None where it fails.
 
-        They are (1 + kept, 6, count), at the start and at the kept steps.
+        They are (1 + kept, 6, count), at the start and at the kept steps; None stands for the start that is known.
         """
         try:
-            x, state, found, scale, calls, _ = self._threads.own
+            x, state, found, turns, scale, calls, _ = self._threads.own
         except AttributeError:
-            x, state, found, scale, calls, _ = self._threads.own = self._workspace()
-        if self._turn is not None:
-            start = self._turn @ start
-        scale[0], state[:], (of_p, of_W) = factor, 0.0, self._steps.entering
-        state[STATE.p : STATE.s], state[STATE.s : STATE.compensation] = of_p @ p, of_W @ W
-        x[: len(start), : self._count], found[0, :, : self._count] = start, start[:6]
+            x, state, found, turns, scale, calls, _ = self._threads.own = self._workspace()
+        first, seen, turned = self._start if start is None else self._parted(start)
+        scale[0], state[:], (of_p, of_W) = factor, 0.0, self._entering
+        state[STATE.p : STATE.s] = state[-4:] = of_p @ p
+        state[STATE.s : STATE.compensation], x[: len(seen), : self._count] = of_W @ W, seen
         for block, address in calls:
             self._kernel(address)
             if block[STEPS.failed]:
                 block[STEPS.failed] = 0
                 return None
-        changes: Array = found[:, :, : self._count]
-        return changes.copy() if self._turn is None else self._turn[:6, :6].T @ changes
+        changes, ends = np.zeros((len(found) + 1, *first.shape)), found[:, :, : self._count]
+        if self._turn is not None:
+            B = self._turn[:3, :3].T
+            ends, turns = self._turn[:6, :6].T @ ends, B @ turns
+        changes[0], changes[1:, :, self._carried] = first, ends
+        if len(self._turned):
+            changes[1:, :3, self._turned] = turns @ turned
+        return changes
 
     def _workspace(self) -> Any:
-        """Return memory for one thread: changes, the state, what is found, the factor, calls, and all of it."""
-        steps, rows = self._steps, self._steps.rows
-        x, given, state = (
-            aligned(steps.width, self._padded),
-            aligned(steps.width, self._padded),
-            aligned(size_of(State)),
-        )
-        found, done, scale = aligned(1 + int(self._kept.sum()), 6, self._padded, empty=True), 1, np.ones(1)
+        """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
+        steps, rows, count = self._steps, self._steps.rows, int(self._kept.sum())
+        x, given = (aligned(steps.width, self._padded) for _ in range(2))
+        state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
+        found, done, scale = aligned(count, 6, self._padded, empty=True), 0, np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for acting, link in self._parts:
             given[rows:] = 0.0
@@ -172,6 +196,7 @@ class CarriedTangents:
             head = view_of(Carried)
             head.steps, head.state, head.changes, head.given = block, state, x, given
             head.padded, head.kept, head.found = self._padded, part, found[done:]
+            head.first, head.turns = state[-4:], turns[done:]
             head.begins, head.values = (int(link.block[place]) for place in (CHAIN.begins, CHAIN.own_values))
             head.columns = int(link.block[CHAIN.own_columns])
             head.parameters = int(link.block[CHAIN.own_parameters])
@@ -179,4 +204,4 @@ class CarriedTangents:
             alive.append((head, link, part))
             done += int(part.sum())
         x[:] = given
-        return x, state, found, scale, calls, (own, alive)
+        return x, state, found, turns, scale, calls, (own, alive)

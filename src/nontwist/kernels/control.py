@@ -107,13 +107,11 @@ class Slot:
 def _slot(x: Any, name: str) -> Any:
     if isinstance(x, Dual):
         return Dual(_slot(x.value, name), [_slot(t, name) for t in x.tangents])
-    if isinstance(x, Traced):
-        return Slot(type(x), x.n)
-    for kind, of, n in ((bool, Mask, 1), (int, Whole, 1), (float, Element, writer().lanes)):
-        if isinstance(x, kind):
-            return Slot(of, n)
     if x is None:
         return None
+    for kind, lanes in ((Mask, 1), (Whole, 1), (Element, writer().lanes)):
+        if isinstance(x, (kind, *kind.plain)):
+            return Slot(kind, getattr(x, "n", lanes))
     raise TraceError(f"{name} cannot be a variable: {type(x).__name__}")
 
 

@@ -6,10 +6,16 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .elements import BY_FUNCTIONS, ORDERS, Number, fma, mapped, remade, select
+from .elements import BY_FUNCTIONS, ORDERS, Derived, fma, mapped, remade, select
+
+SLOPES: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b, _: (1.0, 1.0),
+    "sub": lambda a, b, _: (1.0, -1.0),
+    "mul": lambda a, b, _: (b, a),
+}
 
 
-class Dual(Number):
+class Dual(Derived):
     """A number and its derivatives in some directions: numbers, or the floats 0.0 and 1.0, which cost nothing."""
 
     __slots__ = ("tangents", "value")
@@ -21,44 +27,38 @@ class Dual(Number):
         """Return x as a dual number with as many directions."""
         return x if isinstance(x, Dual) else Dual(x, [0.0] * len(self.tangents))
 
-    def chain(self, value: Any, slope: Any) -> Dual:
-        """Return a function of this number, given its value and its derivative."""
-        return Dual(value, [_product(slope, t) for t in self.tangents])
+    def through(self, f: Callable[..., Any], slopes: Callable[..., Any], x: Sequence[Any]) -> Dual:
+        """Return f(*x), given its derivatives at x and f(*x); of one argument its derivative."""
+        values = [y.value if isinstance(y, Dual) else y for y in x]
+        value = f(*values)
+        found = slopes(*values, value)
+        return self.chain(value, found if isinstance(found, tuple) else (found,), x)
+
+    def chain(self, value: Any, slopes: Sequence[Any], x: Sequence[Any]) -> Dual:
+        """Return a function of some numbers, given its value and its derivative by each."""
+        terms = [(slope, y.tangents) for slope, y in zip(slopes, x, strict=True) if isinstance(y, Dual)]
+        tangents: list[Any] = [0.0] * len(self.tangents)
+        for k in range(len(tangents)):
+            for slope, own in terms:
+                tangents[k] = _fused(slope, own[k], tangents[k])
+        return Dual(value, tangents)
 
     def combined(self, name: str, a: Any, b: Any) -> Any:
         """Return what an operator gives; comparisons are those of the values."""
         v, w = plain(a), plain(b)
         if name in ORDERS:
             return getattr(operator, name)(v, w)
-        if not (_is_plain(v) and _is_plain(w)):
+        if not (_is_plain(v) and _is_plain(w)) or (_is_array(w if self is a else v) and not _is_array(self.value)):
             return NotImplemented
-        if name == "add":
-            return self.sum(v + w, 1.0, b, 1.0, a)
-        if name == "sub":
-            return self.sum(v - w, -1.0, b, 1.0, a)
-        if name == "mul":
-            return self.sum(v * w, v, b, w, a)
-        if name == "truediv":
-            return a * (1.0 / b) if isinstance(a, Dual) else self.quotient(a)
-        return BY_FUNCTIONS[name](a, b)
-
-    def sum(self, value: Any, f: Any, x: Any, g: Any, y: Any) -> Dual:
-        """Return the number of this value whose tangents are those of f x + g y."""
-        rows = zip(self.lifted(x).tangents, self.lifted(y).tangents, strict=True)
-        return Dual(value, [_fused(f, a, _product(g, b)) for a, b in rows])
-
-    def quotient(self, a: Any) -> Dual:
-        """Return a number without tangents over this one."""
-        r = 1.0 / self.value
+        if name in SLOPES:
+            return self.through(getattr(operator, name), SLOPES[name], (a, b))
+        if name != "truediv":
+            return BY_FUNCTIONS[name](a, b)
+        if isinstance(a, Dual):
+            return a * (1.0 / b)
+        r = 1.0 / w
         found = r if type(a) is float and a == 1.0 else a * r
-        return self.chain(found, -found * r)
-
-    def of_two(self, f: Callable[[Any, Any], Any], slopes: Callable[[Any, Any, Any], Any], a: Any, b: Any) -> Dual:
-        """Return f(a, b), given its derivatives at a, b and f(a, b)."""
-        v, w = plain(a), plain(b)
-        value = f(v, w)
-        by_a, by_b = slopes(v, w, value)
-        return self.sum(value, by_a, a, by_b, b)
+        return self.chain(found, (-found * r,), (b,))
 
     def __neg__(self) -> Dual:
         return Dual(-self.value, [_product(-1.0, t) for t in self.tangents])
@@ -70,14 +70,10 @@ class Dual(Number):
         return bool(self.value)
 
     def __float__(self) -> float:
-        return float(self.value)  # which traced numbers refuse
-
-    def fused(self, a: Any, b: Any, c: Any) -> Dual:
-        """Return a b + c."""
-        a, b, c = self.lifted(a), self.lifted(b), self.lifted(c)
-        rows = zip(a.tangents, b.tangents, c.tangents, strict=True)
-        tangents = [_fused(a.value, y, _fused(b.value, x, z)) for x, y, z in rows]
-        return Dual(fma(a.value, b.value, c.value), tangents)
+        raise TypeError(
+            "a number with derivatives cannot become a float, which has none: use functions of NumPy in the place of "
+            "float() and math, or plain(x) for the value alone"
+        )
 
     def selected(self, mask: Any, a: Any, b: Any) -> Dual:
         """Return a where the mask is set, else b."""
@@ -92,6 +88,11 @@ class Dual(Number):
 def _is_plain(x: Any) -> bool:
     """Whether x is a number without tangents, of whatever kind."""
     return not isinstance(x, (tuple, list, bool)) and getattr(getattr(x, "dtype", None), "kind", "") != "O"
+
+
+def _is_array(x: Any) -> bool:
+    """Whether x is an array: with a number with derivatives it makes an array of these, unless their value is one."""
+    return getattr(x, "ndim", 0) > 0
 
 
 def _is_zero(x: Any) -> bool:

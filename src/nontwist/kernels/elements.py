@@ -26,6 +26,12 @@ OF_DOUBLES |= {name: f"fcmp {'u' if name == 'ne' else 'o'}{name}" for name in OR
 OF_WHOLES = {"add": "add", "sub": "sub", "mul": "mul"}
 OF_WHOLES |= {name: f"icmp {name if name in ('eq', 'ne') else f's{name}'}" for name in ORDERS}
 OF_MASKS = {"and": "and", "or": "or", "xor": "xor"}
+OF_LLVM = ("sqrt", "floor", "ceil", "rint", "trunc", "copysign", "fabs", "fma")  # other functions are of C
+LITERALS: dict[str, Callable[[Any], str]] = {
+    "i1": lambda x: "true" if x else "false",
+    "i64": lambda x: str(int(x)),
+    "double": lambda x: f"0x{int.from_bytes(struct.pack('>d', x)):016X}",
+}
 
 
 @lru_cache
@@ -34,19 +40,11 @@ def kind_of(scalar: str, n: int) -> str:
     return scalar if n == 1 else f"<{n} x {scalar}>"
 
 
-@lru_cache(maxsize=4096)
-def literal(scalar: str, one: str, n: int) -> str:
-    """Return n lanes of a number."""
-    return one if n == 1 else "<" + ", ".join([f"{scalar} {one}"] * n) + ">"
-
-
 class Number:
     """What has the operators of a number: `combined` says what they give."""
 
     __slots__ = ()
     __hash__ = None  # type: ignore[assignment]
-    value: Any  # and derivatives, of `Dual`
-    chain: Any
 
     def combined(self, name: str, a: Any, b: Any) -> Any:
         """Return what the operator of this name gives; NotImplemented for what is no number."""
@@ -56,12 +54,6 @@ class Number:
         return self
 
 
-def _operator(name: str, is_reflected: bool = False) -> Callable[[Any, Any], Any]:
-    if is_reflected:
-        return lambda own, other: own.combined(name, other, own)
-    return lambda own, other: own.combined(name, own, other)
-
-
 class Traced(Number):
     """A value that is known when the code runs.
 
@@ -69,11 +61,16 @@ class Traced(Number):
     ----------
     n : int
         Lanes.
+    scalar, words, plain : str, str, tuple of type
+        What it is in LLVM, in words, and in Python.
+    lines : dict
+        What its operators are in LLVM.
     """
 
     __slots__ = ("home", "n", "name")
-    scalar = ""
-    lines: ClassVar[dict[str, str]] = {}  # of LLVM, by the names of operators
+    scalar, words = "", ""
+    plain: ClassVar[tuple[type, ...]] = ()
+    lines: ClassVar[dict[str, str]] = {}
 
     def __init__(self, name: str, n: int = 1) -> None:
         self.name, self.n, self.home = name, n, writer().region
@@ -84,14 +81,21 @@ class Traced(Number):
         return kind_of(self.scalar, self.n)
 
     @classmethod
-    def named(cls, x: Any, n: int = 1) -> str:
-        """Return the name or the literal of x as such a value with n lanes."""
-        raise NotImplementedError
-
-    @classmethod
     def takes(cls, x: Any) -> bool:
         """Whether x is such a value, without a change of type."""
-        raise NotImplementedError
+        return isinstance(x, (cls, *cls.plain))
+
+    @classmethod
+    def named(cls, x: Any, n: int = 1) -> str:
+        """Return the name or the literal of x as such a value with n lanes."""
+        if type(x) is cls:
+            return x.used(n)
+        if not cls.takes(x):
+            raise TraceError(f"{type(x).__name__} is not a {cls.words}")
+        if isinstance(x, Traced):
+            return str(real(x).used(n))
+        one = LITERALS[cls.scalar](x)
+        return one if n == 1 else "<" + ", ".join([f"{cls.scalar} {one}"] * n) + ">"
 
     def used(self, n: int = 1) -> str:
         """Return its name with n lanes; refuse one that was made in a region that is closed."""
@@ -109,7 +113,7 @@ class Traced(Number):
     def combined(self, name: str, a: Any, b: Any) -> Any:
         """Return what an operator gives, of other kinds as of doubles."""
         line = self.lines.get(name)
-        if line is not None and (name in OF_MASKS or (self.takes(a) and self.takes(b))):
+        if line is not None and (type(a) is type(b) or name in OF_MASKS or (self.takes(a) and self.takes(b))):
             return written(line, type(self), a, b)
         if not (is_number(a) and is_number(b)):
             return NotImplemented
@@ -128,81 +132,46 @@ class Mask(Traced):
     """A truth value, or one for each lane."""
 
     __slots__ = ()
-    scalar, lines = "i1", OF_MASKS
-
-    @classmethod
-    def takes(cls, x: Any) -> bool:
-        """Whether x is a truth value."""
-        return isinstance(x, (Mask, bool, np.bool_))
-
-    @classmethod
-    def named(cls, x: Any, n: int = 1) -> str:
-        """Return the name or the literal of a mask with n lanes."""
-        if isinstance(x, Mask):
-            return x.used(n)
-        if not cls.takes(x):
-            raise TraceError(f"{type(x).__name__} is not a mask: compare numbers")
-        return literal("i1", "true" if x else "false", n)
+    scalar, words, plain, lines = "i1", "mask: compare numbers", (bool, np.bool_), OF_MASKS
 
     def __invert__(self) -> Any:
         return written("xor", Mask, self, True)
-
-
-class Element(Traced):
-    """A double, or a vector of doubles, one for each lane."""
-
-    __slots__ = ()
-    scalar, lines = "double", OF_DOUBLES
-
-    @classmethod
-    def takes(cls, x: Any) -> bool:
-        """Whether x stands for one number, or one a lane."""
-        return type(x) is Element or is_number(x)
-
-    @classmethod
-    def named(cls, x: Any, n: int = 1) -> str:
-        """Return the name or the literal of a number with n lanes."""
-        if isinstance(x, Traced):
-            return str(real(x).used(n))
-        if not is_number(x):
-            raise TraceError(f"{type(x).__name__} is not a number here")
-        return literal("double", f"0x{int.from_bytes(struct.pack('>d', x)):016X}", n)
-
-    def __neg__(self) -> Element:
-        return written("fneg", Element, self)
-
-    def __abs__(self) -> Element:
-        return intrinsic("fabs", self)
 
 
 class Whole(Traced):
     """A whole number of 64 bits: a count, a place, an address."""
 
     __slots__ = ()
-    scalar, lines = "i64", OF_WHOLES
+    scalar, words, plain, lines = "i64", "whole number", (int, np.integer), OF_WHOLES
+
+
+class Element(Traced):
+    """A double, or a vector of doubles, one for each lane."""
+
+    __slots__ = ()
+    scalar, words, plain, lines = "double", "number here", (float,), OF_DOUBLES
 
     @classmethod
     def takes(cls, x: Any) -> bool:
-        """Whether x is a whole number."""
-        return isinstance(x, (Whole, int, np.integer))
+        """Whether x stands for one number, or one a lane."""
+        return is_number(x)
 
-    @classmethod
-    def named(cls, x: Any, n: int = 1) -> str:
-        """Return the name or the literal of a whole number."""
-        if isinstance(x, Whole):
-            return x.used(n)
-        if not cls.takes(x):
-            raise TraceError(f"{type(x).__name__} is not a whole number")
-        return str(int(x))
+    def __neg__(self) -> Element:
+        return written("fneg", Element, self)
+
+    def __abs__(self) -> Element:
+        return called("fabs", self)
 
 
-for _name in (*OF_DOUBLES, "pow", "mod", "floordiv"):
-    setattr(Number, f"__{_name}__", _operator(_name))
-    if _name not in ORDERS:
-        setattr(Number, f"__r{_name}__", _operator(_name, True))
-for _name in OF_MASKS:
-    setattr(Mask, f"__{_name}__", _operator(_name))
-    setattr(Mask, f"__r{_name}__", _operator(_name, True))
+def _give_operators(to: type[Number], names: tuple[str, ...]) -> None:
+    for name in names:
+        setattr(to, f"__{name}__", lambda own, other, name=name: own.combined(name, own, other))
+        if name not in ORDERS:
+            setattr(to, f"__r{name}__", lambda own, other, name=name: own.combined(name, other, own))
+
+
+_give_operators(Number, (*OF_DOUBLES, "pow", "mod", "floordiv"))
+_give_operators(Mask, tuple(OF_MASKS))
 
 
 def is_number(x: Any) -> bool:
@@ -229,118 +198,92 @@ def written(op: str, kind: type[Traced], *args: Any) -> Any:
     return made(writer().value(f"{op} {kind_of(kind.scalar, n)} {', '.join(names)}"), n)
 
 
-def intrinsic(name: str, *args: Any) -> Element:
-    """Call a function of LLVM, lane by lane."""
+def called(name: str, *args: Any) -> Element:
+    """Call a function of LLVM lane by lane, or one of the C library for each lane."""
     t, n = writer(), max(getattr(a, "n", 1) for a in args)
-    kind, full = kind_of("double", n), f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64"
-    t.declare(full, f"{kind} @{full}({', '.join([kind] * len(args))})")
-    return Element(t.value(f"call {kind} @{full}({', '.join(f'{kind} {Element.named(a, n)}' for a in args)})"), n)
+    kind, is_of_llvm = kind_of("double", n), name in OF_LLVM
+    names = [Element.named(a, n) for a in args]
+    if n > 1 and not is_of_llvm:
+        found, wide = "undef", [Element(x, n) for x in names]
+        for l in range(n):
+            one = called(name, *(lanes_of(x, l, 1) for x in wide))
+            found = t.value(f"insertelement {kind} {found}, double {one.name}, i32 {l}")
+        return Element(found, n)
+    full = f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64" if is_of_llvm else name
+    effects = "" if is_of_llvm else " nounwind willreturn memory(none)"
+    t.declare(full, f"{kind} @{full}({', '.join([kind] * len(args))}){effects}")
+    return Element(t.value(f"call {kind} @{full}({', '.join(f'{kind} {x}' for x in names)})"), n)
 
 
-def c_function(name: str, *args: Any) -> Element:
-    """Call a function of the C library for each lane."""
-    t, n = writer(), max(getattr(a, "n", 1) for a in args)
-    t.declare(name, f"double @{name}({', '.join(['double'] * len(args))}) nounwind willreturn memory(none)")
-    names, found = [Element.named(a, n) for a in args], "undef"
-    for l in range(n):
-        own = names
-        if n > 1:
-            own = [t.value(f"extractelement {kind_of('double', n)} {x}, i32 {l}") for x in names]
-        one = t.value(f"call double @{name}({', '.join(f'double {x}' for x in own)})")
-        if n == 1:
-            return Element(one)
-        found = t.value(f"insertelement {kind_of('double', n)} {found}, double {one}, i32 {l}")
-    return Element(found, n)
+TINY = 1e-140  # beside it roots at 0 have tangents 0 where those of their arguments are, and stay finite
 
 
-# Functions of one number. NumPy calls them by these names on arrays of numbers, as methods.
+def _derivatives() -> dict[str, Callable[..., Any]]:
+    """Return functions by NumPy's names: their derivatives, given their arguments and their value."""
+    return {
+        "sqrt": lambda x, y: 0.5 / (y + TINY),
+        "sin": lambda x, y: cos(x),
+        "cos": lambda x, y: -sin(x),
+        "tan": lambda x, y: 1.0 + y * y,
+        "exp": lambda x, y: y,
+        "log": lambda x, y: 1.0 / x,
+        "sinh": lambda x, y: cosh(x),
+        "cosh": lambda x, y: sinh(x),
+        "tanh": lambda x, y: 1.0 - y * y,
+        "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
+        "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
+        "arctan": lambda x, y: 1.0 / (1.0 + x * x),
+        "arctan2": lambda y, x, _: (x * (over := 1.0 / (x * x + y * y)), -y * over),
+        "copysign": lambda a, b, _: (select((a < 0.0) ^ (b < 0.0), -1.0, 1.0), 0.0),
+        "fmod": lambda a, b, r: (1.0, -(a - r) / b),
+        "power": lambda x, k, y: (k * y / x, y * log(x)),
+        "floor": lambda x, y: 0.0,
+        "hypot": lambda a, b, y: (a / (y + TINY), b / (y + TINY)),
+        "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
+        "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
+        "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
+        "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
+        "exp2": lambda x, y: math.log(2.0) * y,
+        "expm1": lambda x, y: y + 1.0,
+        "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
+        "log1p": lambda x, y: 1.0 / (1.0 + x),
+        "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
+        **dict.fromkeys(("ceil", "rint", "trunc"), lambda x, y: 0.0),
+    }
 
-NAMES = "sqrt floor sin cos tan exp log sinh cosh tanh arcsin arccos arctan"
-MORE_NAMES = "arcsinh arccosh arctanh cbrt ceil exp2 expm1 log10 log1p log2 rint trunc"
-IN_LLVM = ("sqrt", "floor", "ceil", "rint", "trunc")
+
+IN_C = {"arctan2": "atan2", "power": "pow"}
 
 
-def _of_one(name: str) -> Callable[[Any], Any]:
-    in_c, of_arrays = name.replace("arc", "a"), getattr(np, name)
-    of_floats: Callable[[float], float] = getattr(math, in_c, of_arrays)
+def _function(name: str, slopes: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function that NumPy has under a name; its arrays of numbers call it by that name, as a method."""
+    in_c, of_arrays = IN_C.get(name, name.replace("arc", "a")), getattr(np, name)
+    of_floats: Callable[..., float] = getattr(math, in_c, of_arrays)
 
-    def function(x: Any) -> Any:
-        if isinstance(x, Traced):
-            return intrinsic(in_c, real(x)) if name in IN_LLVM else c_function(in_c, real(x))
-        if isinstance(x, Number):
-            value = function(x.value)
-            return x.chain(value, SLOPES[name](x.value, value))
-        if isinstance(x, (float, int)):
-            kind = type(x) if isinstance(x, float) else float
+    def function(*x: Any) -> Any:
+        dual = dual_of(*x)
+        if dual is not None:
+            return dual.through(function, slopes, x)
+        if any(isinstance(a, Traced) for a in x):
+            return called(in_c, *x)
+        if all(isinstance(a, (float, int)) for a in x):
+            kind = type(x[0]) if isinstance(x[0], float) else float
             try:
-                return kind(of_floats(x))
+                return kind(of_floats(*x))
             except (OverflowError, ValueError):  # outside its domain: what IEEE says
                 with np.errstate(all="ignore"):
-                    return kind(of_arrays(float(x)))
-        of_more_digits = getattr(x, "context", None)  # mpmath
-        return of_arrays(x) if of_more_digits is None else getattr(of_more_digits, in_c)(x)
+                    return kind(of_arrays(*map(float, x)))
+        of_more_digits = getattr(x[0], "context", None)  # mpmath
+        return of_arrays(*x) if of_more_digits is None else getattr(of_more_digits, in_c)(*x)
 
     function.__name__ = function.__qualname__ = name
     setattr(Number, name, function)
     return function
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {name: _of_one(name) for name in [*NAMES.split(), *MORE_NAMES.split()]}
-sqrt, floor, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan, *_ = FUNCTIONS.values()
-
-# Their derivatives, given x and f(x). At 0 the square root has tangents 0 where those of x are, and stays finite.
-SLOPES: dict[str, Callable[[Any, Any], Any]] = {
-    "sqrt": lambda x, y: 0.5 / (y + 1e-140),
-    "sin": lambda x, y: cos(x),
-    "cos": lambda x, y: -sin(x),
-    "tan": lambda x, y: 1.0 + y * y,
-    "exp": lambda x, y: y,
-    "log": lambda x, y: 1.0 / x,
-    "sinh": lambda x, y: cosh(x),
-    "cosh": lambda x, y: sinh(x),
-    "tanh": lambda x, y: 1.0 - y * y,
-    "arcsin": lambda x, y: 1.0 / sqrt(1.0 - x * x),
-    "arccos": lambda x, y: -1.0 / sqrt(1.0 - x * x),
-    "arctan": lambda x, y: 1.0 / (1.0 + x * x),
-    "arccosh": lambda x, y: 1.0 / sqrt(x * x - 1.0),
-    "arcsinh": lambda x, y: 1.0 / sqrt(x * x + 1.0),
-    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
-    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
-    "exp2": lambda x, y: math.log(2.0) * y,
-    "expm1": lambda x, y: y + 1.0,
-    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
-    "log1p": lambda x, y: 1.0 / (1.0 + x),
-    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
-    **dict.fromkeys(("floor", "ceil", "rint", "trunc"), lambda x, y: 0.0),
-}
-
-
-# Functions of two numbers, and their derivatives by both, given a, b and f(a, b): the angle of the point (x, y), of y
-# and x; the remainder with the sign of a; powers.
-
-
-def _of_two(name: str, in_c: str, slopes: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    def function(a: Any, b: Any) -> Any:
-        for x in (a, b):
-            if hasattr(x, "tangents"):
-                return x.of_two(function, slopes, a, b)
-        if isinstance(a, Traced) or isinstance(b, Traced):
-            return c_function(in_c, a, b)
-        of_floats = isinstance(a, float) and isinstance(b, float)
-        return getattr(math, in_c)(a, b) if of_floats else getattr(np, name)(a, b)
-
-    setattr(Number, name, function)
-    return function
-
-
-def _slopes_of_angle(y: Any, x: Any, _: Any) -> Any:
-    over = 1.0 / (x * x + y * y)
-    return x * over, -y * over
-
-
-FUNCTIONS["arctan2"] = arctan2 = _of_two("arctan2", "atan2", _slopes_of_angle)
-FUNCTIONS["fmod"] = fmod = _of_two("fmod", "fmod", lambda a, b, r: (1.0, -(a - r) / b))
-_raised = _of_two("power", "pow", lambda x, k, y: (k * y / x, y * log(x)))
+FUNCTIONS = {name: _function(name, slopes) for name, slopes in _derivatives().items()}
+sqrt, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan, *_others = FUNCTIONS.values()
+arctan2, copysign, fmod, _raised, floor, *_ = _others
 
 
 def power(x: Any, k: Any) -> Any:
@@ -373,15 +316,29 @@ def whole_quotient(a: Any, b: Any) -> Any:
 BY_FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {"pow": power, "mod": remainder, "floordiv": whole_quotient}
 
 
+class Derived(Number):
+    """A number with derivatives (`dual.Dual`)."""
+
+    __slots__ = ()
+
+
+def dual_of(*args: Any) -> Any:
+    """Return the first number with derivatives among some, None where there is none."""
+    for x in args:
+        if isinstance(x, Derived):
+            return x
+    return None
+
+
 def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once where the processor can; of tuples b and c entry by entry."""
     if isinstance(b, tuple):
         return mapped(lambda x, y: fma(a, x, y), b, c)
-    for x in (a, b, c):
-        if hasattr(x, "tangents"):
-            return x.fused(a, b, c)
-    if any(isinstance(x, Element) for x in (a, b, c)):
-        return intrinsic("fma", a, b, c) if writer().is_fused else a * b + c
+    dual = dual_of(a, b, c)
+    if dual is not None:
+        return dual.through(lambda c, a, b: fma(a, b, c), lambda c, a, b, _: (1.0, b, a), (c, a, b))
+    if any(isinstance(x, Element) for x in (a, b, c)) and all(map(is_number, (a, b, c))):
+        return called("fma", a, b, c) if writer().is_fused else a * b + c
     if not all(isinstance(x, (float, int)) for x in (a, b, c)):
         return a * b + c
     try:
@@ -400,9 +357,9 @@ def select(mask: Any, a: Any, b: Any) -> Any:
         return mapped(lambda x, y: select(mask, x, y), a, b)
     if a is b or a is None:
         return a
-    for x in (a, b):
-        if hasattr(x, "tangents"):
-            return x.selected(mask, a, b)
+    dual = dual_of(a, b)
+    if dual is not None:
+        return dual.selected(mask, a, b)
     if not isinstance(mask, Mask):
         return np.where(mask, a, b)
     n = max(x.n for x in (mask, a, b) if isinstance(x, Traced))
@@ -451,11 +408,6 @@ def any_of(mask: Any) -> Any:
         return mask
     bits = writer().value(f"bitcast {mask.kind} {mask.used(mask.n)} to i{mask.n}")
     return Mask(writer().value(f"icmp ne i{mask.n} {bits}, 0"))
-
-
-def copysign(a: Any, b: Any) -> Any:
-    """Return a with the sign of b."""
-    return intrinsic("copysign", a, b) if isinstance(a, Element) or isinstance(b, Element) else math.copysign(a, b)
 
 
 def sum_of_lanes(x: Any) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import machine_code
 from .elements import Whole
-from .memory import Array, memory_at
+from .memory import memory_at
 from .signatures import Signature
 from .tracing import Tracer, tracing
 
@@ -33,8 +33,6 @@ class Kernel:
         Lanes that its floats stand for; 0 for those of the processor at hand.
     """
 
-    tracer = Tracer
-
     def __init__(self, text: Callable[..., Any], words: str, lanes: int = 1) -> None:
         update_wrapper(self, text)
         self.text, self.lanes, self.signature = text, lanes, Signature(words)
@@ -44,11 +42,10 @@ class Kernel:
     @property
     def function(self) -> Any:
         """The C function of one address; made now, if it was not called before."""
-        if self._function is None:
-            with machine_code.LOCK:
-                if self._function is None:
-                    self._function = machine_code.function_of(self.code(), ENTRY)
-        return self._function
+        with machine_code.LOCK:
+            if self._function is None:
+                self._function = machine_code.function_of(self.code(), ENTRY)
+            return self._function
 
     @property
     def address(self) -> int:
@@ -57,7 +54,7 @@ class Kernel:
 
     def code(self, is_fused: bool | None = None) -> str:
         """Trace the text; return LLVM's."""
-        t = self.tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
+        t = Tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
         with tracing(t):
             t.open(ENTRY, "i64 %a0")
             self._trace(Whole("%a0"))
@@ -75,7 +72,7 @@ class Kernel:
         for kind, place, axes in self.signature.places:
             if axes:
                 at, *shape = (memory["i8"][place + k] for k in range(1 + axes))
-                arguments.append(Array(memory_at(at, kind == "i8"), tuple(shape)))
+                arguments.append(memory_at(at, kind == "i8", tuple(shape)))
             else:
                 arguments.append(memory[kind][place])
         found = self.text(*arguments)

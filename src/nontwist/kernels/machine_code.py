@@ -11,6 +11,7 @@ import itertools
 import os
 import sys
 import threading
+from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any
 
@@ -24,15 +25,12 @@ _held: list[Any] = []
 def _before_fork() -> None:
     LOCK.acquire()
     binding = sys.modules.get("llvmlite.binding.ffi")
-    own = getattr(getattr(binding, "lib", None), "_lock", None)
-    if own is not None:  # engines are freed under llvmlite's own lock, by whichever thread drops them
-        own.__enter__()
-        _held.append(own)
+    _held.append(getattr(getattr(binding, "lib", None), "_lock", None) or nullcontext())
+    _held[-1].__enter__()  # engines are freed under llvmlite's own lock, by whichever thread drops them
 
 
 def _after_fork() -> None:
-    if _held:
-        _held.pop().__exit__(None, None, None)
+    _held.pop().__exit__(None, None, None)
     LOCK.release()
 
 
@@ -90,16 +88,6 @@ def _engine(features: str | None) -> Any:
     return _binding().create_lljit_compiler(_target(features))
 
 
-def _optimise(module: Any, target: Any) -> None:
-    llvm = _binding()
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
-    manager = llvm.create_new_module_pass_manager()
-    for name in PASSES:
-        getattr(manager, f"add_{name}_pass")()
-    manager.run(module, llvm.create_pass_builder(target, options))
-
-
 def function_of(code: str, entry: str, features: str | None = None, kind: Any = KIND) -> Any:
     """Return a function of LLVM code as one of C. It runs without the interpreter lock.
 
@@ -118,7 +106,11 @@ def function_of(code: str, entry: str, features: str | None = None, kind: Any = 
         llvm, target = _binding(), _target(features)
         module = llvm.parse_assembly(code)
         module.triple, module.data_layout = target.triple, str(target.target_data)
-        _optimise(module, target)
+        options, manager = llvm.create_pipeline_tuning_options(speed_level=3), llvm.create_new_module_pass_manager()
+        options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+        for name in PASSES:
+            getattr(manager, f"add_{name}_pass")()
+        manager.run(module, llvm.create_pass_builder(target, options))
         symbol = f"{entry}{next(_numbers)}"
         module.get_function(entry).name = symbol
         code = target.emit_object(module)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import mul
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -17,25 +18,36 @@ import numpy as np
 from .control import loop
 from .elements import Element, Traced, Whole, kind_of
 from .tracing import TraceError, tracer, width, writer
-from .vectors import Entries, Matrix, Vector
+from .vectors import Matrix, Vector
 
 
-class Memory:
-    """Numbers at an address, doubles or whole ones: ``p[i]``; `load` and `store` take several side by side."""
+class Pointer:
+    """Memory of a traced text, where it has a shape an array: ``a[i, j]``, ``a[i]`` what lies under the first index."""
 
-    def __getitem__(self: Any, i: Any) -> Any:
-        return self.load(i)
-
-    def __setitem__(self: Any, i: Any, x: Any) -> None:
-        self.store(i, x)
-
-
-class Pointer(Memory):
-    """Memory of a traced text."""
-
-    def __init__(self, name: Any, is_whole: bool = False) -> None:
-        self.name, self.is_whole = name, is_whole
+    def __init__(self, name: Any, is_whole: bool = False, shape: tuple[Any, ...] = ()) -> None:
+        self.name, self.is_whole, self.shape = name, is_whole, shape
         self._kind: type[Traced] = Whole if is_whole else Element
+
+    def __len__(self) -> int:
+        raise TraceError("the length of an array is not known yet: use a.shape[0]")
+
+    def __iter__(self) -> Iterator[Any]:
+        raise TraceError("the length of an array is not known yet: use a[0], a[1] or `for i in loop(a.shape[0])`")
+
+    def __getitem__(self, indices: Any) -> Any:
+        place, left = self._place(indices)
+        return Pointer(self.at(place), self.is_whole, left) if left else self.load(place)
+
+    def __setitem__(self, indices: Any, x: Any) -> None:
+        self.store(self._place(indices)[0], x)
+
+    def _place(self, indices: Any) -> tuple[Any, tuple[Any, ...]]:
+        """Return where a number lies, or the first one under some indices, and the shape of what lies there."""
+        place, *others = indices if isinstance(indices, tuple) else (indices,)
+        for index, n in zip(others, self.shape[1:], strict=False):
+            place = place * n + index
+        left = self.shape[1 + len(others) :]
+        return reduce(mul, left, place), left
 
     def at(self, i: Any = 0) -> str:
         """Return the name of the place i."""
@@ -64,7 +76,7 @@ class Pointer(Memory):
         return Whole(writer().value(f"ptrtoint ptr {self.at()} to i64"))
 
 
-class Plain(Memory):
+class Plain:
     """Memory of a text that computes."""
 
     def __init__(self, address: int, is_whole: bool = False, owner: Any = None) -> None:
@@ -72,9 +84,15 @@ class Plain(Memory):
         kind = ctypes.c_int64 if is_whole else ctypes.c_double
         self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
 
+    def __getitem__(self, i: int) -> Any:
+        return self.load(i)
+
+    def __setitem__(self, i: int, x: Any) -> None:
+        self._numbers[i] = x
+
     def shifted(self, i: int, is_whole: bool = False) -> Plain:
         """Return the memory that lies i numbers further, also of doubles as one of whole numbers."""
-        return Plain(self.address + 8 * int(i), is_whole or self.is_whole)
+        return Plain(self.address + 8 * int(i), is_whole or self.is_whole, self.owner)
 
     def load(self, i: int, n: int = 1) -> Any:
         """Return the number at a place."""
@@ -86,11 +104,11 @@ class Plain(Memory):
         self._numbers[i] = x
 
 
-def memory_at(address: Any, is_whole: bool = False) -> Any:
+def memory_at(address: Any, is_whole: bool = False, shape: tuple[Any, ...] = ()) -> Any:
     """Return the doubles at an address, or the whole numbers."""
     if tracer() is None:
         return Plain(address, is_whole)
-    return Pointer(writer().value(f"inttoptr i64 {Whole.named(address)} to ptr"), is_whole)
+    return Pointer(writer().value(f"inttoptr i64 {Whole.named(address)} to ptr"), is_whole, shape)
 
 
 doubles = memory_at
@@ -126,39 +144,9 @@ def passed(a: Any) -> tuple[str, str]:
     return kind.scalar, kind.named(a)
 
 
-class Array:
-    """A contiguous array of a traced text: ``a[i, j]``, ``a[i]`` what lies under the first index, ``a.shape``."""
-
-    def __init__(self, memory: Any, shape: tuple[Any, ...]) -> None:
-        self.memory, self.shape = memory, shape
-
-    def __len__(self) -> int:
-        raise TraceError("the length of an array is not known yet: use a.shape[0]")
-
-    def __iter__(self) -> Iterator[Any]:
-        raise TraceError("the length of an array is not known yet: use a[0], a[1] or `for i in loop(a.shape[0])`")
-
-    def _place(self, indices: tuple[Any, ...]) -> Any:
-        place = indices[0]
-        for index, n in zip(indices[1:], self.shape[1:], strict=False):
-            place = place * n + index
-        for n in self.shape[len(indices) :]:
-            place = place * n
-        return place
-
-    def __getitem__(self, indices: Any) -> Any:
-        indices = indices if isinstance(indices, tuple) else (indices,)
-        left = self.shape[len(indices) :]
-        place = self._place(indices)
-        return Array(self.memory.shifted(place), left) if left else self.memory[place]
-
-    def __setitem__(self, indices: Any, x: Any) -> None:
-        self.memory[self._place(indices if isinstance(indices, tuple) else (indices,))] = x
-
-
 def load(row: Any, i: Any) -> Any:
     """Return as many numbers of a row as the kernel has lanes."""
-    return row[i] if tracer() is None else getattr(row, "memory", row).load(i, width())
+    return row[i] if tracer() is None else row.load(i, width())
 
 
 def store(row: Any, i: Any, x: Any) -> None:
@@ -166,7 +154,7 @@ def store(row: Any, i: Any, x: Any) -> None:
     if tracer() is None:
         row[i] = x
     else:
-        getattr(row, "memory", row).store(i, x, width())
+        row.store(i, x, width())
 
 
 def vector_at(row: Any, place: Any = 0) -> Vector:
@@ -208,42 +196,32 @@ class Field(NamedTuple):
     kind: Any
     size: int
 
-    @property
-    def is_record(self) -> bool:
-        """Whether it is a record itself."""
-        return hasattr(self.kind, "_fields")
-
 
 @lru_cache
 def fields(record: Any) -> dict[str, Field]:
     """Return the fields of a record."""
     found, place = {}, 0
     for name, kind in get_type_hints(record, include_extras=True).items():
-        size = _size_of(kind)
-        found[name] = Field(place, kind, size)
-        place += size
+        found[name] = Field(place, kind, size_of(kind))
+        place += found[name].size
     return found
 
 
-def _size_of(kind: Any) -> int:
+def size_of(kind: Any) -> int:
+    """Return how many numbers a field or a record has."""
     if get_origin(kind) is Annotated:
         return int(get_args(kind)[1])
-    if isinstance(kind, type) and issubclass(kind, Entries):
-        return kind.size
-    return 1 if kind in (float, *WHOLE) else size_of(kind)
+    return sum(field.size for field in fields(kind).values()) if _is_record(kind) else int(getattr(kind, "size", 1))
 
 
-def size_of(record: Any) -> int:
-    """Return how many numbers a record has."""
-    return sum(field.size for field in fields(record).values())
+def _is_record(kind: Any) -> bool:
+    return hasattr(kind, "_fields")
 
 
 def _composed(kind: Any, numbers: list[Any]) -> Any:
     """Return a field made of its numbers."""
-    if kind is float:
-        return numbers[0]
-    if get_origin(kind) is Annotated:
-        return tuple(numbers)
+    if kind is float or get_origin(kind) is Annotated:
+        return numbers[0] if kind is float else tuple(numbers)
     return kind._make(zip(*[iter(numbers)] * 3, strict=True) if kind is Matrix else numbers)
 
 
@@ -266,7 +244,7 @@ class View:
 
     def __getattr__(self, name: str) -> Any:
         field = self._field(name)
-        if field.is_record:
+        if _is_record(field.kind):
             return View(field.kind, self._memory.shifted(field.place * self._stride), self._lanes, self._stride)
         if field.kind in WHOLE:
             found = self._memory.shifted(field.place * self._stride, True)[0]
@@ -275,7 +253,7 @@ class View:
 
     def __setattr__(self, name: str, value: Any) -> None:
         field = self._field(name)
-        if field.is_record:
+        if _is_record(field.kind):
             getattr(self, name).write(value)
         elif field.kind in WHOLE:
             if isinstance(value, np.ndarray):
@@ -324,7 +302,7 @@ class View:
 
 def view_in(record: Any, row: Any) -> View:
     """Return a view of the record whose numbers are a contiguous array."""
-    return View(record, row.memory if isinstance(row, Array) else Plain(row.ctypes.data, owner=row))
+    return View(record, row if isinstance(row, Pointer) else Plain(row.ctypes.data, owner=row))
 
 
 def view_of(record: Any) -> View:

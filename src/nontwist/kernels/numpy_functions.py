@@ -7,7 +7,6 @@ the others: functions of one or two numbers, comparisons, and those that branch 
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -16,8 +15,8 @@ import numpy as np
 
 from . import elements
 from .control import Variables, whilst
-from .dual import Dual, plain
-from .elements import Mask, Traced, Whole, c_function, select
+from .dual import Dual
+from .elements import Mask, Traced, Whole, select
 from .memory import doubles
 from .tracing import TraceError, writer
 
@@ -26,14 +25,17 @@ class Numbers(np.ndarray[Any, Any]):
     """An array of numbers, traced ones among them, of dtype object."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **options: Any) -> Any:
-        options = _without_types(options)
+        options, own = _without_types(options), _on_objects(ufunc)
         if method == "reduce" and options.get("axis", 0) is None and not options.get("keepdims"):
             inputs, options["axis"] = (inputs[0].ravel(),), 0  # the order of functions of ours is known
-        found = getattr(_on_objects(ufunc), method)(*map(_bare, inputs), **options)
-        if out:
-            out[0][...] = found
-            return out[0]
-        return numbers(found)
+        if own is ufunc and "OO->?" in ufunc.types:
+            options["dtype"] = object  # a comparison, which gives masks
+        bare = [x.view(np.ndarray) if isinstance(x, Numbers) else x for x in inputs]
+        found = numbers(getattr(own, method)(*bare, **options))
+        if not out:
+            return found
+        out[0][...] = found
+        return out[0]
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, options: Any) -> Any:
         if function in FUNCTIONS:
@@ -61,15 +63,9 @@ def array_of(entries: Any) -> Any:
 
 def is_traced(x: Any) -> bool:
     """Whether a number, or one within an array, a tuple or a list, is traced."""
-    if isinstance(x, (tuple, list)):
-        return any(map(is_traced, x))
     if isinstance(x, np.ndarray):
-        return x.dtype == object and any(map(is_traced, x.ravel().tolist()))
-    return isinstance(x, (Traced, Dual))
-
-
-def _bare(x: Any) -> Any:
-    return x.view(np.ndarray) if isinstance(x, Numbers) else x
+        return x.dtype == object and is_traced(x.ravel().tolist())
+    return any(map(is_traced, x)) if isinstance(x, (tuple, list)) else isinstance(x, (Traced, Dual))
 
 
 def _without_types(options: dict[str, Any]) -> dict[str, Any]:
@@ -91,38 +87,12 @@ def _minimum(a: Any, b: Any) -> Any:
     return select((a <= b) | (a != a), a, b)
 
 
-def _sign(x: Any) -> Any:
-    return select(x > 0.0, 1.0, select(x < 0.0, -1.0, x))
-
-
-def _copysign(a: Any, b: Any) -> Any:
-    b = plain(b)
-    return select((a < 0.0) ^ (b < 0.0), -a, a) if _has_dual(a) else elements.copysign(a, b)
-
-
-def _hypot(x: Any, y: Any) -> Any:
-    return elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y)
-
-
-def _has_dual(*x: Any) -> bool:
-    return any(isinstance(y, Dual) for y in x)
-
-
-def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
-    x = x if low is None else _maximum(x, low)
-    return x if high is None else _minimum(x, high)
-
-
 TRACED: dict[str, Callable[..., Any]] = {
-    "bitwise_and": lambda a, b: a & b,
-    "bitwise_or": lambda a, b: a | b,
-    "clip": _clip,
-    "copysign": _copysign,
+    **elements.FUNCTIONS,
+    "clip": lambda x, low, high: _minimum(_maximum(x, low), high),
     "float_power": elements.power,
-    "floor_divide": elements.whole_quotient,
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
-    "hypot": _hypot,
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
     "isfinite": lambda x: abs(x) < math.inf,
     "isinf": lambda x: abs(x) == math.inf,
@@ -134,53 +104,33 @@ TRACED: dict[str, Callable[..., Any]] = {
     "maximum": _maximum,
     "minimum": _minimum,
     "power": lambda x, k: x**k,
-    "reciprocal": lambda x: 1.0 / x,
-    "remainder": elements.remainder,
-    "sign": _sign,
-    "square": lambda x: x * x,
-    **elements.FUNCTIONS,
-    **dict.fromkeys(("absolute", "fabs"), abs),
+    "sign": lambda x: select(x > 0.0, 1.0, select(x < 0.0, -1.0, x)),
+    "fabs": abs,
     **dict.fromkeys(("deg2rad", "radians"), lambda x: x * (math.pi / 180.0)),
     **dict.fromkeys(("rad2deg", "degrees"), lambda x: x * (180.0 / math.pi)),
 }
-OPERATORS = {"less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne"}
-IN_MATH = {name: name.replace("arc", "a") for name in elements.FUNCTIONS if name != "rint"} | {"power": "pow"}
-IN_MATH |= {name: name for name in ("copysign", "degrees", "fabs", "isfinite", "isinf", "isnan", "radians")}
-IN_MATH["arctan2"] = "atan2"
+IN_MATH = {name: elements.IN_C.get(name, name.replace("arc", "a")) for name in elements.FUNCTIONS}
+IN_MATH |= {name: name for name in ("degrees", "fabs", "isfinite", "isinf", "isnan", "radians")}
 
 
 @lru_cache
 def _on_objects(ufunc: Any) -> Any:
     """Return what a function of NumPy is on arrays of objects."""
-    if ufunc.__name__ in OPERATORS:
-        return np.frompyfunc(getattr(operator, OPERATORS[ufunc.__name__]), 2, 1)
     traced = TRACED.get(ufunc.__name__)
     if traced is None:
         return ufunc
     plain = ufunc if ufunc.__name__ != "clip" else np.clip
-    return np.frompyfunc(lambda *x: traced(*x) if any(map(is_traced, x)) else plain(*x), ufunc.nin, ufunc.nout)
-
-
-def applied(ufunc: Any, *arguments: Any, **options: Any) -> Any:
-    """Return what a function of NumPy gives for numbers, lists or arrays of them."""
-    if not any(map(is_traced, arguments)):
-        return ufunc(*arguments, **options)
-    return numbers(_on_objects(ufunc)(*map(_bare, arguments), **_without_types(options)))
+    return np.frompyfunc(lambda *x: traced(*x) if is_traced(x) else plain(*x), ufunc.nin, ufunc.nout)
 
 
 # ---- functions of arrays
-
-
-def _each(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return a function of numbers, entry by entry."""
-    return numbers(np.frompyfunc(function, len(arguments), 1)(*map(_bare, arguments)))
 
 
 def where(condition: Any, a: Any = None, b: Any = None) -> Any:
     """Return a where the condition holds, else b, entry by entry."""
     if a is None or b is None:
         raise TraceError("np.where takes three arguments here: np.where(condition, a, b)")
-    return _each(lambda c, x, y: select(_truth(c), x, y), condition, a, b)
+    return numbers(np.frompyfunc(lambda c, x, y: select(_truth(c), x, y), 3, 1)(condition, a, b))
 
 
 def choose(conditions: Any, values: Any, default: Any = 0.0) -> Any:
@@ -191,22 +141,17 @@ def choose(conditions: Any, values: Any, default: Any = 0.0) -> Any:
     return found
 
 
-def clip(x: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
-    """Return x within bounds, entry by entry."""
-    return _each(_clip, x, low, high)
-
-
 def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
     """Return the lengths of vectors, of a matrix the root of the sum of all squares."""
     if ord not in (None, 2, "fro") or (ord == 2 and axis is None and np.ndim(x) != 1):
         raise TraceError("np.linalg.norm takes no other `ord` here: write the norm by its formula")
     x = array_of(x)
-    return applied(np.sqrt, np.sum(x * x, axis=axis, keepdims=keepdims))
+    return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
 
 
 def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None) -> Any:
     """Return values that are linear between known places: a table, which stays in memory."""
-    if is_traced(known) or is_traced(values):
+    if is_traced([known, values]):
         raise TraceError("the places and values of np.interp must be known")
     known, values = (np.array(a, dtype=np.float64) for a in (known, values))
     if known.ndim != 1 or known.shape != values.shape or not len(known):
@@ -214,35 +159,22 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
     ends = [float(end if given is None else given) for given, end in ((left, values[0]), (right, values[-1]))]
     table = np.stack([known, values, np.append(np.diff(values) / np.diff(known), 0.0)], axis=1)
     writer().kept.append(table)
-    return _each(lambda y: _interpolated(y, table, *ends), x)
+    return numbers(np.frompyfunc(lambda y: _interpolated(y, table, *ends), 1, 1)(x))
 
 
 def _interpolated(x: Any, table: Any, left: float, right: float) -> Any:
-    if isinstance(x, Dual):
-        return x.chain(*_value_and_slope(x.value, table, left, right))
-    return _value_and_slope(x, table, left, right)[0]
-
-
-def _value_and_slope(x: Any, table: Any, left: float, right: float) -> tuple[Any, Any]:
-    x, memory, count = x + 0.0, doubles(Whole(str(table.ctypes.data))), len(table)
-    v = Variables(first=0, last=count)
+    x, memory, v = x + 0.0, doubles(Whole(str(table.ctypes.data))), Variables(first=0, last=len(table))
     for _ in whilst(lambda: v.last - v.first > 1):
         middle: Any = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
         is_behind = x >= memory[3 * middle]
         v.first, v.last = select(is_behind, middle, v.first), select(is_behind, v.last, middle)
-    place, is_outside = 3 * v.first, (x < table[0, 0]) | (x > table[-1, 0])
+    place, (first, last) = 3 * v.first, (table[0], table[-1])
     found = memory[place + 2] * (x - memory[place]) + memory[place + 1]
-    found = select(x < table[0, 0], left, select(x > table[-1, 0], right, found))
-    return select(x == table[-1, 0], table[-1, 1], found), select(is_outside, 0.0, memory[place + 2])
+    found = select(x < first[0], left, select(x > last[0], right, found))
+    return select(x == last[0], last[1], found)
 
 
-FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    np.where: where,
-    np.select: choose,
-    np.clip: clip,
-    np.linalg.norm: norm,
-    np.interp: interp,
-}
+FUNCTIONS: dict[Any, Callable[..., Any]] = {np.where: where, np.select: choose, np.linalg.norm: norm, np.interp: interp}
 LIKE = ("zeros_like", "ones_like", "empty_like", "full_like")
 FROM = ("array", "asarray", "asanyarray", "ascontiguousarray", "copy", "diag")
 NEW = ("zeros", "ones", "empty", "full", "eye", "identity", "linspace", *LIKE, *FROM)
@@ -250,44 +182,30 @@ NEW = ("zeros", "ones", "empty", "full", "eye", "identity", "linspace", *LIKE, *
 
 def called(function: Any) -> Callable[..., Any]:
     """Return a function of NumPy for traced numbers; arrays of floats that it makes can hold them."""
-    if isinstance(function, np.ufunc):
-        return Ufunc(function)
-    if function in FUNCTIONS:
-        own = FUNCTIONS[function]
-        return lambda *a, **o: own(*a, **o) if is_traced([*a, *o.values()]) else function(*a, **o)
-    is_new = function.__name__ in NEW
+    name, is_of_entries = function.__name__, isinstance(getattr(function, "__self__", function), np.ufunc)
 
     def of_traced(*arguments: Any, **options: Any) -> Any:
-        if is_new and is_traced(arguments):
-            options = _without_types(options)
-            arguments = tuple(a for a in arguments if not isinstance(a, type))
-            if "array" in function.__name__:
-                options["dtype"] = object
-        elif not is_traced(arguments):
+        is_given = is_traced([*arguments, *options.values()])
+        if is_given and function in FUNCTIONS:
+            return FUNCTIONS[function](*arguments, **options)
+        if is_of_entries or function is np.clip:
+            arguments = tuple(array_of(x) if is_traced(x) else x for x in arguments)
+        elif not is_given:
             arguments = tuple(map(_known, arguments))
+        elif name in NEW:
+            arguments = tuple(a for a in arguments if not isinstance(a, type))
+            options = _without_types(options) | ({"dtype": object} if "array" in name else {})
         found = function(*arguments, **options)
-        if is_new and isinstance(found, np.ndarray) and found.dtype.kind == "f":
-            found = (np.zeros_like(found) if "empty" in function.__name__ else found).astype(object)
+        if name in NEW and isinstance(found, np.ndarray) and found.dtype.kind == "f":
+            found = (np.zeros_like(found) if "empty" in name else found).astype(object)
         return numbers(found)
 
+    for method in ("reduce", "accumulate", "reduceat", "outer", "at"):
+        if hasattr(function, method):
+            setattr(of_traced, method, called(getattr(function, method)))
     return of_traced
 
 
 def _known(x: Any) -> Any:
     """Return an array of objects that are all known as one of floats."""
     return np.array(x.tolist(), dtype=np.float64) if isinstance(x, Numbers) else x
-
-
-class Ufunc:
-    """A function of NumPy, entry by entry, with its methods."""
-
-    def __init__(self, ufunc: Any) -> None:
-        self._ufunc = ufunc
-
-    def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Return its values."""
-        return applied(self._ufunc, *arguments, **options)
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(_on_objects(self._ufunc), name)
-        return (lambda *a, **o: numbers(found(*map(_bare, a), **_without_types(o)))) if callable(found) else found

@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, TypeVar
 
 from .elements import Traced, remade
-from .memory import Array, Pointer, View, passed
+from .memory import Pointer, View, passed
 from .tracing import TraceError, Tracer, tracer
 
 Text = TypeVar("Text", bound=Callable[..., Any])
 
 
-def part(text: Text) -> Text:
+def part(text: Text, is_rare: bool = False) -> Text:
     """Trace a text once for each kind of its arguments, as a function that is called: numbers go in and come out.
 
     What is no traced number, memory or tuple of them is a constant of the part, and must be hashable. A part cannot
-    call itself.
+    call itself. One that is rare is compiled five times as fast, and runs slower. Its numbers are the same.
     """
-    return _part(text, False)
-
-
-def rare(text: Text) -> Text:
-    """Make a part that seldom runs: it is compiled five times as fast, and runs slower. Its numbers are the same."""
-    return _part(text, True)
-
-
-def _part(text: Text, is_rare: bool) -> Text:
 
     @wraps(text)
     def called(*arguments: Any) -> Any:
@@ -44,53 +35,47 @@ def _part(text: Text, is_rare: bool) -> Text:
             t.made[key] = _traced(t, text, makers, [kind for kind, _ in given], is_rare)
         if t.made[key] is None:
             raise TraceError(f"{text.__name__} calls itself")
-        name, result, kinds, make = t.made[key]
-        line = f"call {result} @{name}({', '.join(f'{kind} {x}' for kind, x in given)})"
-        if not kinds:
-            t.line(line)
-            return make(iter(()))
-        found = t.value(line, is_pure=False)
-        return make(t.value(f"extractvalue {result} {found}, {k}") for k in range(len(kinds)))
+        name, result, count, make = t.made[key]
+        found = t.value(f"call {result} @{name}({', '.join(f'{kind} {x}' for kind, x in given)})", is_pure=False)
+        return make(t.value(f"extractvalue {result} {found}, {k}") for k in range(count))
 
     return called  # type: ignore[return-value]
 
 
+def rare(text: Text) -> Text:
+    """Make a part that seldom runs."""
+    return part(text, True)
+
+
 def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: bool) -> tuple[Any, ...]:
-    """Trace a part; return its name, its result, the types of that, and what makes it of names."""
+    """Trace a part; return its name, the type of its results, their number, and what makes them of names."""
     name = f"part{t.number()}"
     t.open(name, ", ".join(f"{kind} %a{k}" for k, kind in enumerate(kinds)), True, is_rare)
     names = iter([f"%a{k}" for k in range(len(kinds))])
     found: list[Any] = []
     make = _taken(text(*(maker(names) for maker in makers)), found, [])
     given = [passed(x) for x in found]
-    result, value = "void", "undef"
-    if given:
-        result = "{" + ", ".join(kind for kind, _ in given) + "}"
-        for k, (kind, x) in enumerate(given):
-            value = t.value(f"insertvalue {result} {value}, {kind} {x}, {k}")
-    t.line(f"ret {result} {value}" if given else "ret void")
+    result, value = "{" + ", ".join(kind for kind, _ in given) + "}", "undef"
+    for k, (kind, x) in enumerate(given):
+        value = t.value(f"insertvalue {result} {value}, {kind} {x}, {k}")
+    t.line(f"ret {result} {value}")
     t.close(result)
-    return name, result, [kind for kind, _ in given], make
+    return name, result, len(given), make
 
 
 def _taken(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
     """Take the numbers of an argument; return what makes it anew of names."""
-    made: Callable[..., Any] | None = None
-    parts: tuple[Any, ...] = ()
-    if isinstance(a, tuple):
-        made, parts = (lambda *x: remade(a, x)), a
-    elif isinstance(a, Array):
-        made, parts = Array, (a.memory, a.shape)
-    elif isinstance(a, View):
-        made, parts = View, (a._record, a._memory, a._lanes, a._stride)
-    if made is not None:
+    if isinstance(a, (tuple, View)):
+        parts = a if isinstance(a, tuple) else (a._record, a._memory, a._lanes, a._stride)
         makers = [_taken(x, numbers, constants) for x in parts]
         constants.append((type(a), len(parts)))
-        return lambda names: made(*[maker(names) for maker in makers])
+        made = partial(remade, a) if isinstance(a, tuple) else lambda found: View(*found)
+        return lambda names: made([maker(names) for maker in makers])
     if isinstance(a, Pointer):
         numbers.append(a)
         constants.append(a.is_whole)
-        return lambda names: Pointer(next(names), a.is_whole)
+        shape = _taken(a.shape, numbers, constants)
+        return lambda names: Pointer(next(names), a.is_whole, shape(names))
     if isinstance(a, Traced):
         numbers.append(a)
         return lambda names: type(a)(next(names), a.n)

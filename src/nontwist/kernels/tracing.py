@@ -33,10 +33,12 @@ class TraceError(TypeError):
     ----------
     why : str
         Without the place.
+    place : tuple of (str, int), optional
+        File and line, if that is not where it was found.
     """
 
-    def __init__(self, why: str) -> None:
-        self.why = why
+    def __init__(self, why: str, place: tuple[str, int] | None = None) -> None:
+        self.why, self.place = why, place
         super().__init__(f"{why} ({_line_of_text()})")
 
 
@@ -60,20 +62,18 @@ class Region:
     """
 
     def __init__(self, kind: str) -> None:
-        self.kind, self.where, self.is_loop = kind, _line_of_text(), kind == "loop"
+        self.kind, self.where, self.is_closed = kind, _line_of_text(), False
         self.known: dict[str, str] = {}
         self.written: set[str] = set()
-        self.is_closed = False
 
 
 class Function:
     """A function in the making."""
 
-    def __init__(self, name: str, arguments: str, is_internal: bool, is_rare: bool) -> None:
-        self.name, self.arguments, self.is_internal, self.is_rare = name, arguments, is_internal, is_rare
+    def __init__(self, head: str) -> None:
+        self.head, self.regions = head, [Region("function")]
         self.slots: list[str] = []
         self.lines: list[str] = []
-        self.regions = [Region("function")]
 
     def text(self, result: str) -> str:
         """Close the function; return its text."""
@@ -81,10 +81,7 @@ class Function:
             raise TraceError(f"break or return left the {self.regions[-1].kind} at {self.regions[-1].where}")
         self.regions[0].is_closed = True
         slots, lines = "\n  ".join(self.slots), "\n  ".join(self.lines)
-        linkage, attributes = ("internal ", "noinline nounwind") if self.is_internal else ("", "nounwind")
-        attributes += " optnone" if self.is_rare else ""
-        head = f"define {linkage}{result} @{self.name}({self.arguments}) {attributes}"
-        return f"{head} {{\nentry:\n  {slots}\n  br label %start\nstart:\n  {lines}\n}}\n"
+        return f"define {self.head.format(result)} {{\nentry:\n  {slots}\n  br label %start\nstart:\n  {lines}\n}}\n"
 
 
 class Tracer:
@@ -131,7 +128,8 @@ class Tracer:
 
     def open(self, name: str, arguments: str, is_internal: bool = False, is_rare: bool = False) -> None:
         """Begin a function; one that is rare is not optimised."""
-        self._open.append(Function(name, arguments, is_internal, is_rare))
+        linkage, attributes = ("internal ", "noinline nounwind") if is_internal else ("", "nounwind")
+        self._open.append(Function(f"{linkage}{{}} @{name}({arguments}) {attributes}{' optnone' * is_rare}"))
 
     def close(self, result: str = "void") -> None:
         """End the function that is open."""
@@ -178,7 +176,7 @@ class Tracer:
         for region in reversed(self.function.regions):
             if slot in region.known:
                 return region.known[slot]
-            if region.is_loop:
+            if region.kind == "loop":
                 break
         found = self.region.known[slot] = self.value(f"load {kind}, ptr {slot}", is_pure=False)
         return found

@@ -11,15 +11,16 @@ import builtins
 import dis
 import math
 from collections.abc import Callable
-from functools import partial, reduce, wraps
+from functools import cache, partial, reduce, wraps
+from traceback import walk_tb
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from .dual import Dual
 from .elements import Traced, real
-from .numpy_functions import IN_MATH, applied, array_of, called, is_traced
+from .numpy_functions import IN_MATH, array_of, called, is_traced
 from .tracing import TraceError, Tracer, is_text
 
 MOST_LINES = 30_000
@@ -55,7 +56,7 @@ class Rebound:
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[Any, Any]] = {}
-        self.builtins = vars(builtins) | BUILTINS | {"__import__": self._imported}
+        self.builtins = vars(builtins) | BUILTINS | {"__import__": lambda *about: self(builtins.__import__(*about))}
 
     def __call__(self, x: Any) -> Any:
         """Return what stands for a value while functions are traced."""
@@ -66,17 +67,18 @@ class Rebound:
     def _made(self, x: Any) -> Any:
         x = getattr(x, "py_func", x)  # compiled by Numba
         if isinstance(x, ModuleType):
-            return self._module(x)
-        if isinstance(x, FunctionType):
-            return called(x) if _is_of(x, "numpy") else self._function(x)
+            is_other = x.__name__ in UNKNOWN or x.__name__.split(".")[0] in ("numpy", "math")
+            return Names(x, self) if is_other else x
         if isinstance(x, MethodType):
             return MethodType(self(x.__func__), x.__self__)
         if isinstance(x, partial):
             return partial(self(x.func), *x.args, **x.keywords)
-        if isinstance(x, np.ufunc) or (callable(x) and not isinstance(x, type) and _is_of(type(x), "numpy")):
+        if callable(x) and not isinstance(x, type) and (_is_of_numpy(x) or _is_of_numpy(type(x))):
             return called(x)
+        if isinstance(x, FunctionType):
+            return self._function(x)
         if isinstance(x, BuiltinFunctionType):
-            return called(x) if _is_of(x, "numpy") else MATHS.get(x, x)
+            return MATHS.get(x, x)
         if x is float or x is np.float64:
             return Float
         if type(x) in FROZEN:
@@ -86,33 +88,16 @@ class Rebound:
             x.flags.writeable = False
         return x
 
-    def _module(self, module: ModuleType) -> Any:
-        name = module.__name__
-        if name in UNKNOWN:
-            return Unknown(name)
-        return Names(module, self) if name.split(".")[0] in ("numpy", "math") else module
-
-    def _imported(self, *about: Any) -> Any:
-        return self(builtins.__import__(*about))
-
     def _function(self, f: FunctionType) -> Callable[..., Any]:
-        made: list[Callable[..., Any]] = []
-
-        @wraps(f)
-        def traced(*arguments: Any, **options: Any) -> Any:
-            if not made:
-                made.append(self._copy(f))
-            return made[0](*arguments, **options)
-
-        return traced
+        copied = cache(lambda: self._copy(f))
+        return wraps(f)(lambda *arguments, **options: copied()(*arguments, **options))
 
     def _copy(self, f: FunctionType) -> Callable[..., Any]:
         """Return a function with the same code and other names."""
         if not is_text(f.__code__.co_filename):
             return f
         _require_no_memory(f.__code__)
-        names = {n: f.__globals__[n] for n in _names(f.__code__) if n in f.__globals__}
-        known = {n: self(x) for n, x in names.items()}
+        known = {n: self(f.__globals__[n]) for n in _names(f.__code__) if n in f.__globals__}
         known |= {"__builtins__": self.builtins, "__name__": f.__module__}
         cells = tuple(map(self._cell, f.__closure__ or ()))
         copy = FunctionType(f.__code__, known, f.__name__, f.__defaults__, cells)
@@ -126,29 +111,21 @@ class Rebound:
             return cell
 
 
-class Unknown:
-    """A module whose functions give something else at each call."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __getattr__(self, name: str) -> Any:
-        what = f"{self._name}.{name}"
-        raise TraceError(f"{what} gives something else at each call, what is compiled does not: use compiled=False")
-
-
 class Names:
-    """NumPy or `math`, or a module of theirs, for traced numbers."""
+    """A module for traced numbers; one whose functions give something else at each call is refused."""
 
     def __init__(self, module: ModuleType, rebound: Rebound) -> None:
         self._module, self._rebound = module, rebound
 
     def __getattr__(self, name: str) -> Any:
+        if self._module.__name__ in UNKNOWN:
+            what = f"{self._module.__name__}.{name}"
+            raise TraceError(f"{what} gives something else at each call, what is compiled does not: use compiled=False")
         return self._rebound(getattr(self._module, name))
 
 
-def _is_of(x: Any, package: str) -> bool:
-    return (getattr(x, "__module__", None) or "").split(".")[0] == package
+def _is_of_numpy(x: Any) -> bool:
+    return (getattr(x, "__module__", None) or "").split(".")[0] == "numpy"
 
 
 def _names(code: CodeType) -> set[str]:
@@ -163,38 +140,29 @@ def _require_no_memory(code: CodeType) -> None:
         if step.opname in KEEPING or is_outer:
             line = getattr(step.positions, "lineno", None) or code.co_firstlineno
             why = f"{step.argval} is changed, but what is compiled keeps nothing between calls: use compiled=False"
-            raise RefusedError(why, (code.co_filename, line))
+            raise TraceError(why, (code.co_filename, line))
 
 
-class RefusedError(Exception):
-    """Why a function cannot be traced, and where, if that is not where it was found."""
-
-    def __init__(self, why: str, place: tuple[str, int] | None = None) -> None:
-        super().__init__(why)
-        self.why, self.place = why, place
+# ---- what is built in
 
 
-# ---- what cannot be changed
+def _refused(why: str) -> Callable[..., NoReturn]:
+    def function(*_: Any, **__: Any) -> NoReturn:
+        raise TraceError(why)
 
-
-def _fixed(kind: type, changes: str) -> type:
-    """Return the kind of lists, or of dictionaries, whose methods of these names are refused."""
-
-    def refused(self: Any, *_: Any) -> Any:
-        raise TraceError(f"a {kind.__name__} outside the function is changed: use compiled=False")
-
-    return type(kind.__name__, (kind,), dict.fromkeys(changes.split(), refused))
+    return function
 
 
 ITEMS = "__setitem__ __delitem__ clear pop"
-FROZEN: dict[type, type] = {
-    list: _fixed(list, f"{ITEMS} append extend insert remove reverse sort __iadd__ __imul__"),
-    dict: _fixed(dict, f"{ITEMS} popitem setdefault update __ior__"),
-    set: _fixed(set, "add clear discard pop remove update __iand__ __ior__ __isub__ __ixor__"),
+CHANGES: dict[type, str] = {
+    list: f"{ITEMS} append extend insert remove reverse sort __iadd__ __imul__",
+    dict: f"{ITEMS} popitem setdefault update __ior__",
+    set: "add clear discard pop remove update __iand__ __ior__ __isub__ __ixor__",
 }
-
-
-# ---- built-in functions
+FROZEN: dict[type, type] = {}  # what stands for lists, dictionaries and sets outside of functions
+for _kind, _changes in CHANGES.items():
+    _refusal = _refused(f"a {_kind.__name__} outside the function is changed: use compiled=False")
+    FROZEN[_kind] = type(_kind.__name__, (_kind,), dict.fromkeys(_changes.split(), _refusal))
 
 
 class _Floats(type):
@@ -212,21 +180,10 @@ class Float(float, metaclass=_Floats):
         return x if isinstance(x, Dual) else real(x)
 
 
-def _largest(name: str, of_two: Any) -> Callable[..., Any]:
-    plain = getattr(builtins, name)
-
+def _of_all(plain: Callable[..., Any], of_two: Any) -> Callable[..., Any]:
     def function(*given: Any, **options: Any) -> Any:
-        entries = list(given[0]) if len(given) == 1 else given
-        if options or not is_traced(list(entries)):
-            return plain(entries, **options)
-        return reduce(partial(applied, of_two), entries)
-
-    return function
-
-
-def _refused(name: str) -> Callable[..., Any]:
-    def function(*_: Any, **__: Any) -> Any:
-        raise TraceError(f"{name}() happens when Python calls a function, not when machine code does: leave it out")
+        entries = list(given[0]) if len(given) == 1 else list(given)
+        return plain(entries, **options) if options or not is_traced(entries) else reduce(called(of_two), entries)
 
     return function
 
@@ -234,13 +191,12 @@ def _refused(name: str) -> Callable[..., Any]:
 MATHS: dict[Any, Any] = {
     getattr(math, there): called(getattr(np, here)) for here, there in IN_MATH.items() if hasattr(math, there)
 }
-MATHS[math.hypot] = lambda *x: reduce(partial(applied, np.hypot), x)
-BUILTINS: dict[str, Any] = {
-    "max": _largest("max", np.maximum),
-    "min": _largest("min", np.minimum),
-    "float": Float,
-    **{name: _refused(name) for name in ("print", "input", "open", "exec", "eval")},
-}
+MATHS[math.hypot] = lambda *x: reduce(called(np.hypot), x)
+BUILTINS: dict[str, Any] = {"max": _of_all(max, np.maximum), "min": _of_all(min, np.minimum), "float": Float}
+for _name in ("print", "input", "open", "exec", "eval"):
+    BUILTINS[_name] = _refused(
+        f"{_name}() happens when Python calls a function, not when machine code does: leave it out"
+    )
 
 
 # ---- tracing
@@ -258,13 +214,18 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
     try:
         if not isinstance(function, (FunctionType, MethodType, partial)):  # an instance that can be called
             function = function.__call__
+        code = getattr(function, "__code__", None)
+        first = (code.co_filename, code.co_firstlineno) if code else None
         found = array_of(rebound(function)(*arguments))
         if found.shape != shape:
             rows = "three rows of three numbers" if shape == (3, 3) else "three numbers" if shape else "one number"
-            raise RefusedError(f"it returns {_what(found)}; return {rows}")
-        return [_number(x) for x in found.ravel().tolist()]
+            raise TraceError(f"it returns {_what(found)}; return {rows}", first)
+        for x in found.ravel().tolist():
+            if isinstance(x, (complex, str, bytes)) or x is None:
+                raise TraceError(f"it returns {x!r}; return numbers", first)
+        return [Float(x) for x in found.ravel().tolist()]
     except Exception as error:
-        raise ValueError(f"the load {name} cannot be compiled: {_reason(error, rebound, function)}") from error
+        raise ValueError(f"the load {name} cannot be compiled: {_reason(error, rebound, first)}") from error
 
 
 def _what(found: Any) -> str:
@@ -273,23 +234,14 @@ def _what(found: Any) -> str:
     return "one value" if isinstance(found.item(), (Traced, Dual, float, int)) else f"{type(found.item()).__name__}"
 
 
-def _number(x: Any) -> Any:
-    if isinstance(x, (complex, str, bytes)) or x is None:
-        raise RefusedError(f"it returns {x!r}; return numbers")
-    return Float(x)
-
-
-def _reason(error: Exception, rebound: Rebound, function: Any) -> str:
+def _reason(error: Exception, rebound: Rebound, first: tuple[str, int] | None) -> str:
     """Return what is wrong, and the line of the user."""
-    code = getattr(function, "__code__", None)
-    place = (code.co_filename, code.co_firstlineno) if code else None
-    trace = error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_builtins is rebound.builtins:
-            place = trace.tb_frame.f_code.co_filename, trace.tb_lineno
-        trace = trace.tb_next
-    if isinstance(error, (RefusedError, TraceError)):
-        why, place = error.why, getattr(error, "place", None) or place
+    frames = [
+        (f.f_code.co_filename, line) for f, line in walk_tb(error.__traceback__) if f.f_builtins is rebound.builtins
+    ]
+    place = getattr(error, "place", None) or (frames[-1] if frames else first)
+    if isinstance(error, TraceError):
+        why = error.why
     elif isinstance(error, RecursionError):
         why = "it calls itself without end: use compiled=False"
     else:

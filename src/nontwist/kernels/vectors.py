@@ -121,6 +121,11 @@ class Quaternion(Entries):
         """The vector part."""
         return Vector(*self[1:])
 
+    @property
+    def inverse(self) -> Quaternion:
+        """The inverse of a quaternion of unit length."""
+        return Quaternion(self[0], *(-self.vector))
+
     def __matmul__(self, o: Any) -> Quaternion:
         u, v = self.vector, o.vector
         return Quaternion(fma(self[0], o[0], -(u @ v)), *(fma(self[0], v, o[0] * u) + cross(u, v)))

@@ -2,13 +2,17 @@
 
 from .base import Load, as_load
 from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment
+from .forces import DirectorForces
 from .generalised import dipole, director_forces, gravity_gradient, potential, spring
-from .kinds import TERMS
+from .kinds import LOADS
+from .potentials import Potential
 from .terms import Term
 
 __all__ = [
-    "TERMS",
+    "LOADS",
+    "DirectorForces",
     "Load",
+    "Potential",
     "Term",
     "as_load",
     "body_moment",

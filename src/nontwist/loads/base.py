@@ -28,9 +28,9 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
-from .forces import SPACE_AND_BODY, DirectorForces, ForceTable
-from .kinds import TERMS, load_in_words
-from .potentials import GravityGradient, Potential, PotentialFunction
+from .forces import SPACE_AND_BODY, ForceTable
+from .kinds import LOADS, load_in_words
+from .potentials import GravityGradient, Potential
 from .terms import Damping, ForceTerm, Rotor, Table, Term
 
 MOST = 4  # terms that a repr names
@@ -77,8 +77,11 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        if unknown := [type(term) for term in self.terms if not isinstance(term, tuple(TERMS.values()))]:
-            raise ValueError(f"nontwist.loads.TERMS has no entry for the class {unknown[0].__name__}")
+        if unknown := [type(term).__name__ for term in self.terms if not isinstance(term, tuple(LOADS.values()))]:
+            raise ValueError(
+                f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
+                f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
+            )
 
     def __repr__(self) -> str:
         more = len(self.terms) - MOST
@@ -89,8 +92,8 @@ class Load:
 
         return _unpickled, (cloudpickle.dumps(self.terms),)
 
-    def __add__(self, other: Load) -> Load:
-        return Load(self.terms + other.terms) if isinstance(other, Load) else NotImplemented
+    def __add__(self, other: Load | Term) -> Load:
+        return Load(self.terms + as_load(other).terms) if isinstance(other, Load | Term) else NotImplemented
 
     def __mul__(self, factor: float) -> Load:
         c = float(as_array(factor, "factor of a load", ()))
@@ -101,7 +104,7 @@ class Load:
     def __neg__(self) -> Load:
         return -1.0 * self
 
-    def __sub__(self, other: Load) -> Load:
+    def __sub__(self, other: Load | Term) -> Load:
         return self + -other
 
     @cached_property
@@ -135,6 +138,11 @@ class Load:
     def depends_on_state(self) -> bool:
         """Whether a term depends on the state and is evaluated during the integration."""
         return any(term.kind not in ("body", "space") for term in self.terms)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether all that depends on time is linear between breakpoints."""
+        return all(term.is_linear for term in self.terms if not isinstance(term, Damping))
 
     @property
     def damping(self) -> Array:
@@ -176,13 +184,12 @@ class Load:
     @property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
-        return all(term.compiled is not None for term in (*self.called.terms, *self.functions))
+        return all(term.c_function is not None for term in (*self.called.terms, *self.functions))
 
     @property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
-        made = (DirectorForces, PotentialFunction)
-        return tuple(term for term in self.terms if isinstance(term, made) and not isinstance(term, ForceTable))
+        return tuple(term for term in self.terms if isinstance(term, ForceTerm) and not term.in_kernels)
 
     @property
     def potentials(self) -> tuple[Potential, ...]:
@@ -331,8 +338,7 @@ def _with_moment(term: Term) -> Term:
     if not (isinstance(term, ForceTable) and term.frame == "body"):
         return term
     moments = np.stack(first_moment(Matrix(*np.moveaxis(term.forces_of, 0, -1))), axis=1)
-    smooth: Any = {key: getattr(term, key) for key in ("scale", "breakpoints", "resolution")}
-    return Table("body", term.times, moments, float(np.linalg.norm(moments[-1])), **smooth)
+    return Table("body", term.times, moments, scale=term.scale)
 
 
 def moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
@@ -350,7 +356,7 @@ def state_moment_at(load: Load, t: float, directors: Array, angular_velocity: Ar
     total = np.zeros(3)
     for term in load.terms:
         if term.kind not in ("body", "space"):
-            total += term.scale * term.moment(t, directors, angular_velocity)
+            total += term.scale * term.moment_at(t, directors, angular_velocity)
     return total
 
 
@@ -359,7 +365,7 @@ def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
     total = np.zeros((3, 3))
     for term in load.terms:
         if isinstance(term, ForceTerm):
-            total += term.scale * term.forces(t, directors, angular_velocity)
+            total += term.scale * term.forces_at(t, directors, angular_velocity)
     return total
 
 
@@ -367,7 +373,9 @@ def as_load(value: Any) -> Load:
     """Return `value`, a load or None, as a load; a ValueError for anything else."""
     if value is None:
         return Load()
-    if isinstance(value, (list, tuple)) and value and all(isinstance(one, Load) for one in value):
+    if isinstance(value, Term):
+        return value.load
+    if isinstance(value, (list, tuple)) and value and all(isinstance(one, Load | Term) for one in value):
         raise ValueError("load must be one Load: add the loads of the list with +, as in load=a + b")
     if not isinstance(value, Load):
         raise ValueError(

@@ -8,12 +8,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_direction, as_floats, as_tensor
-from ..geometry.values import among, as_function, shown
+from ..geometry.arrays import as_array, as_floats, as_tensor
+from ..geometry.values import as_function
 from .base import Load
-from .border import breaks, frame_of, of_function, table
+from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
-from .terms import PULSES, Damping, Function, Kind, Moment, Pulse, Rotor, Sine, Table
+from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
 
 
 def body_moment(
@@ -151,8 +151,7 @@ def moment(
     is_c = is_c_function(function)
     function = as_c_function(function) if is_c else as_function(function, "function")
     own = None if derivative is None else as_function(derivative, "derivative")
-    term = Function("state", function, own, breakpoints=breaks(breakpoints), compile=compiled or is_c)
-    return of_function(term, compiled)
+    return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled)
 
 
 def damping(coefficient: ArrayLike) -> Load:
@@ -184,7 +183,7 @@ def damping(coefficient: ArrayLike) -> Load:
     smallest = float(np.linalg.eigvalsh((C + C.T) / 2)[0])
     if smallest < -1e-12 * abs(C).max():
         raise ValueError(f"damping must not be negative, got {smallest:g} N m s (-1 * damping(c) drives the body)")
-    return Load((Damping("state", C),))
+    return Damping(C).load
 
 
 def pulse(
@@ -224,15 +223,7 @@ def pulse(
     >>> round(run.kinetic_energy[-1].item(), 9), round(run.load_work.sum().item(), 9)
     (0.125, 0.125)
     """
-    peak = as_array(amplitude, "amplitude", (3,))
-    a, b = float(as_array(start, "start", ())), float(as_array(end, "end", ()))
-    if not a < b:
-        raise ValueError(f"pulse must end after it starts, got start = {a:g} s, end = {b:g} s")
-    if not among(shape, PULSES):
-        raise ValueError(f"shape must be one of {', '.join(PULSES)}; got {shown(shape)}")
-    kinks = (a, *(a + s * (b - a) for s in PULSES[shape][1]), b)
-    smooth: Any = {"breakpoints": kinks, "resolution": (b - a) / 20}
-    return Load((Pulse(frame_of(frame), peak, a, b, shape, **smooth),))
+    return load_of(Pulse, frame, amplitude, start, shape, end=end)
 
 
 def sine(
@@ -263,11 +254,7 @@ def sine(
     array([[0., 0., 0.],
            [0., 3., 0.]])
     """
-    peak = as_array(amplitude, "amplitude", (3,))
-    f, phi = float(as_array(frequency, "frequency", ())), float(as_array(phase, "phase", ()))
-    if f <= 0:
-        raise ValueError(f"frequency must be positive, got {f:g} Hz")
-    return Load((Sine(frame_of(frame), peak, f, phi, resolution=1 / (20 * f)),))
+    return load_of(Sine, frame, amplitude, frequency, phase)
 
 
 def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None) -> Load:
@@ -310,23 +297,20 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     >>> abs(run.total_momentum).max().item() < 1e-15
     True
     """
-    a = as_direction(axis, "axis of the rotor")
-    if values is None:
-        h = as_floats(momentum, "momentum")
-        if h.ndim:
-            raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
-        return Load((Rotor("state", a, np.zeros(1), as_array(h, "momentum", ())[None]),))
-    t, h, smooth = table("rotor", momentum, values)
-    return Load((Rotor("state", a, t, h, breakpoints=smooth["breakpoints"]),))
+    if values is not None:
+        return load_of(Rotor, axis, as_array(momentum, "times", (None,)), values)
+    h = as_floats(momentum, "momentum")
+    if h.ndim:
+        raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
+    return load_of(Rotor, axis, [0.0], as_array(h, "momentum", ())[None])
 
 
-def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
-    name = f"{kind}_moment"
+def _moment_of_time(frame: str, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
+    name = f"{frame}_moment"
     if is_c_function(times):
         raise ValueError(f"{name} accepts a function of time in Python; moment(function) accepts a C function")
-    if callable(times):
-        if values is not None:
-            raise ValueError(f"{name} accepts a function, or times and values, not both")
-        return Load((Function(kind, times, breakpoints=breaks(breakpoints)),))
-    t, m, smooth = table(name, times, values, 3)
-    return Load((Table(kind, t, m, float(np.linalg.norm(m[-1])), **smooth),))
+    if not callable(times):
+        return load_of(Table, frame, times, values_of(name, values))
+    if values is not None:
+        raise ValueError(f"{name} accepts a function, or times and values, not both")
+    return of_function(Function, frame, times, breakpoints=breakpoints)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from math import prod
 from threading import RLock
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
@@ -17,13 +16,12 @@ from ..kernels import machine_code
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
 from ..kernels.memory import Pointer, call, scratch
-from ..kernels.numpy_functions import array_of
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
 from .c_functions import Moment, address_of
+from .terms import Term
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
-OF_STATE = 9, 3  # numbers of directors and velocity
 Parts = tuple[tuple[Any, float], ...]
 _known: WeakValueDictionary[str, MachineFunction] = WeakValueDictionary()
 _lock = RLock()
@@ -43,18 +41,9 @@ class MachineFunction:
 
 
 class Traceable(NamedTuple):
-    """A function of a user as a text.
+    """The text of a term that is a function, as it is compiled."""
 
-    Attributes
-    ----------
-    text : function
-        Of lists of numbers.
-    counts : tuple of int
-        How many numbers there are in memory: of directors and velocity, behind which the time stands; of γ, and none.
-    """
-
-    text: Callable[..., list[Any]]
-    counts: tuple[int, int]
+    term: Term
 
     @property
     def compiled(self) -> MachineFunction:
@@ -63,53 +52,29 @@ class Traceable(NamedTuple):
 
     @property
     def slopes(self) -> MachineFunction:
-        """The C function that writes these with their derivatives by each argument, row by row."""
+        """The C function that writes these with their derivatives, by each argument and number of the term."""
 
         def text(*given: Any) -> list[Any]:
-            x = seeded(self._numbers(*given))
+            x = seeded((*self._numbers(*given), *self.term.numbers))
             return [y for z in self.text(*x) for y in (plain(z), *(tangent(z, j) for j in range(len(x))))]
 
         return _made(text)
 
+    def text(self, *x: Any) -> list[Any]:
+        """Return what the term gives for traced numbers."""
+        return self.term.text(lambda function, given, shape: traced(function, given, shape, _name(function)), x)
+
     def _numbers(self, t: Any, first: Pointer, second: Pointer) -> tuple[Any, ...]:
         """Return all arguments: the time is the last one of a function of the state."""
-        state = tuple(
-            memory[k] for memory, count in zip((first, second), self.counts, strict=True) for k in range(count)
-        )
-        return (*state, t) if self.counts[1] else state
+        counts = self.term.counts
+        state = tuple(memory[k] for memory, count in zip((first, second), counts, strict=True) for k in range(count))
+        return (*state, t) if counts[1] else state
 
 
-def moment_of(function: Callable[..., Any], name: str) -> Traceable:
-    """Return the function of a load of this name."""
-    return Traceable(lambda *x: traced(function, _state(x), (3,), name), OF_STATE)
-
-
-def forces_of(function: Callable[..., Any], is_body: bool) -> Traceable:
-    """Return forces on the directors, given along them or not, as 9 numbers in space."""
-    name = getattr(function, "__name__", repr(function))
-
-    def forces(*x: Any) -> list[Any]:
-        rows = traced(function, _state(x), (3, 3), name)
-        if not is_body:
-            return rows
-        return [sum((rows[3 * i + j] * x[3 * j + c] for j in range(3)), 0.0) for i in range(3) for c in range(3)]
-
-    return Traceable(forces, OF_STATE)
-
-
-def potential_of(potential: Callable[..., Any], gradient: Callable[..., Any], shape: tuple[int, ...]) -> Traceable:
-    """Return a potential and its gradient, one behind the other, as a function of γ."""
-    value_name, slope_name = (getattr(f, "__name__", repr(f)) for f in (potential, gradient))
-
-    def both(*x: Any) -> list[Any]:
-        value = traced(potential, (array_of([*x]).reshape(shape),), (), value_name)
-        return value + traced(gradient, (array_of([*x]).reshape(shape),), shape, slope_name)
-
-    return Traceable(both, (prod(shape), 0))
-
-
-def _state(x: tuple[Any, ...]) -> tuple[Any, ...]:
-    return x[12], array_of([*x[:9]]).reshape(3, 3), array_of([*x[9:12]])
+def _name(function: Any) -> str:
+    """Return what a message calls a function: a text of a term by its class."""
+    owner = getattr(function, "__self__", None)
+    return type(owner).__name__ if isinstance(owner, Term) else getattr(function, "__name__", repr(function))
 
 
 @lru_cache(maxsize=256)

@@ -6,54 +6,74 @@ director form sees all of them, and what has no moment changes its multipliers Î
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from .terms import ForceTerm, Kind, Record, along, called, function_in_words, spans, within
+from ..spec import Spec
+from .calls import Call, array, state
+from .terms import ForceTerm, Frame, Record, along, function_in_words, smoothness, spans, within
 
 SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
 
 
-@dataclass(frozen=True, eq=False)
 class DirectorForces(ForceTerm):
     """A term of kind "forces": three forces on the directors, from the time and the state.
 
-    A subclass defines `forces`. Unless it is one of the package, Python calls it at every stage of a run.
+    A subclass has the text ``forces(t, directors, angular_velocity)``, which returns them in space, a row for each.
     """
 
-    kinds: ClassVar[tuple[Kind, ...]] = ("forces",)
+    kind = "forces"
+
+    @property
+    def called(self) -> Callable[..., Any]:
+        """The text."""
+        found: Callable[..., Any] = getattr(self, "forces")  # noqa: B009 - of subclasses
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class ForceTable(DirectorForces):
-    """Forces that are piecewise linear between `times`, and 0 outside; `end_value` is the size of the last ones."""
+    """Forces on the three directors, linear between its times and zero outside."""
 
-    forces_of: Array  # (k, 3, 3)
-    times: Array
-    frame: str
-    end_value: float
+    in_kernels = True
+    forces_of: Annotated[Array, Spec("the forces on d1, d2, d3", option="values", unit="N m", shape=("times", 3, 3))]
+    times: Annotated[Array, Spec("", unit="s", shape=(None,), rule="increasing", is_fixed=True)]
+    frame: Frame
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(**smoothness(self.times))
+
+    @property
+    def values(self) -> Array:
+        """The forces."""
+        return self.forces_of
 
     @cached_property
     def acting(self) -> Array:
         """Between times at one of which a force is not zero."""
         return spans(self.times, self.forces_of)
 
+    def columns(self, times: Any) -> list[Any]:
+        """Return the nine interpolated numbers in their frame, one after the other."""
+        return within(self.times, self.forces_of.reshape(-1, 9), times)
+
     def rows(self, times: Array) -> Array:
         """Return the interpolated forces in their frame, (n, 3, 3)."""
-        return within(self.times, self.forces_of.reshape(-1, 9), times).reshape(-1, 3, 3)
+        return np.stack(self.columns(times), axis=1).reshape(-1, 3, 3)
 
-    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces in space."""
         rows: Array = self.rows(np.array([t]))[0]
         return rows if self.frame == "space" else rows @ directors
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return how long the table is."""
         return f"table of {len(record['times'])} director forces {along(record['frame'])}"
 
@@ -63,22 +83,21 @@ class ForceFunction(DirectorForces):
     """What a function of time, directors and angular velocity gives, rows of (3, 3) in `frame`."""
 
     director_forces: Callable[..., Any]
-    frame: str
+    frame: Frame
 
-    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    @property
+    def called(self) -> Callable[..., Any]:
+        """The function."""
+        return self.director_forces
+
+    def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
         """Return the forces in space."""
-        function = getattr(self.director_forces, "py_func", self.director_forces)
-        rows = called(function, t, directors.copy(), angular_velocity.copy(), shape=(3, 3))
-        return rows if self.frame == "space" else rows @ directors
+        rows = call(self.called, state(x), (3, 3))
+        if self.frame == "body":
+            rows = (array(rows, 3, 3) @ array(x[:9], 3, 3)).ravel().tolist()
+        return rows
 
-    @cached_property
-    def traceable(self) -> Any:
-        """The function as a text; None where it runs in Python."""
-        from .compiled import forces_of
-
-        return forces_of(self.director_forces, self.frame == "body") if self.compile else None
-
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return factor and name."""
         return function_in_words(record, f"director forces of {record['director_forces']}", record["frame"])

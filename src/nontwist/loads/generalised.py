@@ -8,17 +8,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_direction, as_floats, as_number, as_positive
+from ..geometry.arrays import Array, as_array, as_floats
 from ..geometry.values import as_function
 from .base import Load
-from .border import breaks, frame_of, of_function, table
+from .border import load_of, of_function, values_of
 from .c_functions import is_c_function
 from .forces import ForceFunction, ForceTable
 from .potentials import MOST_VECTORS, GravityGradient, PotentialFunction, Quadratic, Spring
 
 Forces = Callable[[float, Array, Array], ArrayLike]
-# Of a central difference, over |γ|; of its error; states that are tried; how far Q may be from symmetric.
-DIFFERENCE, SLACK, SAMPLES, SYMMETRIC = 1e-5, 1e-6, 5, 1e-12
+# Of a central difference, over |γ|; of its error; states that are tried.
+DIFFERENCE, SLACK, SAMPLES = 1e-5, 1e-6, 5
 
 
 def director_forces(
@@ -72,18 +72,13 @@ def director_forces(
     >>> bool(abs(run.load_work.sum().item() + 2 * (fall[-1] - fall[0])) < 1e-12)
     True
     """
-    if callable(times) or is_c_function(times):
-        if values is not None:
-            raise ValueError("director_forces accepts a function, or times and values, not both")
-        if is_c_function(times):
-            raise ValueError(
-                "director_forces accepts a function in Python, which compiled=True compiles; got a C function"
-            )
-        function = as_function(times, "function")
-        term = ForceFunction("forces", function, frame_of(frame), breakpoints=breaks(breakpoints), compile=compiled)
-        return of_function(term, compiled)
-    t, f, smooth = table("director_forces", times, values, 3, 3)
-    return Load((ForceTable("forces", f, t, frame_of(frame), float(np.linalg.norm(f[-1])), **smooth),))
+    if not (callable(times) or is_c_function(times)):
+        return load_of(ForceTable, values_of("director_forces", values), times, frame)
+    if values is not None:
+        raise ValueError("director_forces accepts a function, or times and values, not both")
+    if is_c_function(times):
+        raise ValueError("director_forces accepts a function in Python, which compiled=True compiles; got a C function")
+    return of_function(ForceFunction, times, frame, breakpoints=breakpoints, compiled=compiled)
 
 
 def potential(
@@ -152,15 +147,12 @@ def potential(
     if by_numbers:
         k = len(a)
         lines, Q = _of_each(linear, "linear", (k, 3)), _of_each(quadratic, "quadratic", (k, 3, 3))
-        if (gap := abs(Q - Q.swapaxes(1, 2)).max()) > SYMMETRIC * abs(Q).max():
-            raise ValueError(f"quadratic is not symmetric: entries differ by {gap:.3g}; give (Q + Qᵀ)/2")
-        return Load(tuple(Quadratic("potential", lines[i], (Q[i] + Q[i].T) / 2, a[i]) for i in range(k)))
+        return Load(tuple(Quadratic(linear=lines[i], quadratic=Q[i], vector=a[i]) for i in range(k)))
     if function is None or gradient is None:
         raise ValueError("potential needs both: function= gives V, gradient= its derivatives by γ")
     functions = as_function(function, "function"), as_function(gradient, "gradient")
-    term = PotentialFunction("potential", *functions, a, single, compile=compiled)
-    _require_gradient(term)
-    return of_function(term, compiled)
+    _require_gradient(PotentialFunction(*functions, a, single, compiled=False))
+    return of_function(PotentialFunction, *functions, a, single, compiled=compiled)
 
 
 def spring(stiffness: float, point: ArrayLike, anchor: ArrayLike, rest_length: float = 0.0) -> Load:
@@ -195,11 +187,7 @@ def spring(stiffness: float, point: ArrayLike, anchor: ArrayLike, rest_length: f
     >>> bool(abs(energy - energy[0]).max() < 1e-13)
     True
     """
-    k, rest = float(as_positive(stiffness, "stiffness", (), "N/m")), as_number(rest_length, "rest_length")
-    if rest < 0:
-        raise ValueError(f"rest_length must not be negative, got {rest:g} m")
-    rho, a = as_array(point, "point", (3,)), as_array(anchor, "anchor", (3,))
-    return Load((Spring("potential", k, rho, a, rest),))
+    return load_of(Spring, stiffness, point, anchor, rest_length)
 
 
 def dipole(moment: ArrayLike, field: ArrayLike) -> Load:
@@ -231,7 +219,7 @@ def dipole(moment: ArrayLike, field: ArrayLike) -> Load:
     -6.0
     """
     m, B = as_array(moment, "moment", (3,)), as_array(field, "field", (3,))
-    return Load((Quadratic("potential", -m, np.zeros((3, 3)), B),))
+    return Quadratic(linear=-m, vector=B).load
 
 
 def gravity_gradient(
@@ -276,13 +264,7 @@ def gravity_gradient(
     >>> run.directors.sel(director=1).values[-1].round(6) + 0.0  # after one orbit
     array([1., 0., 0.])
     """
-    n, begin = float(as_positive(mean_motion, "mean_motion", (), "rad/s")), as_number(start, "start")
-    r, o = as_direction(radial, "radial", "space"), as_direction(normal, "normal", "space")
-    if abs(r @ o) > 1e-9:
-        raise ValueError(f"normal must be orthogonal to radial, but the cosine between them is {r @ o:.3g}")
-    r = r - (r @ o) * o
-    unknown = np.full((3, 3), np.nan)
-    return Load((GravityGradient("potential", n, r / np.linalg.norm(r), o, begin, unknown, resolution=0.3 / n),))
+    return load_of(GravityGradient, mean_motion, radial, normal, start)
 
 
 def _of_each(value: ArrayLike | None, name: str, shape: tuple[int, ...]) -> Array:

@@ -1,39 +1,94 @@
-"""The visible list of the kinds of terms, and a load in words."""
+"""The visible list of the kinds of terms, and from the record of a load in a run to words, and back to the load."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from ..geometry.values import Registry
+from . import terms
 from .forces import ForceFunction, ForceTable
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
-from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, unregistrable
+from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
 
-TERMS: Registry[type[Term]] = Registry(
+if TYPE_CHECKING:
+    from .base import Load
+
+MADE = ("constant", "csv", "dipole")  # kinds of run files that are made of others
+
+
+def unregistrable(name: str, cls: type[Term]) -> str | None:
+    """Return why a class cannot be the entry `name`, and what to do; None if it can."""
+    if reason := terms.unregistrable(name, cls):
+        return reason
+    if name in MADE:
+        return f"LOADS[{name!r}] is a kind of run files: give the load another kind"
+    first = own_fields(cls)[0]
+    for other, known in LOADS.items():
+        if other != name and own_fields(known)[0] == first:
+            return f"{cls.__name__} and {known.__name__} both begin with the field {first!r}: rename that of your class"
+    return None
+
+
+LOADS: Registry[type[Term]] = Registry({}, unregistrable, "give the load another kind")
+LOADS.update(
     {
         "pulse": Pulse,
         "sine": Sine,
-        "times": Table,
+        "table": Table,
         "function": Function,
         "damping": Damping,
         "rotor": Rotor,
-        "forces_of": ForceTable,
-        "director_forces": ForceFunction,
-        "linear": Quadratic,
-        "stiffness": Spring,
-        "mean_motion": GravityGradient,
-        "potential": PotentialFunction,
-    },
-    unregistrable,
-    "rename the first field of your class",
+        "director_forces": ForceTable,
+        "function of director forces": ForceFunction,
+        "potential": Quadratic,
+        "spring": Spring,
+        "gravity_gradient": GravityGradient,
+        "function of a potential": PotentialFunction,
+    }
 )
 FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record that name a function
 
 
+def class_of(record: Record) -> type[Term] | str:
+    """Return the class whose first field a record begins with; the name of this field where there is none."""
+    name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
+    return next((cls for cls in LOADS.values() if own_fields(cls)[0] == name), name)
+
+
 def load_in_words(records: Iterable[Record]) -> str:
     """Return the terms of a load in words, from their records; of a kind that another package adds, its name."""
-    words = []
-    for record in records:
-        name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
-        words.append(TERMS[name].words(record) if name in TERMS else f"{name} (its module is not imported)")
+    found = [(class_of(record), record) for record in records]
+    words = [f"{cls} (its module is not imported)" if isinstance(cls, str) else cls.words(one) for cls, one in found]
     return "; ".join(words) or "none"
+
+
+def load_of(records: Iterable[Record]) -> Load:
+    """Return the load that `Load.description` has recorded.
+
+    Raises
+    ------
+    ValueError
+        A term is a function, which a record names and does not hold; or the record is damaged, or of a class whose
+        module is not imported.
+    """
+    from .base import Load
+
+    found = list[Term]()
+    for record in records:
+        if function := next((record[key] for key in FUNCTIONS if key in record), None):
+            raise ValueError(
+                f"the load of the run holds the function {function}, which is not stored in the dataset; pass load="
+            )
+        if isinstance(cls := class_of(record), str):
+            raise ValueError(f"the load of the run holds {cls}, whose module is not imported; import it, or pass load=")
+        try:
+            found.append(cls.of_record(record).scaled(float(record["scale"])))
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"the record of the load is damaged: {error}") from error
+    return Load(tuple(found))
+
+
+def rotors_of(records: Iterable[Record]) -> Load:
+    """Return the rotors of the load that `Load.description` has recorded."""
+    return load_of(record for record in records if "rotor" in record)

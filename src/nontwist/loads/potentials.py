@@ -10,41 +10,78 @@ A linear potential is a dead force, and is marched as one (`integrators.load_sam
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.values import vector_text
-from .terms import ForceTerm, Kind, Record, checked_value, function_in_words
+from ..kernels.dual import Dual, plain, tangent
+from ..spec import Spec
+from .calls import Call, array, checked, differentiated
+from .terms import ForceTerm, Record, function_in_words
 
-POTENTIAL_REMEDY = "let function return a finite number (J) and gradient its derivatives by γ (N m) for every γ"
 MOST_VECTORS = 4
 I3 = np.eye(3)
+ZEROS: Any = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
 class Potential(ForceTerm):
-    """A term of kind "potential": V, and its gradient, of space vectors seen from the body."""
+    """A term of kind "potential": V, and its gradient, of space vectors seen from the body.
 
-    kinds: ClassVar[tuple[Kind, ...]] = ("potential",)
+    A subclass has the text ``potential(directors)``, V of the rows d_i. Its gradient follows by duals. The vectors are
+    then the axes of space, of which the directors are what is seen.
+    """
 
-    if TYPE_CHECKING:
+    kind = "potential"
 
-        @property
-        def vectors(self) -> Array:
-            """The space vectors a, (k, 3)."""
+    @property
+    def vectors(self) -> Array:
+        """The space vectors a, (k, 3)."""
+        return I3
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape in which functions get γ."""
+        return self.vectors.shape
+
+    @property
+    def counts(self) -> tuple[int, int]:  # type: ignore[override]
+        """How many numbers γ has."""
+        return self.vectors.size, 0
+
+    @property
+    def called(self) -> Callable[..., Any]:
+        """The text."""
+        found: Callable[..., Any] = getattr(self, "potential")  # noqa: B009 - of subclasses
+        return found
+
+    def level(self, call: Call, x: Sequence[Any]) -> Any:
+        """Return V of the numbers of γ, and those of the term behind them, by a way to call functions (`calls`)."""
+        n = self.vectors.size
+        own: Any = self.with_numbers(x[n:])
+        return call(own.called, (array(x[:n], 3, 3).T,), ())[0]
+
+    def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
+        """Return V and its gradient."""
+        n = self.vectors.size
+        if call is checked:
+            self.level(call, x)
+            call = differentiated
+        V = self.level(call, [Dual(y, [float(i == j) for j in range(n)]) for i, y in enumerate(x)])
+        return [plain(V), *(tangent(V, j) for j in range(n))]
 
     def value(self, gamma: Array) -> Array:
-        """Return V of γ, (..., k, 3), without the factor."""
-        raise NotImplementedError
+        """Return V of γ, (..., k, 3), without the factor, one after the other."""
+        flat = gamma.reshape(-1, self.vectors.size)
+        values = [self.level(checked, g.tolist()) if np.isfinite(g).all() else np.nan for g in flat]
+        return np.array(values).reshape(gamma.shape[:-2])
 
     def slope(self, gamma: Array) -> Array:
         """Return the gradient of V at γ, (k, 3), without the factor."""
-        raise NotImplementedError
+        return np.array(self.text(checked, gamma.ravel().tolist())[1:]).reshape(-1, 3)
 
     @property
     def dead_force(self) -> Array | None:
@@ -60,7 +97,7 @@ class Potential(ForceTerm):
         gamma = np.einsum("...jx,...vx->...vj", directors, self.vectors_at(times))
         return self.scale * self.value(gamma)
 
-    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces ``-a ∂V/∂γ_j`` on the directors, rows of (3, 3), N m, without the factor."""
         a = self.vectors_at(np.array(t))
         found: Array = -self.slope(a @ directors.T).T @ a
@@ -70,6 +107,7 @@ class Potential(ForceTerm):
 class OfOneVector(Potential):
     """A potential ``V = l·γ + ½ γ·Qγ`` of one vector."""
 
+    in_kernels = True
     linear: Any
     quadratic: Any
 
@@ -85,13 +123,22 @@ class OfOneVector(Potential):
         return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Quadratic(OfOneVector):
-    """The potential ``V = l·γ + ½ γ·Qγ`` of one vector."""
+    """The potential linear·γ + γ·quadratic γ / 2 of a space vector seen from the body, γ = Λᵀ vector."""
 
-    linear: Array  # l, (3,)
-    quadratic: Array  # Q, (3, 3), symmetric
-    vector: Array  # a, (3,)
+    linear: Annotated[Array, Spec("along the directors, J per unit of the vector", shape=(3,))] = ZEROS
+    quadratic: Annotated[Array, Spec("symmetric, J per unit of the vector squared", shape=(3, 3), rule="symmetric")] = (
+        ZEROS,
+        ZEROS,
+        ZEROS,
+    )  # type: ignore[assignment]
+    vector: Annotated[Array, Spec("a vector in space", shape=(3,), is_fixed=True)]
+
+    @property
+    def varying(self) -> list[str]:
+        """The coefficients; of one that is linear these alone."""
+        return ["linear", "quadratic"][: 1 if self.dead_force is not None else 2]
 
     @property
     def vectors(self) -> Array:
@@ -103,8 +150,8 @@ class Quadratic(OfOneVector):
         """Its rows are -l_j a."""
         return None if self.quadratic.any() else -np.outer(self.linear, self.vector)
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return whether it is linear, and in which vector."""
         kind = "quadratic" if np.any(record["quadratic"]) else "linear"
         return f"{kind} potential of the space vector {vector_text(record['vector'])}"
@@ -112,12 +159,18 @@ class Quadratic(OfOneVector):
 
 @dataclass(frozen=True, eq=False)
 class Spring(Potential):
-    """A spring between a point of the body and one of space, ``V = ½ k (ℓ - L)²``."""
+    """A spring between a point of the body and one of space."""
 
-    stiffness: float
-    point: Array  # ρ, (3,), in the body
-    anchor: Array  # a, (3,), in space
-    rest_length: float
+    in_kernels = True
+    stiffness: Annotated[float, Spec("", unit="N/m", rule="positive")]
+    point: Annotated[Array, Spec("from the fixed point, along the directors", unit="m", shape=(3,), is_fixed=True)]
+    anchor: Annotated[Array, Spec("from the fixed point, in space", unit="m", shape=(3,), is_fixed=True)]
+    rest_length: Annotated[float, Spec("", unit="m", rule="not negative")] = 0.0
+
+    @property
+    def varying(self) -> list[str]:
+        """The stiffness; of one with a rest length this as well."""
+        return ["stiffness", "rest_length"][: 1 if self.dead_force is not None else 2]
 
     @property
     def vectors(self) -> Array:
@@ -150,8 +203,8 @@ class Spring(Potential):
         """Of rest length 0 the rows k ρ_j a: V = ½ k (|ρ|² + |a|²) - k ρ·γ."""
         return None if self.rest_length else self.stiffness * np.outer(self.point, self.anchor)
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return stiffness, both ends, rest length."""
         rest = f", rest length {record['rest_length']:.6g} m" if record["rest_length"] else ""
         ends = f"from {vector_text(record['point'])} m in the body to {vector_text(record['anchor'])} m in space"
@@ -160,14 +213,28 @@ class Spring(Potential):
 
 @dataclass(frozen=True, eq=False)
 class GravityGradient(OfOneVector):
-    """The gravity gradient on a circular orbit, ``V = (3/2) n² c·Jc``, c the direction of the radius in the body."""
+    """The gravity gradient on a circular orbit."""
 
-    mean_motion: float  # n, rad/s
-    radial: Array  # r of the time `start`, (3,), unit
-    normal: Array  # o, (3,), unit
-    start: float
-    inertia: Array  # J, (3, 3); NaN until a run tells its body
+    mean_motion: Annotated[float, Spec("", unit="rad/s", rule="positive")]
+    radial: Annotated[
+        Array, Spec("the radius at start, in space", shape=(3,), rule="direction in space", is_fixed=True)
+    ] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
+    normal: Annotated[
+        Array, Spec("the normal of the orbit, in space", shape=(3,), rule="direction in space", is_fixed=True)
+    ] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
+    inertia: Any = None  # J, (3, 3), when a run has told its body
     linear = np.zeros(3)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(resolution=0.3 / self.mean_motion)
+        if self.inertia is not None:  # a copy
+            return
+        if abs(cosine := self.radial @ self.normal) > 1e-9:
+            raise ValueError(f"normal must be orthogonal to radial, but the cosine between them is {cosine:.3g}")
+        r = self.radial - cosine * self.normal
+        self._set(radial=r / np.linalg.norm(r), inertia=np.full((3, 3), np.nan))
 
     def of_body(self, inertia: Array) -> GravityGradient:
         """Return the term for a body with this inertia."""
@@ -187,10 +254,11 @@ class GravityGradient(OfOneVector):
     @property
     def quadratic(self) -> Array:
         """Return Q = 3n²J."""
-        return 3 * self.mean_motion**2 * self.inertia
+        Q: Array = 3 * self.mean_motion**2 * self.inertia
+        return Q
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return the mean motion."""
         return f"gravity gradient on a circular orbit, mean motion {record['mean_motion']:.6g} rad/s"
 
@@ -209,39 +277,20 @@ class PotentialFunction(Potential):
         """The space vectors."""
         return self.vectors_of
 
-    def value(self, gamma: Array) -> Array:
-        """Return V, of one γ after the other."""
-        flat = gamma.reshape(-1, *self.shape)
-        values = [self.checked_value(g) if np.isfinite(g).all() else np.nan for g in flat]
-        return np.array(values).reshape(gamma.shape[:-2])
-
-    def slope(self, gamma: Array) -> Array:
-        """Return what the gradient gives."""
-        g = gamma.reshape(self.shape)
-        self.checked_value(g)
-        return self._called(self.gradient, "gradient", g, self.shape).reshape(-1, 3)
-
-    def checked_value(self, gamma: Array) -> float:
-        """Return V of one γ; a ValueError where it is no finite number."""
-        return float(self._called(self.potential, "potential", gamma, ()))
-
-    def _called(self, function: Callable[..., Any], what: str, gamma: Array, shape: tuple[int, ...]) -> Array:
-        function, place = getattr(function, "py_func", function), lambda: f"γ = {gamma.tolist()}"
-        return checked_value(function, what, (gamma.copy(),), "γ", shape, place, POTENTIAL_REMEDY)
-
     @property
     def shape(self) -> tuple[int, ...]:
         """The shape in which the functions get γ."""
-        return (3,) if self.single else (len(self.vectors_of), 3)
+        return (3,) if self.single else self.vectors_of.shape
 
-    @cached_property
-    def traceable(self) -> Any:
-        """V and its gradient as a text; None where they run in Python."""
-        from .compiled import potential_of
+    def level(self, call: Call, x: Sequence[Any]) -> Any:
+        """Return V of the numbers of γ."""
+        return call(self.potential, (array(x, *self.shape),), ())[0]
 
-        return potential_of(self.potential, self.gradient, self.shape) if self.compile else None
+    def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
+        """Return V and what the gradient gives."""
+        return [self.level(call, x), *call(self.gradient, (array(x, *self.shape),), self.shape)]
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return factor and name."""
         return function_in_words(record, f"potential {record['potential']}")

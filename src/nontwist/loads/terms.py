@@ -1,29 +1,41 @@
 """The terms of loads, as values: equal where they say the same, and made of data, or of a function.
 
-A term is a frozen dataclass. Its own fields, as plain data, are its record in every run, and `words` tells such a
-record in words, without the term. `kinds.TERMS` is the visible list, by the first of these fields: a new kind of term
-is one class and one line.
+A term is a frozen dataclass. Each of its fields is declared once, by a type and a `Spec`: what it means, its unit, its
+shape. From these follow the check of arguments, the record in every run and the way back, the key of a run file, the
+words of the viewer, and the derivatives of a run by the numbers of the field. What the term does is one text.
 """
 
 from __future__ import annotations
 
-import inspect
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, fields
+from abc import ABC
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields
 from functools import cached_property
-from math import inf
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
+from itertools import product
+from math import inf, prod
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array, increasing
 from ..geometry.values import shown, vector_text
+from ..kernels.dual import Dual, plain
+from ..kernels.elements import select, sin
+from ..spec import Spec, as_specified, specs
+from ..units import in_datasets
+from .calls import Call, array, checked, name_of, state
 
-REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
+if TYPE_CHECKING:
+    from .base import Load
+
+XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
+MOST_NUMBERS = 24  # of a term whose text of the state is differentiated by them
 LONGEST = 60  # characters of a function's name in words
+FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 Kind = Literal["body", "space", "state", "forces", "potential"]
+TEXTS: dict[str, Kind] = {"moment": "state", "body_moment": "body", "space_moment": "space"}  # and their kinds
+Frame = Annotated[Literal["body", "space"], Spec(FRAME)]
 Moment = Callable[[float, Array, Array], ArrayLike]
 Record = Mapping[str, Any]
 
@@ -32,74 +44,91 @@ Record = Mapping[str, Any]
 class Term(ABC):
     """Base class of all terms of loads: a frozen dataclass whose own fields are recorded in a run.
 
-    A term of kind "body" or "space" has a method ``samples(times)`` that returns its components, (n, 3), without the
-    factor; one of kind "state" has a method or property `function` of time, directors and angular velocity, which
-    returns the spatial moment. Terms of kind "forces" are subclasses of `nontwist.loads.forces.DirectorForces`.
+    A subclass has one text: ``moment(t, directors, angular_velocity)``, the spatial moment, or ``body_moment(t)`` or
+    ``space_moment(t)``, its components along the directors or fixed axes. Terms that are forces on the directors are
+    subclasses of `nontwist.loads.DirectorForces`, and potentials of `nontwist.loads.Potential`. Terms can be added, and
+    multiplied by numbers, and are loads by themselves.
 
     Parameters
     ----------
-    kind : str
-        "body", "space", "state", "forces" or "potential".
     scale : float
         The factor. Multiplying a load multiplies it.
     breakpoints : tuple of float, s
         Times at which the term or a derivative of it jumps: nodes of the time grid.
     resolution : float, s
         The longest step that resolves the term.
-    compile : bool
-        Whether `function` is compiled, of terms of kind "state".
+    compiled : bool
+        Whether a text of the state is compiled.
 
     Raises
     ------
     ValueError
-        The kind is unknown, or is not one of this class, or the class lacks the method of its kind.
+        A field is not as its `Spec` says, or the class has no text.
     """
 
-    kinds: ClassVar[tuple[Kind, ...]] = ("body", "space", "state")  # that the class can have
-
-    kind: Kind
+    is_linear = False  # between its breakpoints, in time
+    counts: ClassVar[tuple[int, int]] = (9, 3)  # numbers of the state that a text gets, before the time
+    in_kernels: ClassVar[bool] = False  # whether the kernels know it, so that no text is called while a run marches
+    is_text: ClassVar[bool] = False  # whether `columns` is a text of many times at once
+    gives: ClassVar[tuple[int, ...]] = (3,)  # the shape of what a text of the state gives
     _: KW_ONLY
     scale: float = 1.0
     breakpoints: tuple[float, ...] = ()
     resolution: float = inf
-    compile: bool = False
+    compiled: bool = True
 
     def __post_init__(self) -> None:
-        if self.kind not in (kinds := get_args(Kind)):
-            raise ValueError(f"kind of a term must be one of {', '.join(kinds)}, got {shown(self.kind)}")
-        if self.kind not in self.kinds:
-            known = ", ".join(map(repr, self.kinds))
-            raise ValueError(
-                f"{type(self).__name__} cannot be a term of kind {self.kind!r}, only {known}: "
-                "director forces are subclasses of nontwist.loads.forces.DirectorForces, and nontwist.potential "
-                "makes potentials"
-            )
-        needed = {"body": "samples", "space": "samples", "state": "function"}.get(self.kind)
-        if needed is not None and not (needed in vars(self) or hasattr(type(self), needed)):
-            raise ValueError(f"a term of kind {self.kind!r} needs {needed}, which {type(self).__name__} lacks")
+        for name in specs(type(self)):
+            self._set(**{name: as_specified(self, name)})
+        _ = self.kind
 
-    if TYPE_CHECKING:
+    @property
+    def kind(self) -> Kind:
+        """What the text gives, and of what."""
+        if found := [kind for name, kind in TEXTS.items() if hasattr(self, name)]:
+            return found[0]
+        raise ValueError(f"{type(self).__name__} has no text: give it a method {' or '.join(TEXTS)}")
 
-        def samples(self, times: Array) -> Array:
-            """Return the components at (n,) times, (n, 3), without the factor."""
+    @property
+    def load(self) -> Load:
+        """The term as a load."""
+        from .base import Load
 
-        @property
-        def function(self) -> Callable[..., Any]:
-            """The function of time, directors and angular velocity that returns the spatial moment, N m."""
+        return Load((self,))
 
-    @staticmethod
-    @abstractmethod
-    def words(record: Record) -> str:
+    def __add__(self, other: Any) -> Load:
+        found: Load = self.load + other
+        return found
+
+    def __sub__(self, other: Any) -> Load:
+        found: Load = self.load - other
+        return found
+
+    def __mul__(self, factor: float) -> Load:
+        return self.load * factor
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> Load:
+        return -self.load
+
+    # ---- its record
+
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Describe the record of a term, its `description`, in words."""
+        return f"{factor_in_words(record)}{cls.__name__.lower()}: {', '.join(cls._said(record))}"
+
+    @classmethod
+    def _said(cls, record: Record) -> Iterator[str]:
+        for name, (_, _, spec) in specs(cls).items():
+            value = record[name]
+            plain = value if isinstance(value, str) else vector_text(value) if len(np.shape(value)) == 1 else ""
+            yield f"{name} {plain or shown(value)} {spec.unit}".strip()
 
     @classmethod
     def sample(cls) -> Self | None:
         """Return a term that `nontwist validate` checks the balance of energy with; None, by default: no check."""
-        return None
-
-    @property
-    def derivative(self) -> Callable[..., Any] | None:
-        """The derivatives of `function`, as `nontwist.moment` takes them; None: they are central differences."""
         return None
 
     @property
@@ -108,48 +137,119 @@ class Term(ABC):
         own = [name for name in own_fields(type(self)) if getattr(self, name) is not None]
         return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
 
+    @classmethod
+    def of_record(cls, record: Record) -> Self:
+        """Return the term of a record, without its factor."""
+        given = {"frame": record["kind"]} | dict(record) if issubclass(cls, OfTime) else record
+        return cls(**{name: given[name] for name in specs(cls) if name in given})
+
+    # ---- when it acts, and what it does then
+
     @cached_property
     def acting(self) -> Array:
         """Disjoint intervals of time outside which the term is known to be zero, (k, 2), s, sorted."""
         return np.array([[-inf, inf]])
 
+    @property
+    def called(self) -> Callable[..., Any]:
+        """The text: a function of time, or of time, directors and angular velocity."""
+        found: Callable[..., Any] = getattr(self, next(name for name, kind in TEXTS.items() if kind == self.kind))
+        return found
+
+    def columns(self, times: Any) -> Any:
+        """Return the components of a moment of time at (n,) times, without the factor, one after the other."""
+        return self.samples(times).T
+
+    def samples(self, times: Array) -> Array:
+        """Return the components of a moment of time at (n,) times, (n, 3), without the factor."""
+        return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(-1, 3)
+
+    def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
+        """Return what a text of the state gives, row by row, by a way to call functions (`calls`).
+
+        `x` are directors, angular velocity and time, and the `numbers` of the term behind them.
+        """
+        return call(self.with_numbers(x[13:]).called, state(x), self.gives)
+
+    def at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return what a text of the state gives, without the factor, checked."""
+        x = [*directors.ravel().tolist(), *angular_velocity.tolist(), t]
+        return np.array(self.text(checked, x)).reshape(self.gives)
+
+    def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the spatial moment of a term that depends on the state, (3,), N m, without the factor, in Python."""
+        return self.at(t, directors, angular_velocity)
+
+    # ---- its parameters
+
+    @property
+    def varying(self) -> list[str]:
+        """The names of the fields that are parameters of derivatives."""
+        known = [name for name, (kind, _, spec) in specs(type(self)).items() if _is_varied(kind, spec)]
+        if self.in_kernels or self.kind in ("body", "space"):
+            return known
+        counts = np.cumsum([np.size(getattr(self, name)) for name in known])
+        return [name for name, count in zip(known, counts, strict=True) if count <= MOST_NUMBERS]
+
+    @property
+    def numbers(self) -> list[float]:
+        """The numbers of these fields, one behind the other."""
+        return [x for name in self.varying for x in np.ravel(getattr(self, name)).tolist()]
+
+    def with_numbers(self, numbers: Sequence[Any]) -> Self:
+        """Return a copy whose parameters hold these numbers, of any kind, for its text; itself without any."""
+        if not len(numbers):
+            return self
+        first, held = 0, dict[str, Any]()
+        for name in self.varying:
+            shape = np.shape(getattr(self, name))
+            own = numbers[first : first + prod(shape)]
+            held[name], first = array(own, *shape) if shape else own[0], first + prod(shape)
+        return self._copy(**held)
+
+    def seeded(self, name: str) -> Self:
+        """Return a copy with the numbers of a field as duals, for its text; of texts of many times at once as rows."""
+        value = getattr(self, name)
+        rows = np.reshape(value, (-1, 1)) if self.is_text else np.ravel(value).tolist()
+        duals = [Dual(x, [float(i == j) for j in range(len(rows))]) for i, x in enumerate(rows)]
+        return self._copy(**{name: array(duals, *value.shape) if np.ndim(value) else duals[0]})
+
+    @property
+    def derivative(self) -> Callable[..., Any] | None:
+        """The derivatives of a moment of the state, as `nontwist.moment` takes them; None: those of the text."""
+        return None
+
     @cached_property
     def traceable(self) -> Any:
-        """The function as a text that can be compiled and differentiated (`compiled`); None if it runs in Python."""
-        from .compiled import moment_of
+        """The text of the state as it can be compiled and differentiated (`compiled`); None if it runs in Python."""
+        from .compiled import Traceable
 
-        function = getattr(self, "function", None)
-        if not self.compile or function is None or self._is_c:
-            return None
-        key = next(iter(own_fields(type(self))), "function")
-        return moment_of(function, getattr(function, "__name__", repr(function)) if key == "function" else repr(key))
+        return Traceable(self) if self.compiled else None
 
     @cached_property
-    def compiled(self) -> Any:
-        """The function as a C function, on demand; None if it runs in Python."""
-        return self.traceable.compiled if self.traceable else self.function if self.compile and self._is_c else None
+    def c_function(self) -> Any:
+        """The text of the state as a C function, on demand; None if it runs in Python."""
+        return self.traceable.compiled if self.traceable else None
 
     @cached_property
     def slopes(self) -> Any:
-        """A C function that differentiates the function as well; None: its derivatives are others."""
+        """A C function that differentiates the text as well; None: its derivatives are others."""
         return self.traceable.slopes if self.traceable and self.derivative is None else None
 
-    @property
-    def _is_c(self) -> bool:
-        from .c_functions import CFunction
+    # ---- as a value
 
-        return isinstance(getattr(self, "function", None), CFunction)
+    def _copy(self, **changes: Any) -> Self:
+        term = object.__new__(type(self))
+        vars(term).update(vars(self), **changes)
+        return term
 
-    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""
-        function = getattr(self.function, "py_func", self.function) if self.compile else self.function
-        return called(function, t, directors.copy(), angular_velocity.copy())
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     def scaled(self, factor: float) -> Self:
         """Return the term times `factor`; its compiled function is reused."""
-        term = object.__new__(type(self))
-        vars(term).update(vars(self), scale=factor * self.scale)
-        return term
+        return self._copy(scale=factor * self.scale)
 
     def __getstate__(self) -> dict[str, Any]:
         return {one.name: getattr(self, one.name) for one in fields(self)}  # without what is compiled
@@ -166,106 +266,169 @@ class Term(ABC):
 
 
 class ForceTerm(Term):
-    """A term that acts by forces on the directors; `forces` returns them in space, (3, 3) rows, without the factor."""
+    """A term that acts by forces on the directors."""
 
-    @abstractmethod
-    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    gives = (3, 3)
+
+    def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces in space, (3, 3), the row i on the director i, N m, without the factor, in Python."""
+        return self.at(t, directors, angular_velocity)
 
-    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
-        found: Array = np.cross(directors, self.forces(t, directors, angular_velocity)).sum(axis=0)
+        found: Array = np.cross(directors, self.forces_at(t, directors, angular_velocity)).sum(axis=0)
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Pulse(Term):
-    """A moment of fixed direction that lasts from `start` to `end`."""
+class OfTime(Term):
+    """A moment of time, along the directors or fixed axes as its field `frame` says."""
 
-    pulse: Array
-    start: float
-    end: float
-    shape: str
+    is_text = True
+    frame: Any
+    kind = property(lambda self: self.frame)
+
+    def samples(self, times: Array) -> Array:
+        """Return the components at (n,) times, (n, 3), without the factor."""
+        return np.stack(self.columns(times), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse(OfTime):
+    """A moment of fixed direction that lasts from start to end."""
+
+    frame: Frame
+    pulse: Annotated[Array, Spec("the peak", option="amplitude", unit="N m", shape=(3,))]
+    start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
+    end: Annotated[float, Spec("after start", unit="s", is_fixed=True)] = field(kw_only=True)
+    shape: Annotated[Literal["triangle", "rectangle", "half-sine"], Spec("")] = "triangle"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        a, b = self.start, self.end
+        if not a < b:
+            raise ValueError(f"pulse must end after it starts, got start = {a:g} s, end = {b:g} s")
+        kinks = (a, *(a + s * (b - a) for s in PULSES[self.shape][1]), b)
+        self._set(breakpoints=kinks, resolution=(b - a) / 20)
+
+    @property
+    def is_linear(self) -> bool:  # type: ignore[override]
+        """Whether it is, between its breakpoints."""
+        return self.shape != "half-sine"
 
     @cached_property
     def acting(self) -> Array:
         """From its start to its end."""
         return np.array([[self.start, self.end]])
 
-    def samples(self, times: Array) -> Array:
+    def columns(self, times: Any) -> Any:
         """Return the profile times the peak."""
         s = (times - self.start) / (self.end - self.start)
-        return np.where((s >= 0) & (s < 1), PULSES[self.shape][0](s), 0.0)[:, None] * self.pulse
+        profile = select((s >= 0) & (s < 1), PULSES[self.shape][0](s), 0.0)
+        return [x * profile for x in self.pulse]
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return shape, peak and span."""
         return f"{record['shape']} pulse {_peak(record, 'pulse')}, from {record['start']:.6g} to {record['end']:.6g} s"
 
 
-PULSES: dict[str, tuple[Callable[[Array], Array], tuple[float, ...]]] = {
+PULSES: dict[str, tuple[Callable[[Any], Any], tuple[float, ...]]] = {
     "triangle": (lambda s: 1 - abs(2 * s - 1), (0.5,)),
-    "rectangle": (np.ones_like, ()),
-    "half-sine": (lambda s: np.sin(np.pi * s), ()),
+    "rectangle": (lambda s: 0.0 * s + 1.0, ()),
+    "half-sine": (lambda s: sin(np.pi * s), ()),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Sine(Term):
-    """The moment ``sine sin(2π frequency t + phase)``."""
+class Sine(OfTime):
+    """The moment amplitude sin(2π frequency t + phase)."""
 
-    sine: Array
-    frequency: float
-    phase: float
+    frame: Frame
+    sine: Annotated[Array, Spec("the peak", option="amplitude", unit="N m", shape=(3,))]
+    frequency: Annotated[float, Spec("", unit="Hz", rule="positive")]
+    phase: Annotated[float, Spec("", unit="rad")] = 0.0
 
-    def samples(self, times: Array) -> Array:
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(resolution=1 / (20 * self.frequency))
+
+    def columns(self, times: Any) -> Any:
         """Return the wave times the peak."""
-        return np.sin(2 * np.pi * self.frequency * times + self.phase)[:, None] * self.sine
+        wave = sin(self.phase + 2 * np.pi * self.frequency * times)
+        return [x * wave for x in self.sine]
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return peak, frequency and phase."""
         phase = f", phase {record['phase']:.6g} rad" if record["phase"] else ""
         return f"sine {_peak(record, 'sine')}, {record['frequency']:.6g} Hz{phase}"
 
 
 @dataclass(frozen=True, eq=False)
-class Table(Term):
-    """A moment that is piecewise linear between `times`, and 0 outside; `end_value` is the size of the last one."""
+class Table(OfTime):
+    """A table, linear between its times and zero outside."""
 
-    times: Array
-    values: Array
-    end_value: float
+    frame: Frame
+    times: Annotated[Array, Spec("", unit="s", shape=(None,), rule="increasing", is_fixed=True)]
+    values: Annotated[Array, Spec("one for each time", unit="N m", shape=("times", 3))]
+    is_linear = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(**smoothness(self.times))
 
     @cached_property
     def acting(self) -> Array:
         """Between times at one of which the moment is not zero."""
         return spans(self.times, self.values)
 
-    def samples(self, times: Array) -> Array:
+    def columns(self, times: Any) -> Any:
         """Return the interpolated moments."""
         return within(self.times, self.values, times)
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return how long the table is, and its largest moment."""
         most = abs(record["scale"]) * np.linalg.norm(record["values"], axis=1).max()
         return f"table of {len(record['times'])} moments of up to {most:.4g} N m {along(record['kind'])}"
 
 
 @dataclass(frozen=True, eq=False)
-class Function(Term):
+class Function(OfTime):
     """What a function of Python gives: of time, or of time, directors and angular velocity."""
 
+    frame: str
     function: Callable[..., Any]
-    derivative: Callable[..., Any] | None = None  # of a moment of the state by directors and angular velocity
+    derivative: Callable[..., Any] | None = None  # by directors and angular velocity
 
-    def samples(self, times: Array) -> Array:
-        """Return what the function gives, time by time."""
-        return np.array([called(self.function, float(t)) for t in times]).reshape(-1, 3)
+    is_text = False
+    samples = Term.samples
+    columns = Term.columns
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @property
+    def called(self) -> Callable[..., Any]:
+        """The function."""
+        return self.function
+
+    @cached_property
+    def traceable(self) -> Any:
+        """The function as a text; None where it runs in Python or is a C function."""
+        return None if self.is_c else super().traceable
+
+    @property
+    def is_c(self) -> bool:
+        """Whether the function is a C function that a caller brought."""
+        from .c_functions import CFunction
+
+        return isinstance(self.function, CFunction)
+
+    @cached_property
+    def c_function(self) -> Any:
+        """The function as a C function; None if it runs in Python."""
+        return self.function if self.is_c else super().c_function
+
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return factor and name."""
         return function_in_words(record, f"function {record['function']}", record["kind"])
 
@@ -274,14 +437,15 @@ class Function(Term):
 class Damping(Term):
     """Viscous damping ``-Λ C Λᵀ w``, which the kernels know: it is not called while a run marches."""
 
-    damping: Array  # C, (3, 3)
+    in_kernels = True
+    damping: Annotated[Array, Spec("C", unit="N m s", shape=(3, 3))]
 
-    def function(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the moment."""
         return -(self.damping @ (directors @ angular_velocity)) @ directors
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return the coefficient of isotropic damping."""
         C = record["scale"] * np.array(record["damping"])
         isotropic = np.array_equal(C, C[0, 0] * np.eye(3))
@@ -296,15 +460,22 @@ class Rotor(Term):
     it acts with the moment ``-(h Λa)' = Λ (h a × W - h' a)``.
     """
 
-    rotor: Array  # a, (3,), a unit vector
-    times: Array
-    values: Array  # h
+    in_kernels = True
+    rotor: Annotated[Array, Spec("", option="axis of the rotor", shape=(3,), rule="direction in the body")]
+    times: Annotated[Array, Spec("", unit="s", shape=(None,), is_fixed=True)]
+    values: Annotated[Array, Spec("h", unit="kg m² s⁻¹", shape=("times",))]
+    is_linear = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.times.size > 1:
+            self._set(breakpoints=smoothness(self.times)["breakpoints"])
 
     def momentum(self, times: Array) -> Array:
         """Return h a at (n,) times, (n, 3), without the factor."""
         return np.interp(times, self.times, self.values)[:, None] * self.rotor
 
-    def function(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the moment."""
         k = int(np.searchsorted(self.times, t, side="right"))
         inside = 0 < k < len(self.times)
@@ -312,8 +483,8 @@ class Rotor(Term):
         h = np.interp(t, self.times, self.values)
         return (h * np.cross(self.rotor, directors @ angular_velocity) - rate * self.rotor) @ directors
 
-    @staticmethod
-    def words(record: Record) -> str:
+    @classmethod
+    def words(cls, record: Record) -> str:
         """Return the momentum and the axis."""
         h, about = record["scale"] * np.array(record["values"]), f"about {vector_text(record['rotor'])}"
         if len(h) == 1:
@@ -321,11 +492,32 @@ class Rotor(Term):
         return f"rotor {about}, table of {len(h)} momenta from {h.min():.4g} to {h.max():.4g} kg m² s⁻¹"
 
 
-def within(known: Array, values: Array, times: Array) -> Array:
-    """Return values that are linear between `known` times, and 0 outside."""
+# ---- tables
+
+
+def smoothness(times: Array) -> dict[str, Any]:
+    """Return where a table has kinks, and how close they are; a ValueError where times do not increase."""
+    return {"breakpoints": tuple(times.tolist()), "resolution": increasing(times)}
+
+
+def within(known: Array, values: Array, times: Any) -> list[Any]:
+    """Return columns of values that are linear between `known` times, and 0 outside; of times with derivatives too."""
+    t = plain(times)
+    inside = (t >= known[0]) & (t < known[-1])
+    found = [np.where(inside, np.interp(t, known, column), 0.0) for column in values.T]
+    if t is times:
+        return found
+    return [times.chain(y, (chord(known, column, t),), (times,)) for y, column in zip(found, values.T, strict=True)]
+
+
+def chord(known: Array, values: Array, times: Array) -> Array:
+    """Return the slope of a table at times: 0 outside."""
+    if len(known) == 1:
+        return np.zeros(len(times))
+    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
     inside = (times >= known[0]) & (times < known[-1])
-    columns = [np.interp(times, known, column) for column in values.T]
-    return np.where(inside[:, None], np.stack(columns, axis=1), 0.0)
+    found: Array = np.where(inside, np.diff(values)[k] / np.diff(known)[k], 0.0)
+    return found
 
 
 def spans(times: Array, values: Array) -> Array:
@@ -335,52 +527,42 @@ def spans(times: Array, values: Array) -> Array:
     return np.stack([times[change == 1], times[change == -1]], axis=1)
 
 
-def called(function: Callable[..., ArrayLike], t: float, *state: Array, shape: tuple[int, ...] = (3,)) -> Array:
-    """Call a user's function at `t` and check what it returns."""
-    remedy = REMEDY if shape == (3,) else REMEDY.replace("3 finite", "3 rows of 3 finite")
-    given = "the time" + ", the directors and the angular velocity" * bool(state)
-    return checked_value(function, "load", (t, *state), given, shape, lambda: f"t = {t:.12g} s", remedy)
+# ---- fields and records
 
 
-def checked_value(
-    function: Callable[..., ArrayLike],
-    what: str,
-    arguments: tuple[Any, ...],
-    given: str,
-    shape: tuple[int, ...],
-    place: Callable[[], str],
-    remedy: str,
-) -> Array:
-    """Call a user's function and check what it returns; messages say what is `given`, and at which `place`."""
-    name = f"the {what} {getattr(function, '__name__', None) or repr(function)}"
-    try:
-        value = as_floats(function(*arguments), name)
-    except Exception as error:
-        if isinstance(error, TypeError) and not _takes(function, *arguments):
-            remedy = f"it is called with {given}"
-        raise ValueError(f"{name} raised {type(error).__name__} at {place()}: {error}; {remedy}") from error
-    if value.shape != shape:
-        numbers = {(): "a number", (3,): "3 numbers"}.get(shape) or f"{shape[0]} rows of 3 numbers"
-        raise ValueError(f"{name} must return {numbers}, at {place()} it returned shape {value.shape}; {remedy}")
-    if not np.isfinite(value).all():
-        raise ValueError(f"{name} is not finite at {place()}: {value.tolist()}; {remedy}")
-    return value
+def own_fields(cls: type[Term]) -> list[str]:
+    """Return the names of the fields that other terms lack; the first is that by which a record is recognised."""
+    common = [one.name for one in fields(Term)] + ["frame"] * issubclass(cls, OfTime)
+    return [one.name for one in fields(cls) if one.name not in common]
 
 
-def _takes(function: Callable[..., Any], *arguments: Any) -> bool:
-    """Return whether a function can be called with these arguments, as far as its signature says."""
-    try:
-        inspect.signature(function).bind(*arguments)
-    except TypeError:
-        return False
-    except ValueError:  # without a signature
-        pass
-    return True
+def labels_of(shape: tuple[int | str | None, ...], size: int, axes: Sequence[str]) -> list[str]:
+    """Return a label for each number of a field: of tables the place of the time, from 0, then those of components."""
+    if shape and isinstance(shape[0], str):
+        inner = labels_of(shape[1:], 1, axes)
+        return [f"{k},{one}" if one else str(k) for k in range(size) for one in inner]
+    places = [[str(k + 1) for k in range(int(n or 0))] for n in shape]
+    if shape and shape[-1] == 3:
+        places[-1] = list(axes)
+    return ["".join(one) for one in product(*places)]
 
 
-def name_of(function: Callable[..., Any]) -> str:
-    """Return what a function is called, its module first."""
-    return f"{getattr(function, '__module__', '?')}.{getattr(function, '__qualname__', repr(function))}"
+def parameters_of(term: Term) -> dict[str, tuple[list[str], str]]:
+    """Return the parameters of a term: a label for each number, and their unit."""
+    found: dict[str, tuple[list[str], str]] = {"scale": ([""], "1")}
+    for name in term.varying:
+        _, _, spec = specs(type(term))[name]
+        size = len(getattr(term, name)) if spec.shape else 1
+        if spec.rule == "symmetric":
+            labels = ["11", "22", "33", "23", "13", "12"]
+        else:
+            labels = labels_of(spec.shape, size, XYZ if "space" in (term.kind, getattr(term, "frame", "")) else BODY)
+        found["values" if name == "forces_of" else name] = labels, in_datasets(spec.unit) or "1"
+    return found
+
+
+def _is_varied(kind: Any, spec: Spec) -> bool:
+    return not spec.is_fixed and (kind is float or bool(spec.shape))
 
 
 def _plain(value: Any) -> Any:
@@ -392,28 +574,24 @@ def along(frame: Any) -> str:
     return {"body": "along the directors", "space": "along fixed axes"}.get(str(frame), "")
 
 
+def factor_in_words(record: Record) -> str:
+    """Return the factor of a term, if it has one, and a cross."""
+    return "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
+
+
 def function_in_words(record: Record, name: str, frame: Any = None) -> str:
     """Return in words a term that is a function: its factor, its name, and what its components are along."""
-    factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
-    return f"{factor}{name[:LONGEST]} {along(frame)}".strip()
+    return f"{factor_in_words(record)}{name[:LONGEST]} {along(frame)}".strip()
 
 
 def _peak(record: Record, name: str) -> str:
     return f"{vector_text(record[name], record['scale'])} N m {along(record['kind'])}"
 
 
-def own_fields(cls: type[Term]) -> list[str]:
-    """Return the names of the fields that other terms lack; the first is the key of the class in `TERMS`."""
-    return [one.name for one in fields(cls) if one not in fields(Term)]
-
-
 def unregistrable(name: str, cls: type[Term]) -> str | None:
-    """Return why a class cannot be the entry `name` of `TERMS`, and what to do; None if it can."""
+    """Return why a class cannot be the entry `name` of `LOADS`, and what to do; None if it can."""
     if not (isinstance(cls, type) and issubclass(cls, Term)):
-        return f"TERMS[{name!r}] must be a subclass of Term, got {shown(cls)}"
-    own = own_fields(cls)
-    if not own:
+        return f"LOADS[{name!r}] must be a subclass of Term, got {shown(cls)}"
+    if not own_fields(cls):
         return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
-    if name != own[0]:
-        return f"TERMS[{name!r}] is the class {cls.__name__}, whose first field is {own[0]!r}: use this as the key"
     return None

@@ -15,7 +15,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.stacks import arcs
 from ..geometry.values import among, as_whole, shown
-from ..loads.records import load_of
+from ..loads.kinds import load_of
 from .globe import arrows, bare, curve, ends, extent, far, legend_of_ends, spaced, view
 from .journals import axes_for, style
 from .labels import labelled, variable

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..driver.notices import callers_level
+from ..errors import warn
 from ..geometry.arrays import Array
 from ..viewer.content import FAR
 from .journals import axes_for, style
@@ -78,10 +77,9 @@ def _warn_of_polygons(runs: dict[str, Any]) -> None:
         p = variable(run, label, "quaternion").transpose("time", ...).values
         turn = 2 * float(np.arccos(np.minimum(abs(np.sum(p[1:] * p[:-1], axis=1)), 1.0)).max())
         if turn > FAR:
-            warnings.warn(
+            warn(
                 f"the run {label + ' ' if label else ''}has {len(p)} states, between which the body turns by up to "
-                f"{turn:.2g} rad: its curves are drawn as polygons; draw resample(run, times), or run it with times=",
-                stacklevel=callers_level(),
+                f"{turn:.2g} rad: its curves are drawn as polygons; draw resample(run, times), or run it with times="
             )
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import permutations, product
 from typing import Any
@@ -18,37 +17,28 @@ from .checks import GYROSCOPE, OTHER, Evidence, Reading, evidence_of, settled, t
 from .formats.content import Content
 from .headers import Found, plain
 from .options import ReadOptions
-from .rotations import rotations
-from .rows import of_one_sensor, own_rows
-from .table import Lines, Table, listed
+from .rotations import Motion, rotations
+from .table import Lines, Table, listed, named_columns, of_one_sensor, own_rows
 from .times import Clock, clock, ignored
 
 SAME = 1e-2  # rad by which a matrix may differ from a quaternion beside it
 MARKERS = 3  # that determine an attitude
+DIRECTION = "direction: {}, which nothing in the file confirms"
 IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """Attitudes as recorded: (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ; their time, and lines."""
-
-    values: Array
-    clock: Clock
-    notes: tuple[str, ...] = ()
-    lines: Lines | None = None
-
-
-def of_table(table: Table, how: ReadOptions, notes: tuple[str, ...] = ()) -> Recorded:
-    """Return the motion that a table holds."""
-    table, how, of_sensor = of_one_sensor(table, how)
-    sizes = (3,) if how.euler or how.rotation_vector else (4, 9)
+def of_table(content: Content, how: ReadOptions) -> Motion:
+    """Return the motion that the columns of a file hold."""
+    table, how, of_sensor = of_one_sensor(content.table, how)
+    is_form = bool(how.euler or how.rotation_vector)
+    sizes = (3,) if is_form else (4, 9)
     taken, how = named_columns(table, how, sizes, "3 columns of angles, 4 of a quaternion or 9 of a matrix")
-    found = None if how.euler or how.rotation_vector else _one(table, taken, how, notes)
+    found = None if is_form else _one(table, taken, how, content.notes)
     names = found.headers if found is not None else taken or _three(table, how)
     table, of_rows = own_rows(table, names)
     beside = _beside(table, found, how)
     time = clock(table, how)
-    forms = [one.headers for one in headers.orientations(beside.headers) if one.kind == "quaternion" and one.ordered]
+    forms = [one.headers for one in headers.orientations(beside.headers) if len(one.headers) == 4 and one.ordered]
     form = beside.vectors(forms[0]) if forms and found is None else None
     given = evidence_of(beside, len(table), time.time, form)
     if found is not None:
@@ -56,11 +46,11 @@ def of_table(table: Table, how: ReadOptions, notes: tuple[str, ...] = ()) -> Rec
         readings = _components(table, found, how)
     else:
         how.require_without("scalar_first", "three angles are read")
-        readings = _angles(table, names, how, taken is not None, given)
-    return _recorded(readings, given, how, time, (*notes, *of_sensor, *of_rows), table.lines)
+        readings = _angles(table, names, how, content.angle_unit, taken is not None, given)
+    return _recorded(readings, given, how, time, (*content.notes, *of_sensor, *of_rows), table.lines)
 
 
-def of_bodies(content: Content, how: ReadOptions) -> Recorded:
+def of_bodies(content: Content, how: ReadOptions) -> Motion:
     """Return the attitudes of one body, by its name in any case where there are several."""
     arrays, notes = {**content.bodies, **content.loose}, content.notes
     for option in ("euler", "rotation_vector", "angle_unit"):
@@ -90,12 +80,19 @@ def of_bodies(content: Content, how: ReadOptions) -> Recorded:
     if time.time is not None and len(time.time) != len(values):
         raise InputError("time-length", times=len(time.time), count=len(values))
     given = evidence_of(content.table, len(values), time.time, None, content.spins.get(name))
-    return _recorded(readings, given, how, time, notes, content.table.lines if content.lines is None else content.lines)
+    lines = content.table.lines if content.lines is None else content.lines
+    return _recorded(readings, given, how, time, notes, lines, content.directed and name in content.bodies)
 
 
 def _recorded(
-    readings: list[Reading], given: Evidence, how: ReadOptions, time: Clock, notes: tuple[str, ...], lines: Lines | None
-) -> Recorded:
+    readings: list[Reading],
+    given: Evidence,
+    how: ReadOptions,
+    time: Clock,
+    notes: tuple[str, ...],
+    lines: Lines | None,
+    directed: bool = False,
+) -> Motion:
     """Return the attitudes by the reading that is meant, without rows that are none."""
     readings = [one.turned(inverse, how.inverse) for inverse in (False, True) for one in readings]
     chosen, checked = settled(readings, given)
@@ -108,36 +105,23 @@ def _recorded(
         warnings.warn(InputWarning("unlike-headers", words=chosen.words), stacklevel=2)
     values, told = rotations(chosen.values(), lines, how.normalize)
     factor, by_gyroscope = time_unit(chosen, given, time.has_unit)
-    if factor != 1.0 and time.time is not None:
-        time = replace(time, time=time.time * factor)
+    times = time.time if time.time is None or factor == 1.0 else time.time * factor
     if chosen.inverse:
         told += ("inverted: earth relative to sensor was made sensor relative to earth",)
-    return Recorded(values, time, (chosen.words, *notes, *time.notes, *by_gyroscope, *told, *checked), lines)
-
-
-def named_columns(
-    table: Table, how: ReadOptions, sizes: Sequence[int], words: str
-) -> tuple[tuple[str, ...] | None, ReadOptions]:
-    """Return the columns that the caller names, and the options with that of the time, which may be before them."""
-    if how.columns is None:
-        return None, how
-    names = tuple(how.columns)
-    table.require(*names)
-    size = next((n for n in sizes if len(names) in (n, n + 1)), None)
-    if size is None:
-        raise InputError("three-columns" if len(names) == 3 else "columns", sizes=words, count=len(names))
-    time = names[0] if len(names) > size else how.time_column
-    return names[len(names) - size :], replace(how, time_column=time)
+    elif not checked:
+        told += (DIRECTION.format("body to space, as the format defines" if directed else "taken as sensor to earth"),)
+    notes = (chosen.words, *notes, *time.notes, *by_gyroscope, *told, *checked)
+    return Motion(values, times, time.start, lines, notes)
 
 
 def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: tuple[str, ...]) -> Found | None:
-    """Return the columns of the orientation; None where there are angles that something beside them can decide."""
+    """Return the columns of the orientation; None where there are angles instead."""
     found = headers.orientations(taken or table.headers)
     if taken is not None:
         told = [one for one in found if one.ordered and set(one.headers) == set(taken)]
         if len(taken) == 4 and len(told) == 1 and how.scalar_first is None:
             return told[0]
-        return Found("matrix" if len(taken) == 9 else "quaternion", taken, len(taken) == 9, "")
+        return Found(taken, len(taken) == 9, "")
     if how.body is not None:
         there = [one.body for one in found if one.body]
         found = [one for one in found if plain(one.body) == plain(how.body)]
@@ -147,21 +131,19 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: t
         attitudes = [(one, _attitudes(table, one)) for one in found]
         good = [(one, quat) for one, quat in attitudes if quat is not None]
         found = [one for one, _ in good] or found
-        kinds = {one.kind: one for one in found}
-        if len(good) == len(kinds) == 2 and kinds["quaternion"].ordered:
+        sizes = {len(one.headers): one for one in found}
+        if len(good) == len(sizes) == 2 and sizes[4].ordered:
             alike = abs((good[0][1] * good[1][1]).sum(axis=1))
-            found = [kinds["quaternion"]] if np.fmin.reduce(alike, initial=np.nan) > np.cos(SAME / 2) else found
+            found = [sizes[4]] if np.fmin.reduce(alike, initial=np.nan) > np.cos(SAME / 2) else found
     if len(found) > 1:
         bodies = [one.body for one in found]
         code = "bodies-in-columns" if all(bodies) and len(set(bodies)) > 1 else "several-orientations"
         raise InputError(code, sets="; ".join(", ".join(one.headers) for one in found), bodies=listed(bodies))
     if found:
         return found[0]
-    rates = [", ".join(three) for _, three in headers.sensors(table.headers, spellings.GYROSCOPE)]
-    if (three := headers.angles(table.headers, "xyz")) is not None:
-        if not rates:
-            raise InputError("angles", three=", ".join(three))
+    if headers.angles(table.headers, "xyz") is not None:
         return None
+    rates = [", ".join(three) for _, three in headers.sensors(table.headers, spellings.GYROSCOPE)]
     if (lacking := headers.lacks(table.headers)) is not None:
         raise InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
     if len(marked := headers.markers(table.headers)) >= MARKERS and not rates:
@@ -174,7 +156,7 @@ def _attitudes(table: Table, found: Found) -> Array | None:
     """Return what columns hold as quaternions, nan in rows that are missing; None where they are no rotations."""
     try:
         values = table.vectors(found.headers)
-        values, _ = rotations(values.reshape(-1, 3, 3) if found.kind == "matrix" else values, None, True)
+        values, _ = rotations(values.reshape(-1, 3, 3) if len(found.headers) == 9 else values, None, True)
     except ValueError:
         return None
     return Reading("", values.__getitem__).quaternions(slice(None))
@@ -194,7 +176,7 @@ def _beside(table: Table, found: Found | None, how: ReadOptions) -> Table:
 def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
     """Return the ways in which columns can be read as quaternions or matrices."""
     values = table.vectors(found.headers)
-    if found.kind == "matrix":
+    if len(found.headers) == 9:
         how.require_without("scalar_first", "a matrix is read")
         words = f"orientation: matrix {found.headers[0]} ... {found.headers[-1]}"
         return [Reading(words, values.reshape(-1, 3, 3).__getitem__, True)]
@@ -242,16 +224,20 @@ def _three(table: Table, how: ReadOptions) -> tuple[str, ...]:
     return three
 
 
-def _angles(table: Table, three: tuple[str, ...], how: ReadOptions, is_named: bool, given: Evidence) -> list[Reading]:
+def _angles(
+    table: Table, three: tuple[str, ...], how: ReadOptions, of_file: str | None, is_named: bool, given: Evidence
+) -> list[Reading]:
     """Return the ways in which three columns can be read: as stated, and in orders that something beside them tells."""
-    stated, names = headers.angle_unit(three), ", ".join(three)
+    stated, names = of_file or headers.angle_unit(three), ", ".join(three)
     if stated is not None and how.angle_unit not in (None, stated):
         raise InputError("angle-unit-stated", three=names, stated=stated, unit=how.angle_unit)
     is_decided, is_form = GYROSCOPE in given.beside or OTHER in given.beside, bool(how.euler or how.rotation_vector)
+    if not (is_form or is_decided):
+        raise InputError("angles", three=names)
     unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
-    told = how.angle_unit or (None if is_form else stated)
+    told = how.angle_unit or of_file or (None if is_form else stated)
     forms = [(how.euler, three)] if is_form else []
     if is_decided and not how.rotation_vector:
         axes = dict(zip("XYZ", headers.angles(three, "xyz") or three, strict=True))

@@ -7,7 +7,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from os.path import commonprefix
-from typing import Literal
 
 from ..units import ANGLE, RATE, known, split_unit
 from . import spellings
@@ -18,9 +17,8 @@ _REPEATED = re.compile(r"(.+)\.(\d+)$")
 
 @dataclass(frozen=True)
 class Found:
-    """Columns that hold an orientation together; `ordered`: x, y, z, w, or the matrix row by row."""
+    """4 columns of a quaternion or 9 of a matrix; `ordered`: x, y, z, w, or the matrix row by row."""
 
-    kind: Literal["quaternion", "matrix"]
     headers: tuple[str, ...]
     ordered: bool
     body: str
@@ -62,11 +60,11 @@ def orientations(headers: Sequence[str]) -> list[Found]:
         for before, _, four in groups(headers, letters.split()):
             if words is None or before.endswith(words):
                 names = (*four[1:], four[0]) if known_first else four
-                found.append(Found("quaternion", names, bool(known_first), _body(names, "[q]")))
+                found.append(Found(names, bool(known_first), _body(names, "[q]")))
     for letters in spellings.MATRICES:
         for before, after, nine in groups(headers, letters.split()):
             if not after and not before.endswith(spellings.QUATERNION):
-                found.append(Found("matrix", nine, True, _body(nine, "[rm]")))
+                found.append(Found(nine, True, _body(nine, "[rm]")))
     sets = {frozenset(one.headers): one for one in reversed(found)}  # of those of the same columns, the first
     found = [one for one in found if sets[frozenset(one.headers)] is one]
     return [one for one in found if not _is_part(one, found)]
@@ -74,8 +72,9 @@ def orientations(headers: Sequence[str]) -> list[Found]:
 
 def _is_part(one: Found, others: Iterable[Found]) -> bool:
     """Whether q1 ... q4 is a part of q0 ... q4, or a quaternion of numbers one whose scalar is known."""
-    shared = [other for other in others if other is not one and set(one.headers) & set(other.headers)]
-    return not one.ordered and any(other.headers[0] < one.headers[0] and other.kind == one.kind for other in shared)
+    alike = [other for other in others if other is not one and len(other.headers) == len(one.headers)]
+    shared = [other for other in alike if set(one.headers) & set(other.headers)]
+    return not one.ordered and any(other.headers[0] < one.headers[0] for other in shared)
 
 
 def _body(headers: Sequence[str], letter: str) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, Literal
 
 from ..errors import InputError, Option
@@ -61,13 +61,8 @@ class ReadOptions:
             raise InputError("rate", rate=self.rate)
         if self.euler is not None and self.rotation_vector:
             raise InputError("option-without-effect", name=Option("rotation_vector"), why="three angles are read")
-        letters = self.euler
-        if letters is not None and (
-            len(letters) != 3
-            or not (set(letters) <= set("xyz") or set(letters) <= set("XYZ"))
-            or any(a == b for a, b in pairwise(letters))
-        ):
-            raise InputError("euler", letters=letters)
+        if self.euler is not None and not re.fullmatch(r"(?!.*(.)\1)([xyz]{3}|[XYZ]{3})", self.euler):
+            raise InputError("euler", letters=self.euler)
 
     def require_without(self, name: str, why: str) -> None:
         """Refuse an option that has no effect."""

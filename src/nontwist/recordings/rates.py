@@ -9,25 +9,25 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning
-from ..geometry.arrays import Array
-from ..geometry.values import counted, shown
+from ..geometry.arrays import Array, as_floats
+from ..geometry.values import shown
 from ..io.results import open_run
 from ..units import RATE, known
 from . import spellings
-from .attitudes import named_columns
 from .checks import sensor, stated_rate
 from .headers import plain, rate_unit, sensors
+from .motions import kept_rows
 from .options import ReadOptions
 from .reading import read_content
-from .rows import of_one_sensor, own_rows
-from .samples import gaps, ordered
-from .table import Lines, Table, listed, place
+from .table import Lines, Table, listed, named_columns, of_one_sensor, own_rows
 from .times import clock
 
 FASTEST = 80.0  # rad/s, 4600 °/s: more than common gyroscopes measure
 FEWEST = 12  # samples
+COLUMNS = ("time", "rates", "acceleration", "speed", "quaternions")
 
 
 @dataclass(frozen=True)
@@ -55,22 +55,15 @@ class Rates:
 
         `lines` are those of the rows in their file, by which messages name them.
         """
-        count, said = len(self.time), list[InputWarning]()
-        if self.quaternions is not None and len(self.quaternions) != count:
-            raise InputError("lengths", attitudes=len(self.quaternions), rates=count)
-        bad = ~(np.isfinite(self.time) & np.isfinite(self.rates).all(axis=1))
-        if bad.any():
-            first = place(int(bad.argmax()), lines)
-            said.append(InputWarning("missing-rates", rows=counted(int(bad.sum()), "row"), place=first))
-        kept = ordered(self.time, np.flatnonzero(~bad), said, lines)
-        if len(kept) < FEWEST:
-            raise InputError("too-few-samples", what="a fit", why="", left=len(kept), count=count, least=FEWEST)
-        said += gaps(self.time[kept], kept, lines)
-        if (fastest := float(abs(self.rates[kept]).max())) > FASTEST:
+        if self.quaternions is not None and len(self.quaternions) != len(self.time):
+            raise InputError("lengths", attitudes=len(self.quaternions), rates=len(self.time))
+        good: NDArray[np.bool_] = np.all(np.isfinite(self.rates), axis=1)
+        rows, said = kept_rows(self.time, good, lines, "missing-rates", "a fit", FEWEST)
+        if (fastest := float(abs(self.rates[rows]).max())) > FASTEST:
             said.append(InputWarning("fast", fastest=fastest))
-        a, spin, quat = (one if one is None else one[kept] for one in (self.acceleration, self.speed, self.quaternions))
-        t, W, left_out = self.time[kept], self.rates[kept], count - len(kept)
-        return Rates(t, W, self.name, self.notes, a, spin, quat, left_out, tuple(said))
+        columns = {name: getattr(self, name) for name in COLUMNS}
+        kept: dict[str, Any] = {name: one[rows] for name, one in columns.items() if one is not None}
+        return replace(self, **kept, left_out=len(good) - len(rows), warnings=tuple(said))
 
 
 def read_rates(
@@ -102,13 +95,8 @@ def read_rates(
     if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
         if speed is not None:
             raise InputError("no-speed", speed=speed)
-        run = open_run(source)
-        W = run["material_angular_velocity"].values
-        return Rates(run["time"].values, W, name, ("rates: a run",), quaternions=quaternions).cleaned()
+        return of_run(open_run(source), name, quaternions)
     content = read_content(source, how)
-    how = replace(how, columns=how.columns or (content.table.headers if content.headless else None))
-    if not content.table.columns:
-        raise InputError("no-columns")
     table, how, told = (content.table, how, ()) if quaternions is not None else of_one_sensor(content.table, how)
     three, how = named_columns(table, how, (3,), "3 columns of the angular velocity")
     three = three or _one(table, how.body)
@@ -120,7 +108,7 @@ def read_rates(
     symbol = _unit(three, unit, values, above)
     time = clock(table, how)
     if time.time is None and content.time is not None and len(content.time) == len(values):
-        time = replace(time, time=content.time)
+        time = replace(time, time=content.time, notes=("time: as the format defines, s",))
     if time.time is None:
         raise InputError("no-time")
     notes = (f"angular velocity: {', '.join(three)}, {symbol}", *time.notes, *content.notes, *told)
@@ -135,6 +123,16 @@ def read_rates(
         notes += (f"speed of the rotor: {speed}, {stated}",)
     acceleration, _ = sensor(table, spellings.ACCELEROMETER)
     return Rates(time.time, values * RATE[symbol], name, notes, acceleration, spun, quaternions).cleaned(table.lines)
+
+
+def of_run(run: Any, name: str, quaternions: Array | None) -> Rates:
+    """Return the angular velocity in a run of one body, or in what `sensors.gyroscope` returns."""
+    known = next((key for key in ("gyroscope", "material_angular_velocity") if key in run.variables), "")
+    if not known or "time" not in run.variables or set(run[known].dims) != {"time", "director"}:
+        words = "must be what sensors.gyroscope returns, or a run of one body; this Dataset has"
+        raise ValueError(f"{name} {words} {', '.join(map(str, run))}")
+    time, W = as_floats(run["time"].values, "time"), as_floats(run[known].transpose("time", "director").values, known)
+    return Rates(time, W, name, (f"rates: {known}",), quaternions=quaternions).cleaned()
 
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -16,15 +15,15 @@ from ..errors import InputError
 from ..geometry.values import shown
 from ..io.regular import free_memory, require_regular
 from ..spec import takes
-from .attitudes import Recorded, of_bodies, of_table
+from .attitudes import of_bodies, of_table
 from .formats import BEGINNINGS, PACKED, READERS, Content
 from .formats.text import read_text
 from .options import ReadOptions
+from .rotations import Motion
 
 if TYPE_CHECKING:
     import xarray
 
-DIRECTION = "direction: {}, which nothing in the file confirms"
 BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4", ".h5"}
 SHARE = 0.5  # of the free memory that a file may have
 
@@ -77,25 +76,8 @@ def read_motion(
     """
     how = ReadOptions(columns=columns, **options)
     content = read_content(source, how)
-    if content.headless and columns is None:
-        count = len(content.table.headers)
-        if count not in ((3, 4) if how.euler is not None or how.rotation_vector else (4, 5, 9, 10)):
-            raise InputError("no-headers", count=count)
-        how = replace(how, columns=tuple(content.table.headers))
-    stated, unit = content.angle_unit, how.angle_unit
-    if stated is not None and unit not in (None, stated):
-        raise InputError("angle-unit-stated", three="of the file", stated=stated, unit=unit)
-    if how.euler or how.rotation_vector:
-        how = replace(how, angle_unit=unit or stated)
-    of_format = bool(content.bodies or content.loose) and not columns
-    if not of_format and not content.table.columns:
-        raise InputError("no-columns")
-    found = of_bodies(content, how) if of_format else of_table(content.table, how, content.notes)
-    notes = found.notes
-    if not any(note.startswith(("checked", "inverted")) for note in notes):
-        directed = of_format and content.directed and bool(content.bodies)
-        notes += (DIRECTION.format("body to space, as the format defines" if directed else "taken as sensor to earth"),)
-    return _array(found, notes)
+    is_of_format = bool(content.bodies or content.loose) and not columns
+    return _array((of_bodies if is_of_format else of_table)(content, how))
 
 
 def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> Content:
@@ -143,13 +125,13 @@ def _unchanged(path: Path) -> Iterator[None]:
         raise InputError("file-changed")
 
 
-def _array(found: Recorded, notes: Sequence[str]) -> xarray.DataArray:
-    values, clock = found.values, found.clock
-    is_quaternion, along = values.shape[-1] == 4, "sample" if clock.time is None else "time"
+def _array(motion: Motion) -> xarray.DataArray:
+    values, time, lines, start = motion.values, motion.time, motion.lines, motion.start
+    is_quaternion, along = values.shape[-1] == 4, "sample" if time is None else "time"
     dims = (along, "quat") if is_quaternion else (along, "director", "axis")
     name, array = ("quaternion", values) if is_quaternion else ("directors", np.swapaxes(values, 1, 2))
-    attrs = {"units": "1", "notes": "; ".join(notes)} | ({} if clock.start is None else {"start": clock.start})
+    attrs = {"units": "1", "notes": "; ".join(motion.notes)} | ({} if start is None else {"start": start})
     described = {"units": "1", "long_name": "line of the file, from 1"}
-    beside = {} if found.lines is None else {"line": (along, found.lines, described)}
-    times = {} if clock.time is None else {"time": clock.time}
+    beside = {} if lines is None else {"line": (along, lines, described)}
+    times = {} if time is None else {"time": time}
     return assembled({name: (dims, array, attrs)}, coordinates(dims, beside, **times), {})[name]

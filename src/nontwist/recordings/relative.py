@@ -36,8 +36,8 @@ from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.values import counted, number_text
 from .clocks import fitted_clock, speed_correlation, turns, within
-from .motions import Motion
-from .samples import GAP, Samples, samples
+from .motions import GAP, Samples, samples
+from .rotations import Motion
 
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
@@ -60,11 +60,12 @@ def relative_motion(
     if shake is not None and clocks == "shared":
         raise InputError("shake-of-one-clock")
     clocks = "shift" if clocks is None and shake is not None else clocks
-    if beside is not None and (clocks in ("shift", "drift") or not _same_rows(motion, beside)):
+    if beside is None:
+        bodies = samples(motion)
+    elif clocks in ("shift", "drift") or not _same_rows(motion, beside):
         bodies = _resampled(motion, beside, clocks, shake, order)
     else:
-        beside = None if beside is None else replace(beside, time=motion.time)
-        bodies = [one for one in samples(motion, beside) if one is not None]
+        bodies = samples(motion, beside)
     if align:
         bodies = _segments(bodies, static)
     found, *others = bodies
@@ -86,50 +87,43 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
 
     if motion.time is None or beside.time is None:
         raise InputError("no-times")
-    a, _ = samples(motion)
+    [a] = samples(motion)
     try:
-        b, _ = samples(beside)
+        [b] = samples(beside)
     except InputError as error:
         raise error.about("relative_to") from error
-    assert a.time is not None
-    assert b.time is not None
-    t, notes = a.time, [*a.notes, *(note.about("relative_to") for note in b.notes)]
+    t, s, A, B = np.asarray(a.time), np.asarray(b.time), a.rotation, b.rotation
+    notes, facts, fit = [*a.notes, *(note.about("relative_to") for note in b.notes)], tuple[str, ...](), None
     starts = [one for one in (motion.start, beside.start) if one is not None]
-    dated = None if len(starts) < 2 else starts[1] - starts[0]
-    if dated is not None and min(starts) < DAY:  # a time of day
-        dated -= DAY * round(dated / DAY)
-    s, facts, shift = b.time + (dated or 0.0), tuple[str, ...](), None
-    overlap = bool(len(starts) != 1 and s[0] < t[-1] and s[-1] > t[0])
-    zone = 0.0 if overlap or dated is None or clocks is not None else _zone(t, s)
-    if zone:
-        s = s + zone
+    is_dated, which = len(starts) == 2, "times as they are"
+    if is_dated:
+        late, which = starts[1] - starts[0], "that of the dates of both files"
+        s = s + (late - DAY * round(late / DAY) if min(starts) < DAY else late)  # a time of day, or a date
+    is_shared = len(starts) != 1 and bool(s[0] < t[-1] and s[-1] > t[0])
+    if is_dated and clocks is None and not is_shared and (zone := _zone(t, s)):
+        s, is_shared = s + zone, True
         notes.append(InputWarning("time-zones", hours=abs(zone) / 3600))
-    if clocks in ("shift", "drift") or (clocks is None and not overlap and not zone):
-        fit = fitted_clock(a.rotation, t, b.rotation, s, drift=clocks == "drift", shake=shake)
-        s, facts, shift = fit.times(s), (fit.words(),), fit.shift
-    elif clocks is None or dated is not None:
-        late, alike = float(s[0] - t[0]), speed_correlation(a.rotation, t, b.rotation, s)
-        which = "times as they are" if dated is None else "that of the dates of both files"
-        facts = (
-            f"clock of relative_to: {which}, by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} "
-            f"the other (correlation of the angular speeds {alike:.3f})",
-        )
+    if clocks in ("shift", "drift") or (clocks is None and not is_shared):
+        fit = fitted_clock(A, t, B, s, drift=clocks == "drift", shake=shake)
+        s, facts = fit.times(s), (fit.words(),)
+    elif clocks is None or is_dated:
+        late, alike = float(s[0] - t[0]), speed_correlation(A, t, B, s)
+        begins = f"by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} the other"
+        facts = (f"clock of relative_to: {which}, {begins} (correlation of the angular speeds {alike:.3f})",)
     inside = _covered(t, s)
     if inside.sum() < 2:
         raise InputError("no-overlap", first=t[0], last=t[-1], other_first=s[0], other_last=s[-1])
-    outside = int((~inside).sum())
-    if outside:
+    if outside := int((~inside).sum()):
         notes.append(InputWarning("not-covered", rows=counted(outside, "row")))
-    t = t[inside]
+    t, A = t[inside], A[inside]
     kept = Samples(a.quaternion[inside], t, a.rows[inside], a.left_out + outside, notes, facts, a.lines)
-    is_spline = order == 4 and s.size >= 4
-    other = RotationSpline(s, b.rotation)(t) if is_spline else Slerp(s, b.rotation)(np.clip(t, s[0], s[-1]))
-    if shift is not None:
+    B = RotationSpline(s, B)(t) if order == 4 and s.size >= 4 else Slerp(s, B)(np.clip(t, s[0], s[-1]))
+    if fit is not None:
         counts = within(t, shake)[1:]
-        against, *own = (sum_of_squares(turns(r)[counts]) for r in (other.inv() * kept.rotation, kept.rotation, other))
+        against, *own = (sum_of_squares(turns(R)[counts]) for R in (B.inv() * A, A, B))
         if against >= min(own):  # two bodies turn against each other as much as they turn
-            raise InputError("relative-motion", shift=shift)
-    return [kept, replace(kept, quaternion=other.as_quat())]
+            raise InputError("relative-motion", shift=fit.shift)
+    return [kept, replace(kept, quaternion=B.as_quat())]
 
 
 def _zone(t: Array, s: Array) -> float:

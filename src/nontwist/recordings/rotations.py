@@ -7,6 +7,8 @@ counted in a note. One common scale and rounding are mended where the caller ask
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,21 @@ MEASURED = 1e-2  # by which recorded rotations, which are rounded, may be off
 RARE = 0.1  # of all rows: so few that are no rotations are missing
 JUMP = 3.0  # times the largest steps: beyond it an exact identity is none
 SENTINELS = 3  # values of a row that stand for missing, at most
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last.
+
+    With its times, as given, what these count from, s, the lines of its rows in a file, where there are any, and how
+    it was read.
+    """
+
+    values: Any
+    time: Any = None
+    start: float | None = None
+    lines: Lines | None = None
+    notes: tuple[str, ...] = ()
 
 
 @np.errstate(over="ignore", invalid="ignore")

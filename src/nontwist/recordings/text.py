@@ -15,7 +15,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -34,18 +34,12 @@ COMMENTS = ("//", "#", "%")
 _COMMA, _POINT = (re.compile(rf"-?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
-Source = Path | io.StringIO
 
 
-def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
-    """Return the table of a file or a stream of text, whether it has no headers but numbers from 1, and notes."""
-    if not isinstance(source, Path):
-        content = source.read(LONGEST + 1)
-        if len(content) > LONGEST:
-            raise InputError("long-stream", size=LONGEST / 1e6)
-        source = io.StringIO(content.removeprefix("\ufeff"), newline=None)
-    with _opened(source) as file:
-        lines = list(islice(file, PREAMBLE))
+def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
+    """Return the table of a text, and notes."""
+    content = source if isinstance(source, bytes) else _content(source)
+    lines = list(islice(_opened(content), PREAMBLE))
     if any("\x00" in line for line in lines):
         raise InputError("not-text")
     told = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
@@ -66,12 +60,41 @@ def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
     names = [f"{name}.{count}" if count else name for name, count in zip(names, counts, strict=True)]
     if separator is None and 0 < len(row) < len(names):
         raise InputError("empty-fields", headers=len(names), fields=len(row))
-    nothing = Table({name: np.array([]) for name in names})
-    if first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names):
-        return nothing, False, ()  # prose, not a table
-    table, notes = _rows(source, separator, first, names, _decimal(lines[first:], separator))
-    notes += tuple(f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
-    return (nothing, headers is None, ()) if table is None else (table, headers is None, notes)
+    is_prose = first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names)
+    found = None if is_prose else _rows(content, separator, first, names, _decimal(lines[first:], separator))
+    if found is None:
+        return Table({name: np.array([]) for name in names}, headless=headers is None), ()
+    factors = (f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
+    return replace(found[0], headless=headers is None), (*found[1], *factors)
+
+
+def _content(source: Path | TextIO) -> bytes:
+    """Return the bytes of a file, or of a stream of text."""
+    if isinstance(source, Path):
+        return source.read_bytes()
+    text = source.read(LONGEST + 1)
+    if len(text) > LONGEST:
+        raise InputError("long-stream", size=LONGEST / 1e6)
+    return text.encode(errors="replace")
+
+
+def _opened(content: bytes) -> TextIO:
+    return io.TextIOWrapper(io.BytesIO(content), _encoding(content), errors="replace")
+
+
+def decoded(content: bytes) -> str:
+    """Return the text of a file."""
+    return content.decode(_encoding(content), errors="replace")
+
+
+def _encoding(content: bytes) -> str:
+    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(content[: 2**16])
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _is_comment(line: str) -> bool:
@@ -85,31 +108,6 @@ def _require_one_kind(lines: Sequence[str]) -> None:
     counts = {line.count(",") for line in records}
     if len(records) > len(lines) / 2 and len(kinds) > 1 and len(counts) > 1:
         raise InputError("records", kinds=", ".join(sorted(kinds)))
-
-
-def decoded(content: bytes) -> str:
-    """Return the text of a file."""
-    return content.decode(_encoding(content[: 2**16]), errors="replace")
-
-
-def _opened(source: Source) -> AbstractContextManager[TextIO]:
-    """Open a file, or go back to the beginning of a stream."""
-    if isinstance(source, Path):
-        with open(source, "rb") as file:
-            encoding = _encoding(file.read(2**16))
-        return open(source, encoding=encoding, errors="replace")
-    source.seek(0)
-    return nullcontext(source)
-
-
-def _encoding(start: bytes) -> str:
-    if start[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        return "utf-16"
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(start)
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
 
 
 def _separator(line: str) -> str | None:
@@ -126,11 +124,8 @@ def fields_of(line: str, separator: str | None) -> list[str]:
     line = line.rstrip("\r\n")
     if separator is None:
         return line.split()
-    is_quoted = '"' in line
-    fields = (
-        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if is_quoted else line.split(separator)
-    )
-    return [field.strip() for field in fields]
+    quoted = csv.reader([line], delimiter=separator, skipinitialspace=True)
+    return [field.strip() for field in (next(quoted) if '"' in line else line.split(separator))]
 
 
 def _decimal(rows: Sequence[str], separator: str | None) -> str:
@@ -222,31 +217,30 @@ def _cleaned(line: str, separator: str | None, count: int) -> list[str]:
 
 
 def _rows(
-    source: Source, separator: str | None, first: int, names: list[str], decimal: str
-) -> tuple[Table | None, tuple[str, ...]]:
+    content: bytes, separator: str | None, first: int, names: list[str], decimal: str
+) -> tuple[Table, tuple[str, ...]] | None:
     """Return the rows below the first lines, and what was left out between them; None where there are none."""
     import pandas
 
     blank = "".join({*"\r\n \t"} - {separator})
     places, comments, is_split = list[int](), list[int](), False
-    with _opened(source) as file:
-        encoding = file.encoding
-        for k, line in islice(enumerate(file, 1), first, None):
-            if _is_comment(line):
-                comments.append(k)
-            elif line.strip(blank):
-                places.append(k)
-                is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
-    with _opened(source) as file:
-        if comments:
-            kept, first = set(places), 0
-            source = io.StringIO("".join(line for k, line in enumerate(file, 1) if k in kept))
+    for k, line in islice(enumerate(_opened(content), 1), first, None):
+        if _is_comment(line):
+            comments.append(k)
+        elif line.strip(blank):
+            places.append(k)
+            is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
+    encoding = _encoding(content)
+    if comments:
+        kept, first = set(places), 0
+        content = "".join(line for k, line in enumerate(_opened(content), 1) if k in kept).encode(encoding, "replace")
     how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names}
     how |= {"index_col": False, "skipinitialspace": separator != " ", "low_memory": False, "decimal": decimal}
+    how |= {"encoding": encoding, "encoding_errors": "replace", "skiprows": first}
     try:
-        frame = pandas.read_csv(source, encoding=encoding, encoding_errors="replace", skiprows=first, **how)
+        frame = pandas.read_csv(io.BytesIO(content), **how)
     except pandas.errors.EmptyDataError:
-        return None, ()
+        return None
     except pandas.errors.ParserError as error:
         found = re.search(r"line (\d+)", str(error))
         at = places[int(found[1]) - 1] if found and comments else found and found[1]

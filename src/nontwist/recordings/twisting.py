@@ -57,9 +57,9 @@ from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.twist_kernels import angles, body_axes
 from ..geometry.values import among, counted, shown
 from .counting import as_direction
+from .motions import Samples, given_motion
 from .noise import noise_level, noise_of_twist
 from .relative import CLOCKS, relative_motion
-from .samples import Samples, given_motion
 
 if TYPE_CHECKING:
     import xarray

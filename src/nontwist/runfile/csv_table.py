@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +12,6 @@ from ..errors import InputError
 from ..geometry.arrays import Array
 from ..io.regular import require_regular
 from ..recordings.table import number, place
-from ..recordings.text import decoded
 from ..recordings.text import read_table as read_text_table
 from ..units import MOMENT, MOMENTUM, TIME, known, split_unit
 from .section import LARGEST_NUMBER
@@ -67,9 +65,9 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         No headers, no such column, another number of columns, one in brackets another unit than s, N m and kg m² s⁻¹,
         or a cell that holds no number up to 1e60 (with its line).
     """
-    table, headless, _ = read_text_table(io.StringIO(decoded(content)))
+    table, _ = read_text_table(content)
     names = table.headers
-    if headless:
+    if table.headless:
         raise InputError("table-headers")
     wanted = names if chosen is None else chosen
     if len(wanted) != count:

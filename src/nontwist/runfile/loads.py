@@ -1,39 +1,29 @@
 """The tables ``[[load]]``: external moments, forces on directors and potentials as data; they add up.
 
-`LOADS` is the visible list: a new kind is one class and one line. The schema, the messages, `nontwist check` and sweeps
-read it at each use.
+The table of an entry of `nontwist.loads.LOADS` follows from its fields. Those below take what is no field: files, the
+time span, numbers in several forms. The schema, the messages, `nontwist check` and sweeps read all at each use.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, get_args
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, create_model
 
-from ..geometry.values import Registry, shown
-from ..loads import (
-    Load,
-    body_moment,
-    damping,
-    dipole,
-    director_forces,
-    gravity_gradient,
-    potential,
-    pulse,
-    rotor,
-    sine,
-    space_moment,
-    spring,
-)
+from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
+from ..loads.terms import FRAME, ForceTerm, own_fields
+from ..spec import Spec, specs
 from .csv_table import Table as CsvTable
 from .folder import Folder
 from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
 FACTOR = "a number that the moment is multiplied by"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
-FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
 
 class Place(NamedTuple):
@@ -45,16 +35,25 @@ class Place(NamedTuple):
 
 
 class LoadSection(Section):
-    """A load; `error_key` is the key that a message names if the load cannot be made, unless `wrong_key` differs."""
+    """A load; `error_key` is the key that a message names if the load cannot be made, unless `wrong_key` differs.
+
+    If it `is_swept`, the members of a sweep that differ in its factor are computed together.
+    """
 
     error_key: ClassVar[str]
     needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
+    is_swept: ClassVar[bool] = True
     if TYPE_CHECKING:
         kind: str
+        scale: float
 
-    @abstractmethod
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError if it cannot be made."""
+        return self.scale * self.unscaled(place)
+
+    @abstractmethod
+    def unscaled(self, place: Place) -> Load:
+        """Return the load for the scale 1."""
 
     @property
     def wrong_key(self) -> str:
@@ -70,30 +69,11 @@ class LoadSection(Section):
         return {}
 
 
-class Scaled(LoadSection):
-    """A load with a factor `scale`, in which the members of a sweep that are computed together may differ."""
-
-    if TYPE_CHECKING:
-        scale: float
-
-    def load(self, place: Place) -> Load:
-        """Return the load."""
-        return self.scale * self.unscaled(place)
-
-    @abstractmethod
-    def unscaled(self, place: Place) -> Load:
-        """Return the load for the scale 1."""
-
-
-class Moment(Scaled):
+class Moment(LoadSection):
     """A load that is a function of time, along moving or fixed directions."""
 
     frame: Literal["body", "space"] = Field(description=FRAME)
     scale: float = Field(default=1.0, description=FACTOR)
-
-    def table(self, times: Any, values: Any) -> Load:
-        """Return the load that is linear between `times`."""
-        return (body_moment if self.frame == "body" else space_moment)(times, values)
 
 
 class Constant(Moment):
@@ -111,52 +91,6 @@ class Constant(Moment):
         start = place.t_start if self.start is None else self.start
         end = place.t_end if self.end is None else self.end
         return pulse(self.moment, start, end, shape="rectangle", frame=self.frame)
-
-
-class Table(Moment):
-    """A table, linear between its times and zero outside."""
-
-    error_key = "times"
-    kind: Literal["table"]
-    times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
-    values: list[Vector] = Field(description="rows of 3 numbers, N m, one for each time")
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        if len(self.times) != len(self.values):
-            raise ValueError(f"{len(self.times)} times, but {len(self.values)} rows of values")
-        return self.table(self.times, self.values)
-
-
-class Pulse(Moment):
-    """A moment of fixed direction that lasts from start to end."""
-
-    error_key = "end"
-    kind: Literal["pulse"]
-    amplitude: Vector = Field(description="3 numbers, N m: the peak")
-    start: float = Field(default=0.0, description="a number, s")
-    end: float = Field(description="a number after start, s")
-    shape: Literal["triangle", "rectangle", "half-sine"] = Field(
-        default="triangle", description='"triangle", "rectangle" or "half-sine"'
-    )
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        return pulse(self.amplitude, self.start, self.end, shape=self.shape, frame=self.frame)
-
-
-class Sine(Moment):
-    """The moment amplitude sin(2π frequency t + phase)."""
-
-    error_key = "frequency"
-    kind: Literal["sine"]
-    amplitude: Vector = Field(description="3 numbers, N m: the peak")
-    frequency: Positive = Field(description="a positive number, Hz")
-    phase: float = Field(default=0.0, description="a number, rad")
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        return sine(self.amplitude, self.frequency, phase=self.phase, frame=self.frame)
 
 
 class Csv(Moment):
@@ -177,7 +111,7 @@ class Csv(Moment):
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
         t, *m = place.folder.table(self.file, self.columns, self.sha256).columns
-        return self.table(t, np.stack(m, axis=1))
+        return (body_moment if self.frame == "body" else space_moment)(t, np.stack(m, axis=1))
 
     def in_words(self, folder: Folder) -> str:
         """Return the kind of load, and the extent of its table."""
@@ -194,6 +128,7 @@ class Damping(LoadSection):
     """Viscous damping, -Λ C Λᵀ w."""
 
     error_key = "coefficient"
+    is_swept = False
     kind: Literal["damping"]
     coefficient: Annotated[
         Annotated[float, Tag("<number>")] | Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")],
@@ -201,12 +136,12 @@ class Damping(LoadSection):
     ] = Field(description="N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers")
     scale: float = Field(default=1.0, description=FACTOR)
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
-        return self.scale * damping(self.coefficient)
+        return damping(self.coefficient)
 
 
-class Rotor(Scaled):
+class Rotor(LoadSection):
     """A rotor that turns about an axis of the body, of constant momentum or of a table: a gyrostat."""
 
     error_key = "momentum"
@@ -270,113 +205,109 @@ class Rotor(Scaled):
         return {} if self.file is None else {"sha256": self._table(folder).sha256}
 
 
-class DirectorForces(LoadSection):
-    """Forces on the three directors, linear between its times and zero outside."""
-
-    error_key = "times"
-    kind: Literal["director_forces"]
-    frame: Literal["body", "space"] = Field(description=FRAME)
-    scale: float = Field(default=1.0, description="a number that the forces are multiplied by")
-    times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
-    values: list[Matrix] = Field(description="3 rows of 3 numbers for each time, N m: the forces on d1, d2, d3")
-
-    def load(self, place: Place) -> Load:
-        """Return the load."""
-        if len(self.times) != len(self.values):
-            raise ValueError(f"{len(self.times)} times, but {len(self.values)} sets of values")
-        return self.scale * director_forces(self.times, self.values, frame=self.frame)
-
-
-class Potential(LoadSection):
-    """The potential linear·γ + γ·quadratic γ / 2 of a space vector seen from the body, γ = Λᵀ vector."""
-
-    error_key = "quadratic"
-    kind: Literal["potential"]
-    vector: Vector = Field(description="3 numbers: a vector in space")
-    linear: Vector = Field(
-        default=[0.0, 0.0, 0.0], description="3 numbers along the directors, J per unit of the vector"
-    )
-    quadratic: Matrix = Field(
-        default=[[0.0] * 3] * 3, description="3 rows of 3 numbers, symmetric, J per unit of the vector squared"
-    )
-    scale: float = Field(default=1.0, description="a number that the potential is multiplied by")
-
-    def load(self, place: Place) -> Load:
-        """Return the load."""
-        return self.scale * potential(self.vector, linear=self.linear, quadratic=self.quadratic)
-
-
-class Spring(LoadSection):
-    """A spring between a point of the body and one of space."""
-
-    error_key = "rest_length"
-    kind: Literal["spring"]
-    stiffness: Positive = Field(description="a positive number, N/m")
-    point: Vector = Field(description="3 numbers, m: from the fixed point, along the directors")
-    anchor: Vector = Field(description="3 numbers, m: from the fixed point, in space")
-    rest_length: float = Field(default=0.0, description="a number, not negative, m")
-    scale: float = Field(default=1.0, description=FACTOR)
-
-    def load(self, place: Place) -> Load:
-        """Return the load."""
-        return self.scale * spring(self.stiffness, self.point, self.anchor, self.rest_length)
-
-
 class Dipole(LoadSection):
     """A dipole of the body in a uniform field."""
 
     error_key = "moment"
+    is_swept = False
     kind: Literal["dipole"]
     moment: Vector = Field(description="3 numbers along the directors, A m² or C m")
     field: Vector = Field(description="3 numbers in space, T or V/m")
     scale: float = Field(default=1.0, description=FACTOR)
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
-        return self.scale * dipole(self.moment, self.field)
+        return dipole(self.moment, self.field)
 
 
-class GravityGradient(LoadSection):
-    """The gravity gradient on a circular orbit."""
+class OfTerm(LoadSection):
+    """A load that is one term, whose fields are the keys."""
 
-    error_key = "normal"
-    kind: Literal["gravity_gradient"]
-    mean_motion: Positive = Field(description="a positive number, rad/s")
-    radial: Axis = Field(default=[1.0, 0.0, 0.0], description=AN_AXIS + "the radius at start, in space")
-    normal: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "the normal of the orbit, in space")
-    start: float = Field(default=0.0, description="a number, s")
-    scale: float = Field(default=1.0, description=FACTOR)
+    makes: ClassVar[type[Term]]
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
-        return self.scale * gravity_gradient(self.mean_motion, self.radial, self.normal, self.start)
+        return self.makes(**{name: getattr(self, key) for name, key in keys_of(self.makes).items()}).load
 
 
-def unregistrable(kind: str, table: type[LoadSection]) -> str | None:
-    """Return why a class cannot be the table of this kind, and what to do; None if it can."""
-    if not (isinstance(table, type) and issubclass(table, LoadSection)):
-        return f"LOADS[{kind!r}] must be a subclass of LoadSection, as Scaled is; got {shown(table)}"
-    if get_args(table.model_fields["kind"].annotation if "kind" in table.model_fields else None) != (kind,):
-        return f'LOADS[{kind!r}] is the class {table.__name__}, which lacks the line kind: Literal["{kind}"]: add it'
-    return None
+MADE: dict[str, type[LoadSection]] = {
+    "constant": Constant,
+    "csv": Csv,
+    "damping": Damping,
+    "rotor": Rotor,
+    "dipole": Dipole,
+}
 
 
-LOADS: Registry[type[LoadSection]] = Registry(
-    {
-        "constant": Constant,
-        "table": Table,
-        "pulse": Pulse,
-        "sine": Sine,
-        "csv": Csv,
-        "damping": Damping,
-        "rotor": Rotor,
-        "director_forces": DirectorForces,
-        "potential": Potential,
-        "spring": Spring,
-        "dipole": Dipole,
-        "gravity_gradient": GravityGradient,
-    },
-    unregistrable,
-    "give the load another kind",
-)
-AnyLoad = Annotated[LoadSection, OneOf(LOADS, open=True)]
+def keys_of(cls: type[Term]) -> dict[str, str]:
+    """Return the key in run files of each field of a term."""
+    return {name: spec.option or name for name, (_, _, spec) in specs(cls).items()}
+
+
+@cache
+def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
+    """Return the table of a term: a key for each field that has a `Spec`."""
+    keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
+    keys_of_fields, required = keys_of(cls), list[str]()
+    for name, (form, default, spec) in specs(cls).items():
+        given = {} if default is MISSING else {"default": _plain(default)}
+        described = Field(description=accepted(form, spec), **given)
+        keys[keys_of_fields[name]] = Annotated[type_of(form, spec), spec], described
+        required += [keys_of_fields[name]] * (default is MISSING)
+    keys["scale"] = float, Field(default=1.0, description="a number that the load is multiplied by")
+    made = create_model(cls.__name__, __base__=OfTerm, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
+    made.makes, made.error_key, made.is_swept = cls, required[-1], not issubclass(cls, ForceTerm)
+    return made
+
+
+def _plain(default: Any) -> Any:
+    """Return a default of a field as TOML has it."""
+    return [*map(_plain, default)] if isinstance(default, (tuple, list, np.ndarray)) else default
+
+
+def type_of(form: Any, spec: Spec) -> Any:
+    """Return the type of a key from that of a field and its description."""
+    if get_origin(form) is Literal:
+        return form
+    if spec.rule.startswith("direction"):
+        return Axis
+    found: Any = Positive if spec.rule == "positive" else float
+    for n in reversed(spec.shape):
+        least, most = (n, n) if isinstance(n, int) else (2 if spec.rule == "increasing" else None, None)
+        found = Annotated[list[found], Field(min_length=least, max_length=most)]
+    return found
+
+
+def accepted(form: Any, spec: Spec) -> str:
+    """Return what a key accepts, in words."""
+    if get_origin(form) is Literal:
+        *first, last = map('"{}"'.format, get_args(form))
+        return spec.text or f"{', '.join(first)} or {last}"
+    if spec.rule.startswith("direction"):
+        return AN_AXIS + spec.text
+    number = "a positive number" if spec.rule == "positive" else "a number"
+    words = "2 or more increasing numbers" if spec.rule == "increasing" else "numbers" if spec.shape else number
+    for n in reversed(spec.shape):
+        if isinstance(n, int):
+            words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
+        elif words != "numbers" and spec.rule != "increasing":
+            words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
+    words += ", not negative" * (spec.rule == "not negative") + f", {spec.unit}" * bool(spec.unit)
+    return words + f": {spec.text}" * bool(spec.text)
+
+
+class Tables(Mapping[str, type[LoadSection]]):
+    """The tables by their kinds: those above, and those of the entries of `nontwist.loads.LOADS` that are data."""
+
+    def __iter__(self) -> Iterator[str]:
+        data = [kind for kind, cls in LOADS.items() if own_fields(cls)[0] in specs(cls)]
+        return iter(dict.fromkeys([*MADE, *data]))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __getitem__(self, kind: str) -> type[LoadSection]:
+        return MADE[kind] if kind in MADE else table_of(kind, LOADS[kind])
+
+
+AnyLoad = Annotated[LoadSection, OneOf(Tables(), open=True)]

@@ -51,7 +51,7 @@ class Time(Section):
     t_start: float = Field(default=0.0, description="a number, s")
     step: Positive | None = Field(
         default=None,
-        description="a positive number that divides the span, s; left out: at most 0.05 rad a step, and with gauss an "
+        description="a positive number that divides the span, s; left out: at most 0.05 rad a step, or with gauss an "
         "error of 1e-8 at most",
     )
     tolerance: Annotated[float, Field(gt=0, le=0.1)] | None = Field(

@@ -4,22 +4,11 @@ from __future__ import annotations
 
 import re
 
+from ..units import in_datasets
 from .document import RunFile
 from .section import Section
 
-UNITS = {  # as descriptions write them, and as datasets do
-    **{"kg m² s⁻¹": "kg m2 s-1", "kg m²": "kg m2", "N m s": "N m s", "N m": "N m", "N/m": "N m-1"},
-    **{
-        "rad/s": "rad s-1",
-        "m/s²": "m s-2",
-        "Hz": "Hz",
-        "rad": "rad",
-        "kg/m³": "kg m-3",
-        "kg": "kg",
-        "m": "m",
-        "s": "s",
-    },
-}
+UNITS = ("kg m² s⁻¹", "kg m²", "N m s", "N m", "N/m", "rad/s", "m/s²", "Hz", "rad", "kg/m³", "kg", "m", "s")
 UNIT = re.compile(rf"(?:^|, )({'|'.join(map(re.escape, UNITS))})(?=[:;,]|$)")
 
 
@@ -33,4 +22,4 @@ def unit_of(file: RunFile, key: str) -> str | None:
             text = type(value).model_fields[part].description or text
             value = getattr(value, part)
     found = UNIT.search(text)
-    return UNITS[found[1]] if found else None
+    return in_datasets(found[1]) if found else None

@@ -32,7 +32,7 @@ from ..integrators.time_grid import stretched
 from ..runfile import RunFile, RunFileError
 from ..runfile.document import with_loads
 from ..runfile.folder import Folder
-from ..runfile.loads import AnyLoad, Place, Scaled
+from ..runfile.loads import AnyLoad, Place
 from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
@@ -158,7 +158,7 @@ class Members:
     def is_axis(self, key: str) -> bool:
         """Whether members may differ in this key within one ensemble."""
         if key == "load.0.scale":
-            return len(self.file.load) == 1 and isinstance(self.file.load[0], Scaled)
+            return len(self.file.load) == 1 and self.file.load[0].is_swept
         return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
     def _run(self, file: RunFile | str, places: NDArray[np.int64], values: Values, results: Results) -> None:
@@ -211,8 +211,8 @@ class Members:
         plan, scales = file.prepared.plan._replace(store="end", asked=None), values.get("load.0.scale")
         if numbers := _below("body.", values):
             plan = plan._replace(systems=stack(file.body, numbers, self.folder))
-        if scales is not None and isinstance(one := file.load[0], Scaled):
-            plan = plan._replace(load=one.unscaled(Place(self.folder, plan.t_start, plan.t_end)))
+        if scales is not None:
+            plan = plan._replace(load=file.load[0].unscaled(Place(self.folder, plan.t_start, plan.t_end)))
         plan = plan._replace(load=known_body(plan.load, plan.systems))
         velocity = file.start.angular_velocity
         (frame,) = type(velocity).model_fields

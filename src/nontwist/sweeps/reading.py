@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import warnings
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.variables import COORDINATES
 from ..driver import simulate
-from ..driver.notices import callers_level
+from ..errors import warn
 from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
@@ -93,10 +92,9 @@ def dataset(kept: SweepStore, store: str | os.PathLike[str], verify: bool = True
     import xarray
 
     if verify and not kept.seal:
-        warnings.warn(
+        warn(
             f"{store} is an unsealed store of nontwist 0.1.0: data read from it are not verified. "
-            "nontwist sweep-verify compares its numbers with their hashes; verify=False reads it without this warning",
-            stacklevel=callers_level(),
+            "nontwist sweep-verify compares its numbers with their hashes; verify=False reads it without this warning"
         )
     try:
         data: xarray.Dataset = xarray.open_zarr(kept.files, chunks={}, consolidated=True, zarr_format=3)

@@ -9,7 +9,6 @@ are begun.
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
@@ -17,7 +16,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from ..driver.costs import cores, notice
-from ..driver.notices import callers_level
+from ..errors import warn
 from ..geometry.values import as_function
 from ..integrators.costs import Cost
 from ..io.whole import locked
@@ -145,7 +144,7 @@ def _store(place: Path, members: Members, count: int, block: int | None) -> Swee
         seconds = (forecast(members.file).sweep_seconds or 0.0) / min(count, planned.blocks)
         cost = Cost(planned.members, "members", seconds, planned.bytes)
         if (text := notice(cost, "sweep", "on the disk")) is not None:
-            warnings.warn(text, UserWarning, stacklevel=callers_level())
+            warn(text)
         return create(place, members, planned.block)
     store = open_store(place, members=members)
     if store.members.text != members.text:

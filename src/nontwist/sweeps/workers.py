@@ -22,9 +22,8 @@ import numpy as np
 from ..driver.costs import cores
 from ..geometry.values import as_path, as_whole, shown
 from ..integrators import INTEGRATORS
-from ..loads import TERMS
+from ..loads import LOADS
 from ..models.bodies import BODIES
-from ..runfile.loads import LOADS
 from .draws import spread
 from .seals import Done
 from .store import MISSING, MOST_REASONS, SweepStore, open_store
@@ -53,7 +52,7 @@ def make(store: SweepStore, k: int) -> Done:
 
 def own_modules() -> tuple[str, ...]:
     """Return the modules outside the package that add loads, bodies and integrators: workers must import them."""
-    registered = [*LOADS.values(), *TERMS.values(), *INTEGRATORS.values(), *(kind.make for kind in BODIES.values())]
+    registered = [*LOADS.values(), *INTEGRATORS.values(), *(kind.make for kind in BODIES.values())]
     names = {one.__module__ for one in registered} & (sys.modules.keys() - {"__main__"})
     return tuple(sorted(name for name in names if name.partition(".")[0] != "nontwist"))
 

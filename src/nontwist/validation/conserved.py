@@ -14,8 +14,8 @@ from ..analysis import observables as obs
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, EnergyMomentum
+from ..loads import LOADS as KINDS
 from ..loads import (
-    TERMS,
     Load,
     Term,
     body_moment,
@@ -82,23 +82,23 @@ def random_bodies() -> Iterator[Check]:
         yield error(f"{scheme} {k}: orthonormality, {bodies}", drifts["q"], 1e-13, UNIT, "invariant")
 
 
-OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.TERMS in the package
+OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS in the package
     "pulse": pulse([0, 1, -2], 0, 0.2),
     "sine": sine([1, 2, 0], 0.7),
-    "times": space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
+    "table": space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
     "function": body_moment(lambda t: (t, 0, 1)),
     "damping": damping([0.1, 0.2, 0.3]),
     "rotor": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5]),
-    "forces_of": director_forces([0, 2], [FORCES, -FORCES]),
-    "director_forces": director_forces(lambda t, d, w: FORCES * t + d, frame="body"),
-    "linear": potential([1, 0, 2], linear=[0.3, 1, -1], quadratic=np.array([[1, 0.5, 0], [0.5, -2, 0], [0, 0, 3]])),
-    "stiffness": spring(4, point=[0.2, 0.5, 1], anchor=[1, 1, 0.5], rest_length=0.7),
-    "mean_motion": gravity_gradient(0.8),
-    "potential": potential(
+    "director_forces": director_forces([0, 2], [FORCES, -FORCES]),
+    "function of director forces": director_forces(lambda t, d, w: FORCES * t + d, frame="body"),
+    "potential": potential([1, 0, 2], linear=[0.3, 1, -1], quadratic=np.array([[1, 0.5, 0], [0.5, -2, 0], [0, 0, 3]])),
+    "spring": spring(4, point=[0.2, 0.5, 1], anchor=[1, 1, 0.5], rest_length=0.7),
+    "gravity_gradient": gravity_gradient(0.8),
+    "function of a potential": potential(
         [0, 0, 1], lambda g: float(np.cos(g[0]) + g[2] ** 4), lambda g: np.array([-np.sin(g[0]), 0, 4 * g[2] ** 3])
     ),
 }
-ON_AN_ORBIT = "mean_motion"  # the term under which K + V changes with time
+ON_AN_ORBIT = "gravity_gradient"  # the term under which K + V changes with time
 
 
 BALANCE: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True}
@@ -147,7 +147,7 @@ def work_of(load: Load, words: str) -> Iterator[Check]:
 
 def own_terms() -> dict[str, type[Term]]:
     """Return the classes of terms that modules outside the package have added."""
-    return {name: cls for name, cls in TERMS.items() if name not in OF_TERMS}
+    return {name: cls for name, cls in KINDS.items() if name not in OF_TERMS}
 
 
 def unchecked() -> tuple[str, ...]:

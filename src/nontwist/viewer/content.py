@@ -28,7 +28,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
 from ..geometry.values import shown
-from ..loads.records import rotors_of
+from ..loads.kinds import rotors_of
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
 from .panels import packed, panels

@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-import warnings
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..driver.notices import callers_level
+from ..errors import warn
 from ..geometry.arrays import Array, as_array
 from ..io.whole import written
 from .content import contents
@@ -179,11 +178,10 @@ def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float
     turn = max(motion.data["turned"] / (len(times) - 1) for motion in motions)
     if turn > LEAP:
         enough = max(seconds, math.ceil(seconds * rate * turn / LEAP / FASTEST))
-        warnings.warn(
+        warn(
             f"the body turns by {math.degrees(turn):.0f}° from picture to picture, on average, so it may seem to turn "
             f"backwards or to stand; use --seconds {enough:g} --fps {FASTEST:g}, or a part of the run: "
-            "--from T0 --to T1, in Python run.sel(time=slice(t0, t1))",
-            stacklevel=callers_level(),
+            "--from T0 --to T1, in Python run.sel(time=slice(t0, t1))"
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..loads.records import rotors_of
+from ..loads.kinds import rotors_of
 
 if TYPE_CHECKING:
     import xarray

@@ -76,4 +76,5 @@ def of_arrays(arrays: Mapping[str, Any]) -> Content:
     known = next((float(arrays[name]) for name in arrays if name.lower() in RATES and arrays[name].size == 1), 0.0)
     count = max(map(len, (*bodies.values(), *loose.values())), default=0)
     time = np.arange(count) / known if known > 0 and count else None
-    return Content(Table(columns), bodies, loose, time=time, notes=tuple(notes), directed=False, headless=headless)
+    table = Table(columns, headless=headless)
+    return Content(table, bodies, loose, time=time, notes=tuple(notes), directed=False)

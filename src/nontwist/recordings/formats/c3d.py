@@ -20,8 +20,6 @@ from .content import Content, by_name
 def read_c3d(path: Path, how: ReadOptions) -> Content:
     """Read the rotations of a file."""
     library("ezc3d", "c3d")
-    with open(path, "rb"):
-        pass  # errors of the system in its words
     with readable("C3D file"):
         found = read_apart(rotations, path)
         matrices = np.asarray(found["matrices"], dtype=float)

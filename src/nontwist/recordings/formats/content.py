@@ -17,7 +17,7 @@ from ..table import Lines, Table, number, place
 class Content:
     """The content of a file.
 
-    `table` has orientation and time by its headers, as in CSV, or by numbers from 1, and is `headless` then.
+    `table` has orientation and time by its headers, as in CSV.
     `bodies` are (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ, by name; they map body to space, which the
     format defines where they are `directed`. `loose` are quaternions for which it does not define where the scalar is.
     `spins` are spatial angular velocities, (n, 3), rad/s, if the file states them; `time`, s, that of the samples of
@@ -37,7 +37,6 @@ class Content:
     notes: tuple[str, ...] = ()
     lines: Lines | None = None
     directed: bool = True
-    headless: bool = False
 
 
 def by_name(kind: str, streams: Iterable[tuple[str, Any]]) -> dict[str, Any]:

@@ -28,8 +28,6 @@ def read_spice(path: Path, how: ReadOptions) -> Content:
     Kernels that the process has loaded stay loaded.
     """
     spice = library("spiceypy", "spice")
-    with open(path, "rb"):
-        pass  # errors of the system in its words
     if how.rate is None:
         raise InputError("no-rate")
     with readable("meta-kernel of CK, leapseconds (LSK) and spacecraft clock (SCLK)"):

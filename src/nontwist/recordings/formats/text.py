@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from ..options import ReadOptions
-from ..table import Table
 from ..text import read_table
 from .content import Content
 
@@ -16,8 +15,8 @@ SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), 
 
 def read_text(source: Path | Any, how: ReadOptions) -> Content:
     """Read a file or a text stream."""
-    table, headless, notes = read_table(source)
-    return Content(table, notes=notes, headless=headless)
+    table, notes = read_table(source)
+    return Content(table, notes=notes)
 
 
 def read_gyroflow(path: Path, how: ReadOptions) -> Content:
@@ -32,4 +31,4 @@ def read_gyroflow(path: Path, how: ReadOptions) -> Content:
         values = content.table.numbers(header) * float(above[key]) if is_scaled else content.table.columns[header]
         columns[f"{header} ({unit})" if is_scaled and unit else header] = values
     note = "counts: times the factors in the lines above them"
-    return replace(content, table=Table(columns, content.table.lines), notes=(*content.notes, note))
+    return replace(content, table=replace(content.table, columns=columns), notes=(*content.notes, note))

@@ -1,0 +1,590 @@
+"""States between the nodes of a run, where these lie on one trajectory: by power series from both ends of a step.
+
+The equations of `gauss_stages`, run on power series (`kernels.series`) in the part τ of a step, give the momentum P,
+the attitude p and the sums of an interval as polynomials: a(τ) from the node where the step begins, b(1 - τ) from that
+where it ends. Each is the exact motion through its node, to round-off: as many coefficients are made as that takes. The
+error of the step itself puts them apart, by d in its middle. In between the state passes from one to the other,
+
+    x(τ) = a(τ) + w(τ) (b(1 - τ) - a(τ)),        w = τ⁴ (35 - 84 τ + 70 τ² - 20 τ³),
+
+with three continuous derivatives. An invariant is the same along a and b, so along x it is off by d² times its second
+derivative; d up to `APART` is taken, otherwise the integrator takes substeps. The quaternion is normalised. The sums
+over a whole step are those that the scheme has found, so the balances of a run hold between outputs as they do between
+nodes. As ``1 - w`` is small where a(τ) converges last, coefficients of the size `LAST` are left out.
+
+Loads that depend on time are polynomials in a step: those through their values at Chebyshev nodes inside of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property, lru_cache, reduce
+from math import inf
+from threading import local
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.layout import put, side_by_side, spans, views
+from ..engine.records import BODY, SUMS, Body, Parts, Sums, places
+from ..engine.sampling import Nodes
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from ..kernels import machine_code
+from ..kernels.control import Variables, loop, when, whilst
+from ..kernels.elements import larger, select, smaller, sqrt
+from ..kernels.kernel import Kernel
+from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch
+from ..kernels.series import Recurrence, Stored
+from ..kernels.tracing import tracer
+from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
+from ..loads import Load
+from ..loads.base import with_moments
+from ..loads.potentials import Potential
+from ..loads.terms import Damping, Rotor
+from ..models.stack import SystemStack
+from .compiled import Compiled
+from .gauss_stages import VECTORS, Equations, Now, Sampled
+from .listing import Outputs
+from .marching import intervals_in, states_in
+from .prepared_march import PreparedMarch
+from .problem import Problem
+from .stack_march import StackMarch
+
+FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
+LAST, APART, TINY = 2e-12, 1e-7, 1e-300
+DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
+STATE = 7  # numbers of P and p
+UNTIMED = SUMS.work, SUMS.twist  # of which a sum is no mean
+
+
+class Run(NamedTuple):
+    """What the kernel is called with: members, their nodes, steps with outputs inside, outputs."""
+
+    first: int  # members
+    last: int
+    bodies: Doubles
+    body_stride: int
+    scales: Doubles  # of the loads, in units of the body
+    scale_stride: int
+    rate: Doubles  # (1,) 1 over the unit of time
+    nodes: int
+    p: Doubles  # (m, nodes, 4)
+    W: Doubles  # (m, nodes, 3)
+    means: Doubles  # (m, nodes - 1, `Sums`)
+    spans: Doubles  # (nodes - 1,) between nodes, in units of time
+    begin: Wholes  # (steps,) the node at which each step begins
+    lengths: Doubles  # (steps,) in units of time
+    outputs: Wholes  # (steps + 1,) number of the first output inside
+    places: Wholes  # (steps,) its row
+    parts: Doubles  # τ of the outputs inside
+    given: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
+    degree: int
+    taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
+    good: Wholes
+    kept: int  # rows of an output, the start the first one
+    rows: Wholes  # (kept,) the node at or before each
+    inside: Wholes  # (kept,) 1 where it lies after it
+    intervals: Doubles  # (kept,) 1 over the time since the output before
+    quaternions: Doubles  # (m, kept, 4)
+    velocities: Doubles  # (m, kept, 3)
+    sums: Doubles  # (m, kept - 1, `Sums`)
+    apart: Doubles  # (m,) the largest d
+
+
+RUN = places(Run)
+
+
+class AtEnds(Nodes):
+    """What acts at the ends of steps: bodies, and the frame that they have there."""
+
+    def __init__(self, parts: Parts, body: Body, p: Quaternion) -> None:
+        self.parts, self.body, self.R = parts, body, attitude(p)
+
+
+def vectors_of(parts: Parts) -> int:
+    """Return of how many vectors the loads are polynomials."""
+    return parts.moving + parts.space + 2 * parts.rotor
+
+
+def summed(parts: Parts) -> list[str]:
+    """Return what is summed, and is not 0."""
+    has_moment = parts.moving or parts.space or parts.rotor or parts.damping
+    is_made = {
+        "mu": parts.is_constrained,
+        "moment": has_moment,
+        "dead": parts.is_constrained and parts.dead,
+        "work": has_moment,
+        "twist": True,
+    }
+    return [name for name, is_there in is_made.items() if is_there and parts.reports]
+
+
+def sums_of(parts: Parts) -> list[int]:
+    """Return the places in `Sums` of what is summed."""
+    return [fields(Sums)[name].place + k for name in summed(parts) for k in range(fields(Sums)[name].size)]
+
+
+def parts_between(march: StackMarch) -> Parts:
+    """Return what there is between nodes: the equations that members share, those of all where they differ."""
+    motion = march.parts.motion if len(march.groups) == 1 else "rows"
+    return march.parts._replace(motion="moved" if motion == "steady" else motion, lanes=1)
+
+
+@lru_cache
+def kernel_of(parts: Parts) -> Kernel:
+    """Return the kernel that finds the outputs of members."""
+
+    def kernel(address: Any) -> None:
+        run = View(Run, doubles(address))
+        for i in loop(run.first, run.last):
+            run.apart[i] = 0.0
+            for first in loop(0, run.taken[i], lanes_of_text()):
+                fill(parts, run, i, first)
+            join(parts, run, i)
+
+    return Kernel(kernel, "i8")
+
+
+def lanes_of_text() -> int:
+    """Return how many steps are expanded at a time."""
+    return 1 if tracer() is None else machine_code.lanes()
+
+
+def body_of(run: View, i: Any) -> Body:
+    """Return the body of a member."""
+    return Body(*View(Body, run.bodies.shifted(i * run.body_stride)).read())
+
+
+def turned(p: Quaternion, x: Vector) -> Vector:
+    """Return Λ x."""
+    t = cross(p.vector, x) * 2.0
+    found: Vector = x + t * p[0] + cross(p.vector, t)
+    return found
+
+
+class Rooms:
+    """Memory for both ends of steps, the same one after the other whenever an expansion is made again."""
+
+    def __init__(self) -> None:
+        self._made, self._next, self._side = list[Any](), 0, 0
+
+    def of(self, side: Any) -> Rooms:
+        """Begin again, for one of the ends."""
+        self._next, self._side = 0, side
+        return self
+
+    def __call__(self, count: int) -> Any:
+        """Return the next memory, of so many numbers."""
+        if self._next == len(self._made):
+            self._made.append(scratch(2 * count))
+        self._next += 1
+        return self.at(self._next - 1, self._side, count)
+
+    def at(self, number: int, side: Any, count: int) -> Any:
+        """Return that of a number, for one of the ends."""
+        return self._made[number].shifted(side * count)
+
+
+class Expansion:
+    """Series of P, p and the sums, in as many steps as there are lanes, from one of their ends."""
+
+    def __init__(self, parts: Parts, run: View, i: Any, side: Any, room: Rooms) -> None:
+        self.parts, self.run, self.i, self.side, self.body = parts, run, i, side, body_of(run, i)
+        lanes = self.lanes = lanes_of_text()
+        self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
+        self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
+        self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
+        self.given = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
+        self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
+
+    def gather(self, first: Any) -> None:
+        """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
+        run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
+        for memory in self.given:
+            for k in loop(MOST * lanes):
+                memory[k] = 0.0
+        for l in loop(lanes):
+            step = smaller(first + l, run.taken[i] - 1)
+            begin, length = run.begin[step], run.lengths[step]
+            node, means = i * run.nodes + begin, run.means.shifted((i * (run.nodes - 1) + begin) * SUMS.size)
+            p, W = run.p.shifted(4 * (node + self.side)), run.W.shifted(3 * (node + self.side))
+            sums = [(1.0 if c in UNTIMED else length) * means[c] for c in sums_of(self.parts)]
+            numbers = [p[k] for k in range(4)] + [W[k] for k in range(3)]
+            for c, x in enumerate([*numbers, *(select(self.side == 0, 0.0, x) for x in sums)]):
+                start[c * lanes + l] = x
+            self.length[l] = select(self.side == 0, length, -length)
+            for c, memory in enumerate(self.given):
+                given = run.given.shifted(((2 * step + self.side) * len(self.given) + c) * run.degree)
+                for n in loop(run.degree):
+                    memory[n * lanes + l] = given[n]
+        x, y, z, w, *more = (start.load(c * lanes, lanes) for c in range(len(self.unknowns)))
+        q = Quaternion(w, x, y, z) @ body.frame
+        P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
+        held = select(body.k[2] == 0.0, 0.0, P[2])
+        for one, at in zip(self.unknowns, (P[0], P[1], held, *q, *more[3:]), strict=True):
+            one.put(0, at)
+        for one, at in zip(self.rows, (x for v in self.equations().start for x in v), strict=True):
+            one.put(0, at + 0.0 * w)
+
+    def equations(self) -> Equations:
+        """Return the equations in the frame of the end."""
+        P, p = Vector(*self.unknowns[:3]), Quaternion(*(x[0] for x in self.unknowns[3:STATE]))
+        return Equations(self.parts.motion, AtEnds(self.parts, self.body, p), None, P)  # type: ignore[arg-type]
+
+    def expand(self, known: Any, k: Any) -> None:
+        """Make k coefficients, given the first `known`."""
+        P, p, e = Vector(*self.unknowns[:3]), Quaternion(*self.unknowns[3:STATE]), self.equations()
+        g = Matrix(*zip(*[iter(self.rows)] * 3, strict=True)) if self.rows else ()
+        moving, space, rotor = self.loads()
+        seen = None if space is None else space @ e.acting.R
+        now = e.now(Sampled(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
+        W, v, w = now.W, p.vector, p[0]
+        rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]
+        rates += self.sum_rates(now, p, space)
+        for each in g:
+            rates += cross(each, W)
+        h = self.length.load(0, self.lanes)
+        self.recurrence.solve([*self.unknowns, *self.rows], [h * rate for rate in rates], known - 1, k - 1)
+
+    def loads(self) -> tuple[Any, Any, Any]:
+        """Return the moment along the frame, that in space, and the momentum of the rotors; None: there is none."""
+        body, parts, found = self.body, self.parts, list[Vector]()
+        scale = self.run.scales[self.i * self.run.scale_stride]
+        for a, b, c in zip(*[iter(self.given)] * 3, strict=True):
+            found.append(scale * Vector(*(Stored(self.recurrence, x) for x in (a, b, c))))
+        vectors = iter(found)
+        moving = next(vectors) @ body.basis if parts.moving else None
+        space = next(vectors) if parts.space else None
+        rotor = next(vectors) @ body.basis if parts.rotor else None
+        if parts.rotor:
+            rate = next(vectors) @ body.basis
+            moving = -rate if moving is None else moving - rate
+        return moving, space, rotor
+
+    def sum_rates(self, now: Now, p: Quaternion, space: Any) -> list[Any]:
+        """Return the rates of the sums: μ, the moment and that of dead forces in space, work and twist."""
+        body, parts, found, names = self.body, self.parts, list[Any](), summed(self.parts)
+        (b0, b1), k = body.off, body.k
+        if "mu" in names:
+            found.append(now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1])
+        if "moment" in names:
+            found += sum_of(None if now.own is None else turned(p, now.own), space)
+        if "dead" in names:
+            found += turned(p, now.still)
+        if "work" in names:
+            found.append(sum_of(*(None if x is None else now.W @ x for x in (now.own, now.push))))
+        return [*(body.unit * x for x in found), body.axis @ now.W] if parts.reports else []
+
+
+def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
+    """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
+    lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
+    rooms, own, (signs, apart, rest, enough) = Rooms(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    enough = enough.shifted(0, True)
+    for _ in range(count):
+        rooms(MOST * lanes)
+    series = [[rooms.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
+    for l in loop(lanes):
+        enough[l] = 0
+    v = Variables(k=FEWEST, known=1, goes=True)
+    for _ in whilst(lambda: v.goes):
+        for side in loop(2):
+            e = Expansion(parts, run, i, side, rooms.of(side))
+            for _ in when(v.known == 1):
+                e.gather(first)
+            e.expand(v.known, v.k)
+        rest.store(0, rest_of(series, v.k), lanes)
+        v.known, v.goes = v.k, False
+        for l in loop(lanes):
+            for _ in when(enough[l] == 0):
+                for _ in when(rest[l] <= LAST):
+                    enough[l] = v.k
+                v.goes = v.goes | (enough[l] == 0)
+        v.goes = v.goes & (v.k < MOST)
+        for _ in when(v.goes):
+            v.k = v.k + MORE
+    a, b = (at_middle(each[:STATE], v.k) for each in series)
+    dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
+    sign = select(dot < 0.0, -1.0, 1.0 + 0.0 * dot)
+    d = [x - y for x, y in zip(a, (*b[:3], *(sign * y for y in b[3:])), strict=True)]
+    off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
+    signs.store(0, sign, lanes)
+    apart.store(0, select(off <= inf, off, inf), lanes)
+    for l in loop(smaller(run.taken[i] - first, lanes)):
+        run.apart[i] = larger(run.apart[i], select(enough[l] == 0, inf, apart[l]))
+        for c, each in enumerate([*series[0], *series[1]]):
+            for n in loop(enough[l]):
+                own[c * MOST + n] = each[n * lanes + l]
+        ends = [[own.shifted((side * count + c) * MOST) for c in range(count)] for side in range(2)]
+        write_outputs(parts, run, i, ends, enough[l], first + l, signs[l])
+
+
+def rest_of(series: list[Any], k: Any) -> Any:
+    """Return the size of the last two coefficients of P, over that of P, and of p."""
+    lanes = lanes_of_text()
+
+    def coefficients(n: Any) -> Iterator[list[Any]]:
+        return ([one.load(n * lanes, lanes) for one in each[:STATE]] for each in series)
+
+    P = reduce(larger, map(taxicab, coefficients(0))) + TINY
+    last = [x for n in (k - 1, k - 2) for x in coefficients(n)]
+    return reduce(larger, (taxicab(x) / P + taxicab(x[3:]) + abs(x[6]) for x in last))
+
+
+def at_middle(series: list[Any], k: Any) -> Any:
+    """Return polynomials of k coefficients in the middle of steps."""
+    lanes = lanes_of_text()
+    v = Variables(x=tuple(one.load((k - 1) * lanes, lanes) for one in series))
+    for n in loop(2, k + 1):
+        v.x = tuple(0.5 * x + one.load((k - n) * lanes, lanes) for x, one in zip(v.x, series, strict=True))
+    return v.x
+
+
+def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: Any, sign: Any) -> None:
+    """Write the outputs inside of a step of a member."""
+    lanes, sums, body, count = lanes_of_text(), sums_of(parts), body_of(run, i), len(series[0])
+    (w, *u), out = body.frame, scratch(count * lanes)
+    signs = [sign if 3 <= c < STATE else 1.0 for c in range(count)]
+    begin, end = run.outputs[step], run.outputs[step + 1]
+    for number in loop(begin, end, lanes):
+        t = run.parts.load(number, lanes)
+        s, zero = 1.0 - t, 0.0 * t
+        v = Variables(a=(zero,) * count, b=(zero,) * count)
+        for n in loop(1, k + 1):
+            place = k - n
+            v.a = tuple(x * t + one[place] for x, one in zip(v.a, series[0], strict=True))
+            v.b = tuple(x * s + one[place] for x, one in zip(v.b, series[1], strict=True))
+        weight = t * t * t * t * (35.0 - t * (84.0 - t * (70.0 - t * 20.0)))
+        x = [a + weight * (f * b - a) for a, b, f in zip(v.a, v.b, signs, strict=True)]
+        p = Quaternion(*x[3:STATE])
+        q = (1.0 / sqrt(sum_of(*(y * y for y in p)))) * p @ Quaternion(w, *(-y for y in u))
+        W = run.rate[0] * (body.basis @ body.velocity_of(Vector(*x[:3])))
+        for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
+            out.store(c * lanes, y, lanes)
+        for l in loop(smaller(end - number, lanes)):
+            row = i * run.kept + run.places[step] + (number - begin) + l
+            target = run.sums.shifted((row - i - 1) * SUMS.size)
+            for c in range(4):
+                run.quaternions[4 * row + c] = out[c * lanes + l]
+            for c in range(3):
+                run.velocities[3 * row + c] = out[(4 + c) * lanes + l]
+            for c, place in enumerate(sums):
+                target[place] = out[(STATE + c) * lanes + l]
+
+
+def join(parts: Parts, run: View, i: Any) -> None:
+    """Write the outputs at nodes, and means over the intervals between outputs; give quaternions their signs."""
+    v, total, own = Variables(row=0), scratch(SUMS.size), sums_of(parts)
+    for c in range(SUMS.size):
+        total[c] = 0.0
+    for number in loop(run.good[i]):
+        row, inside, at = run.rows[number], run.inside[number], i * run.kept + number
+        q, W, sums = (
+            run.quaternions.shifted(4 * at),
+            run.velocities.shifted(3 * at),
+            run.sums.shifted((at - i - 1) * SUMS.size),
+        )
+        for _ in when(inside == 0):
+            for target, source, n in ((q, run.p, 4), (W, run.W, 3)):
+                for c in range(n):
+                    target[c] = source[(i * run.nodes + row) * n + c]
+        for _ in when(number > 0):
+            before = q.shifted(-4)
+            sign = select(before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3] < 0.0, -1.0, 1.0)
+            for c in range(4):
+                q[c] = sign * q[c]
+            if own:
+                for node in loop(v.row, row + inside):
+                    means = run.means.shifted((i * (run.nodes - 1) + node) * SUMS.size)
+                    total[SUMS.iterations] = larger(total[SUMS.iterations], means[SUMS.iterations])
+                    for c in own:
+                        by = 1.0 if c in UNTIMED else run.spans[node]
+                        total[c] = total[c] + select(node < row, by * means[c], 0.0)
+                for c in own:
+                    x = select(inside == 0, 0.0, sums[c])
+                    sums[c] = (total[c] + x) * (1.0 if c in UNTIMED else run.intervals[number])
+                    total[c] = -x
+                sums[SUMS.iterations] = total[SUMS.iterations]
+                total[SUMS.iterations] = 0.0
+        v.row = row
+
+
+class Dense:
+    """A march whose outputs lie between nodes.
+
+    Attributes
+    ----------
+    march : StackMarch
+        From node to node.
+    shapes : dict
+        Of the arrays of outputs; those are named as those of the march.
+    """
+
+    def __init__(self, problem: Problem, scheme: Compiled) -> None:
+        outputs, m = Outputs(problem), len(problem)
+        node, since = np.append(0, outputs.node), np.append(0.0, outputs.since)
+        is_inside, self._times = since > 0, np.append(problem.t_start, outputs.times)
+        number, t = node[is_inside], since[is_inside]
+        step, first = np.unique(number, return_index=True)
+        nodes = np.unique(np.concatenate([[0, problem.steps], step, step + 1, node]))
+        march = self.march = StackMarch(replace(problem, asked=None, stored=nodes), scheme)
+        self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
+        length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))
+        shape = m, len(node)
+        self.shapes: dict[str, tuple[int, ...]] = {
+            "quaternions": (*shape, 4),
+            "velocities": (*shape, 3),
+            "normals": (0,),
+            "intervals": (m, len(node) - 1, SUMS.size) if problem.intervals else (0,),
+        }
+        given, degree = polynomials(march.load, march.parts, problem.times(step), length, unit)
+        self._arrays = {
+            "bodies": march.bodies,
+            "scales": march.scales,
+            "rate": np.array([1.0 / unit]),
+            "spans": march.lengths,
+            "begin": np.searchsorted(nodes, step),
+            "lengths": length / unit,
+            "outputs": np.append(first, len(number)),
+            "places": np.flatnonzero(is_inside)[first],
+            "parts": np.append(t / length[np.searchsorted(step, number)], np.ones(machine_code.lanes())),
+            "given": given,
+            "rows": np.searchsorted(nodes, node),
+            "inside": is_inside.astype(np.int64),
+            "intervals": unit / np.append(1.0, outputs.length),
+        }
+        strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
+        self._counts = {"nodes": len(nodes), "degree": degree, "kept": len(node), "last": m, **strides}
+        self._kernel = kernel_of(parts_between(march))
+
+    def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
+        """Return the arrays of outputs and how many are good, given how many nodes are; None where these are apart.
+
+        The last state of a march that was stopped counts as that of the next output.
+        """
+        march, rows, inside, changes = self.march, self._arrays["rows"], self._arrays["inside"], {}
+        found = good - (end is not None)
+        reached = np.searchsorted(rows + inside, found)
+        if end is not None:
+            last, n, since = int(found[0]), int(reached[0]), march.stack.times(end)
+            names = "rows", "inside", "spans", "intervals"
+            changes = {name: self._arrays[name].copy() for name in names}
+            changes["rows"][n], changes["inside"][n], reached = last, 0, reached + 1
+            changes["spans"][last - 1] = (since - march.stack.output[last - 1]) / march.unit
+            changes["intervals"][n] = march.unit / (since - self._times[n - 1])
+        run = Between(self, march.arrays, found, reached, **changes)
+        return (run.arrays, reached - self.skipped) if run.find() else None
+
+
+class Between:
+    """The outputs of a march between its nodes, in memory of their own."""
+
+    def __init__(
+        self, dense: Dense, nodes: dict[str, Array], found: NDArray[np.int64], good: NDArray[np.int64], **changes: Array
+    ) -> None:
+        self._kernel, self._apart = dense._kernel, np.zeros(len(good))
+        self.arrays, places = side_by_side(**dense.shapes)
+        known = dense._arrays | changes
+        taken = np.searchsorted(known["begin"] + 1, found)
+        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes)
+        put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
+        put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
+        put(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
+        self._row, self._address = row, row.ctypes.data
+
+    def find(self) -> bool:
+        """Find them; return whether the nodes lie on one trajectory."""
+        self._kernel(self._address)
+        return not (self._apart > APART).any()
+
+
+def between(scheme: Compiled, problem: Problem, states: States) -> States | None:
+    """Return the states of one body at the times asked for, given those at all nodes; None where these are apart."""
+    plain = replace(problem, intervals=False, observed=False, progress=None)
+    dense = Dense(plain, scheme)
+    march = dense.march
+    march.arrays["quaternions"][0] = states.quaternion[march.stack.stored]
+    march.arrays["velocities"][0] = states.velocity[march.stack.stored]
+    found = dense.outputs(np.array([len(march.stack.stored)]), None)
+    return None if found is None else states_in(found[0], dense.skipped).part(0)
+
+
+class PreparedDense:
+    """A march of one body whose start is left open, with outputs between its nodes."""
+
+    def __init__(self, dense: Dense) -> None:
+        self._dense, self._threads, self._march = dense, local(), PreparedMarch(dense.march)
+        self._unit, self._spans = float(dense.march.bodies[0, BODY.unit]), spans(dense.shapes)
+
+    @cached_property
+    def _substeps(self) -> PreparedMarch:
+        return PreparedMarch(StackMarch(self._dense.problem, self._dense.march.scheme))
+
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Any, float, float]:
+        """March from the quaternion `p`, scalar last, and W: as a prepared march, by substeps where nodes are apart."""
+        found, squares, fastest = self._march(p, W, scale)
+        if not squares < inf:
+            return found, squares, fastest
+        try:
+            nodes, factor, memory, between = self._threads.own
+        except AttributeError:
+            nodes, factor, memory, between = self._threads.own = self._workspace()
+        nodes[:], factor[0] = found, scale / self._unit
+        if not between.find():
+            found, squares, fastest = self._substeps(p, W, scale)
+            return (found, None), squares, fastest
+        return (found, memory.copy()), squares, fastest
+
+    def read(self, found: Any) -> dict[str, Any]:
+        """Return fields of a run from what a call has found."""
+        nodes, memory = found
+        if memory is None:
+            return self._substeps.read(nodes)
+        dense, arrays = self._dense, views(memory, self._spans)
+        means, march = intervals_in(dense.march, arrays, dense.skipped).of_one, dense.march
+        carried = nodes[march.spans["states"][0]] * march.factors[0]
+        return {"states": states_in(arrays, dense.skipped).part(0), **means, "memory": carried}
+
+    def _workspace(self) -> tuple[Array, Array, Array, Between]:
+        """Return memory for one thread: states at nodes, the factor of the load, outputs, what finds them."""
+        dense, march, factor = self._dense, self._dense.march, np.ones(1)
+        nodes, _ = side_by_side(**march.shapes)
+        every = np.array([len(march.stored)]), np.array([dense.shapes["quaternions"][1]])
+        between = Between(dense, nodes, *every, scales=factor)
+        return nodes["quaternions"].base, factor, between.arrays["quaternions"].base, between  # type: ignore[return-value]
+
+
+def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: float) -> tuple[Array, int]:
+    """Return loads as polynomials in τ and in 1 - τ, (steps, 2, vectors, 3, degree), and how many numbers they have."""
+    degree = 2 if load.is_linear else DEGREE
+    x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(degree) + 0.5) / degree)
+    times = (begin[:, None] + length[:, None] * x).ravel()
+    names, found = (parts.moving, "body"), (parts.space, "space")
+    values = [load.sample(times, kind) for is_there, kind in (names, found) if is_there]  # type: ignore[arg-type]
+    if parts.rotor:
+        values.append(load.rotor_momentum(times) / unit)
+    if not values:
+        return np.zeros((0, degree)), degree
+    y = np.stack(values, axis=1).reshape(len(begin), degree, len(values), 3)
+    both = np.stack(
+        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y) for z in (x, 1 - x)], 1
+    )
+    if parts.rotor:
+        slope = np.zeros_like(both[:, :, -1:])
+        slope[..., :-1] = both[:, :, -1:, :, 1:] * np.arange(1, degree)
+        slope *= unit / length[:, None, None, None, None] * np.array([1.0, -1.0])[:, None, None, None]
+        both = np.concatenate([both, slope], axis=2)
+    return np.ascontiguousarray(both), degree
+
+
+def can_expand(systems: SystemStack, load: Load) -> bool:
+    """Whether the equations can be run on series: nothing that acts is a function of the state."""
+    return (systems.spin is None or systems.spin.is_constant) and all(
+        term.kind in ("body", "space")
+        or isinstance(term, Damping | Rotor)
+        or (isinstance(term, Potential) and term.dead_force is not None)
+        for term in with_moments(load).terms
+    )

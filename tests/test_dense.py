@@ -1,0 +1,174 @@
+"""States between nodes by power series: against SciPy, their balances, and when substeps are taken instead."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from nontwist import (
+    Continuous,
+    Gauss,
+    body_moment,
+    damping,
+    heavy_top,
+    integrate,
+    nontwisting,
+    propagator,
+    pulse,
+    resample,
+    rotor,
+    simulate,
+    simulate_ensemble,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+)
+from nontwist.integrators import dense
+from nontwist.kernels.series import Constant, Recurrence
+
+J = np.array([[3, -1 / 7, 0.2], [-1 / 7, 4, 0.1], [0.2, 0.1, 5]])
+TIMES = np.sort(np.random.default_rng(2).uniform(0, 3, 80))
+BODIES = {
+    "standard": (standard(J), (1, -2, 3)),
+    "top": (heavy_top(J, 2.0, (0.1, 0.2, 0.5)), (1, -2, 6)),
+    "nontwisting": (nontwisting([3, 4, 5]), (2, -1, 0)),
+    "suslov": (suslov(J, (0, 0, 1)), (2, -1, 0)),
+}
+LOADS = {
+    "none": None,
+    "pulse": pulse((4, 1, -2), 0.6, 1.8),
+    "half-sine": pulse((4, 1, -2), 0.6, 1.8, shape="half-sine", frame="space"),
+    "table": body_moment([0, 1, 2.1, 3], [[0, 0, 0], [1, 2, 1], [0, -2, 1], [1, 1, 0]]),
+    "function": space_moment(lambda t: (np.sin(2 * t), 0.3, t)),
+    "sine and drag": sine((1, 0.5, 2), 0.8) + damping(0.4),
+    "rotor": rotor((0, 0.6, 0.8), [0, 1.5, 3], [1, 4, 2]),
+}
+
+
+@pytest.fixture
+def expansions(monkeypatch):
+    """Count the calls that find states between nodes, and those of them that nodes apart have made void."""
+    found, own = [], dense.Between.find
+    monkeypatch.setattr(dense.Between, "find", lambda self: found.append(own(self)) or found[-1])
+    return found
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("body", BODIES)
+def test_states_between_nodes_are_those_of_scipy(body, load, expansions):
+    system, W = BODIES[body]
+    how = {"t_end": 3, "times": TIMES, "material_angular_velocity": W, "load": LOADS[load]}
+    run = integrate(system, integrator=Gauss(order=12), step=0.05, **how)
+    assert expansions == [True]
+    fine = integrate(system, integrator=Continuous(), **how)
+    assert run.directors == pytest.approx(fine.directors, abs=2e-11)
+    assert run.material_angular_velocity == pytest.approx(fine.material_angular_velocity, abs=2e-10)
+    assert run.load_work == pytest.approx(fine.load_work, abs=1e-9)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_energy_and_momentum_are_kept_between_nodes_as_at_them(body, expansions):
+    system, W = BODIES[body]
+    run = simulate(system, t_end=3, step=0.1, order=8, times=TIMES, material_angular_velocity=W)
+    energy = (run.kinetic_energy + run.potential_energy).values
+    assert expansions == [True]
+    assert np.ptp(energy) < 1e-14 * abs(energy).max() + 1e-14
+    if body in ("standard", "top"):
+        assert np.ptp(run.spatial_momentum.sel(axis="z").values) < 2e-14 * abs(run.spatial_momentum.values).max()
+    assert abs(run.director_velocities.values).max() < 20
+
+
+def test_work_and_impulse_balance_between_outputs():
+    load = LOADS["half-sine"] + LOADS["table"] + damping(0.3)
+    run = simulate(standard(J), t_end=3, step=0.1, times=TIMES, load=load, material_angular_velocity=(1, -2, 3))
+    assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, abs=1e-12)
+    impulse = np.diff(TIMES)[:, None] * run.moment.values
+    assert np.diff(run.spatial_momentum.values, axis=0) == pytest.approx(impulse, abs=1e-12)
+
+
+def test_substeps_are_taken_where_steps_have_errors(expansions):
+    """Of order 4 a step of 0.7 rad is wrong by more than 1e-7: states in between keep the energy all the same."""
+    system, W = BODIES["top"]
+    run = simulate(system, t_end=3, step=0.1, order=4, times=TIMES, material_angular_velocity=W)
+    assert expansions == [False]
+    energy = (run.kinetic_energy + run.potential_energy).values
+    assert np.ptp(energy) < 2e-13 * abs(energy).max()
+    substeps = integrate(system, t_end=3, step=0.1, order=2, times=TIMES, material_angular_velocity=W)
+    assert len(expansions) == 1
+    assert substeps.time == pytest.approx(TIMES)
+
+
+@pytest.mark.filterwarnings("ignore:3 breakpoints")
+def test_a_kink_within_a_step_is_not_smoothed(expansions):
+    how = {"t_end": 1, "times": np.linspace(0, 1, 41), "load": pulse((40, 10, -20), 0.33, 0.57)}
+    run = integrate(standard(J), step=0.1, order=8, **how)
+    assert expansions == [False]
+    assert abs(run.material_angular_velocity[run.time < 0.33]).max() == 0.0
+
+
+@pytest.mark.parametrize("order", [8, 16])
+def test_long_steps_are_expanded_far_enough(order, expansions):
+    system, W = BODIES["top"]
+    how = {"t_end": 3, "times": TIMES, "material_angular_velocity": W}
+    fine = integrate(system, integrator=Gauss(order=16), step=0.02, **how)
+    run = integrate(system, integrator=Gauss(order=order), step=0.05 if order == 8 else 0.25, **how)
+    assert expansions == [True, True]
+    assert run.directors == pytest.approx(fine.directors, abs=1e-8 if order == 8 else 1e-11)
+
+
+def test_prepared_runs_and_members_have_the_same_bits():
+    system, load = BODIES["standard"][0], LOADS["table"]
+    how = {"t_end": 3, "times": TIMES, "step": 0.05, "order": 8, "integrator": "gauss"}
+    prepared, starts = propagator(system, load=load, **how), ((1, -2, 3), (0.5, 0.1, 2))
+    many = simulate_ensemble(system, load=load, material_angular_velocity=starts, load_scale=(1.0, 0.5), **how)
+    for i, (W, scale) in enumerate(zip(starts, (1.0, 0.5), strict=True)):
+        run = integrate(system, load=scale * load, material_angular_velocity=W, **how)
+        again = prepared(material_angular_velocity=W, load_scale=scale)
+        for name in ("quaternion", "material_angular_velocity", "moment", "load_work"):
+            assert np.array_equal(getattr(again, name), getattr(run, name)), name
+        assert np.array_equal(many.isel(member=i).quaternion.values, run.quaternion)
+
+
+def test_a_run_is_resampled_between_its_own_states(expansions):
+    system, W = BODIES["top"]
+    run = simulate(system, t_end=3, step=0.05, order=8, material_angular_velocity=W)
+    same = simulate(system, t_end=3, step=0.05, order=8, material_angular_velocity=W, times=TIMES)
+    assert resample(run, TIMES).directors.values == pytest.approx(same.directors.values, abs=1e-14)
+    assert expansions == [True, True]
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_the_kernel_computes_on_floats_what_its_code_does(body, monkeypatch):
+    """One step after the other instead of several side by side."""
+    found, own = [], dense.Between.find
+
+    def both(self):
+        for run in (own, lambda self: self._kernel.on_floats(self._address)):
+            run(self)
+            found.append([self.arrays[name].copy() for name in ("quaternions", "velocities", "intervals")])
+        return True
+
+    monkeypatch.setattr(dense.Between, "find", both)
+    system, W = BODIES[body]
+    load = LOADS["table"] + rotor((0, 0.6, 0.8), 0.3) + damping(0.2)
+    integrate(system, t_end=0.4, step=0.1, order=8, times=TIMES[TIMES < 0.4], load=load, material_angular_velocity=W)
+    for code, floats in zip(*found, strict=True):
+        assert floats == pytest.approx(code, rel=1e-13, abs=1e-13)
+
+
+def test_series_solve_an_equation_that_scipy_solves():
+    """x' = y z, y' = -x z, z' = -1/2 x y + 1: products of unknowns, of sums, and constants."""
+    recurrence = Recurrence(24)
+    x, y, z = unknowns = [recurrence.unknown() for _ in range(3)]
+    for one, at in zip(unknowns, (0.3, 0.8, 0.5), strict=True):
+        one.put(0, at)
+    half = x + y
+    rates = [y * z, -(x * z), Constant(-0.25) * ((half * half) - (x * x + y * y)) + x * 0.1]
+    recurrence.solve(unknowns, rates)
+    found = [one.at(0.4) for one in unknowns]
+
+    def right(t, u):
+        return u[1] * u[2], -u[0] * u[2], -0.5 * u[0] * u[1] + 0.1 * u[0]
+
+    truth = solve_ivp(right, (0, 0.4), (0.3, 0.8, 0.5), "DOP853", rtol=2.3e-14, atol=1e-15).y[:, -1]
+    assert found == pytest.approx(truth, abs=1e-14)

@@ -17,6 +17,7 @@ from ..loads import Load
 from ..loads.base import forces_sampled, with_moments
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
+from ..loads.terms import Damping
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .problem import Problem
@@ -79,7 +80,7 @@ def parts_of(
         dissipates=bool(scheme.dissipation),
         moving="body" in kinds,
         space="space" in kinds,
-        damping=bool(load.damping.any()),
+        damping=any(isinstance(term, Damping) for term in load.terms),  # also of a factor 0: members have the same bits
         rotor=bool(load.rotors),
         spin=spin is not None and not spin.is_constant,
         forces=has_table(load),

@@ -677,3 +677,16 @@ def test_an_axis_turns_what_is_removed_of_the_start(integrator):
         -1
     ]
     assert abs(across - found).max() > 1e-2  # another function: the start that is given is across the axis
+
+
+@pytest.mark.parametrize("parameter", ["inertia", "axis", "dead_force"])
+def test_inputs_change_the_equations_of_steps_that_are_explicit(parameter):
+    """What vanishes in the run has derivatives nonetheless: those of `gauss`, to the order."""
+    how = {"t_end": 0.5, "step": 0.005, "material_angular_velocity": (1, -2, 0), "load": sine((0.3, 0.2, 0), 0.7)}
+    found, expected = (
+        sensitivities(nontwisting([3, 4, 5]), wrt=[parameter], integrator=name, **how)
+        for name in ("lie-midpoint", "gauss")
+    )
+    for name in ("d_rotation", "d_material_angular_velocity"):
+        gap = abs(found[name].values - expected[name].values).max()
+        assert gap < 1e-4 * abs(expected[name].values).max() + 1e-12, name

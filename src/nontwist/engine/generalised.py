@@ -43,7 +43,7 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
 from ..loads.terms import MOST_NUMBERS
-from .records import FORCES, Acting, places
+from .records import FORCES, StateCall, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING, OF_FORCES, OF_MOMENT = range(6)  # potentials; functions of the state
@@ -71,18 +71,18 @@ class Term(NamedTuple):
 class Sloped(NamedTuple):
     """What `sloped` is called with."""
 
-    acting: Acting
+    state_call: StateCall
     directions: int
-    seeds: Doubles  # (numbers, directions) of `Acting`, of the forces of a table, of the terms
+    seeds: Doubles  # (numbers, directions) of `StateCall`, of the forces of a table, of the terms
     slopes: Doubles  # (6, directions) where the derivatives of the moments of the load and of potentials go
 
 
 TERM = places(Term)
-SCRATCH = fields(Acting)["scratch"].place
-W = fields(Acting)["w"].place
-OF_TABLE = fields(Acting)["half"].place + 3  # places of seeds
+SCRATCH = fields(StateCall)["scratch"].place
+W = fields(StateCall)["w"].place
+OF_TABLE = fields(StateCall)["half"].place + 3  # places of seeds
 OF_TERMS = OF_TABLE + FORCES
-STATE = (*range(W + 3), *range(fields(Acting)["t"].place, OF_TABLE - 3), *range(OF_TABLE - 3, OF_TABLE))
+STATE = (*range(W + 3), *range(fields(StateCall)["t"].place, OF_TABLE - 3), *range(OF_TABLE - 3, OF_TABLE))
 GIVEN = W + 4  # numbers that a function of the state gets
 AT, ENDS = 16, 32  # within the scratch: what V is called with, and what it gives at both ends
 
@@ -107,7 +107,7 @@ class State:
     """A state at which terms are evaluated, on plain numbers."""
 
     def __init__(self, memory: Any) -> None:
-        self.memory, self.view = memory, View(Acting, memory)
+        self.memory, self.view = memory, View(StateCall, memory)
         x, self.scratch = Numbers(self.view, self.seeded, 0), memory.shifted(SCRATCH)
         self.d, self.w, self.half, self.t = x.directors, x.w, x.half, x.t
 
@@ -155,7 +155,7 @@ class DualState(State):
     def __init__(self, own: View, memory: Any, first: Any) -> None:
         self._own, self._first, side = own, first, machine_code.lanes()
         super().__init__(memory)
-        self.scratch = DualMemory(self.scratch, scratch(fields(Acting)["scratch"].size * side))
+        self.scratch = DualMemory(self.scratch, scratch(fields(StateCall)["scratch"].size * side))
         self._given = DualMemory(scratch(GIVEN + MOST_NUMBERS), scratch((GIVEN + MOST_NUMBERS) * side))
         self._table = scratch((1 + FORCES // 2 + 3) * (1 + GIVEN + MOST_NUMBERS))
 
@@ -320,7 +320,7 @@ def put_moments(state: State) -> tuple[Vector, Vector]:
 @kernel("i8")
 def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
-    x = View(Acting, doubles(address))
+    x = View(StateCall, doubles(address))
     x.load, x.of_potentials = put_moments(State(doubles(address)))
 
 
@@ -328,7 +328,7 @@ def generalised(address: Any) -> None:
 def sloped(address: Any) -> None:
     """Set moments of the load and of potentials, and their derivatives in the directions of seeds."""
     memory = doubles(address)
-    own, x, side = View(Sloped, memory), View(Acting, memory), machine_code.lanes()
+    own, x, side = View(Sloped, memory), View(StateCall, memory), machine_code.lanes()
     for first in loop(0, own.directions, side):
         found = put_moments(DualState(own, memory, first))
         x.load, x.of_potentials = plain(found)

@@ -49,7 +49,7 @@ class Calls(NamedTuple):
         parts, b, n, count = self.parts, self.block, self.parts.lanes, self.places[""]
         at.directors, at.w, at.half = directors, w, half
         own, found, slopes = View(Sloped, scratch(size_of(Sloped))), scratch(6 * count), self.slopes(at)
-        acting = own.acting
+        acting = own.state_call
         acting.action, acting.terms, acting.called = b.action, b.terms, (b.speed, 0.0, 0.0)
         own.directions, own.seeds, own.slopes = count, b.seeds, found
         for l in loop(n):

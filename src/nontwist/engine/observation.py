@@ -40,7 +40,7 @@ def observe_at(x: View, has_normal: bool, R: Matrix) -> None:
     K = 0.5 * (W @ Pi)
     if has_normal:
         N = Symmetric(*x.state.auxiliary[:6]).matrix
-        EN = Matrix((e0, 0.0, -b0), (0.0, e1, -b1), (-b0, -b1, e2)) @ N
+        EN = body.read().euler_inertia @ N
         z = first_moment(EN)
         K = K + 0.5 * (EN[0] @ N[0] + EN[1] @ N[1] + EN[2] @ N[2]) + W @ z
         Pi = Pi + z

@@ -40,10 +40,24 @@ class Body(NamedTuple):
     unit: float  # what moments are multiplied by at the end
 
     @property
+    def moments(self) -> Vector:
+        """J_ii."""
+        e0, e1, e2 = self.E
+        return Vector(e1 + e2, e2 + e0, e0 + e1)
+
+    @property
     def inertia(self) -> Matrix:
         """J."""
-        (e0, e1, e2), (b0, b1) = self.E, self.off
-        return Matrix((e1 + e2, 0.0, b0), (0.0, e2 + e0, b1), (b0, b1, e0 + e1))
+        (j0, j1, j2), (b0, b1), c = self.moments, self.off, self.coupling
+        j01 = 0.0 if c is None else c
+        return Matrix((j0, j01, b0), (j01, j1, b1), (b0, b1, j2))
+
+    @property
+    def euler_inertia(self) -> Matrix:
+        """E."""
+        (e0, e1, e2), (b0, b1), c = self.E, self.off, self.coupling
+        e01 = 0.0 if c is None else -c
+        return Matrix((e0, e01, -b0), (e01, e1, -b1), (-b0, -b1, e2))
 
     @property
     def coupling(self) -> Any:
@@ -52,8 +66,7 @@ class Body(NamedTuple):
 
     def momentum_of(self, W: Vector) -> Vector:
         """Return the momentum of a velocity; in a held direction without what the others give."""
-        e0, e1, e2 = self.E
-        return Vector(e1 + e2, e2 + e0, e0 + e1) * W
+        return self.moments * W
 
     def velocity_of(self, P: Vector) -> Vector:
         """Return the velocity of a momentum."""
@@ -101,7 +114,7 @@ class Failure(NamedTuple):
     turn: float
 
 
-class Acting(NamedTuple):
+class StateCall(NamedTuple):
     """What functions of the state are called with, and what they give (`generalised`)."""
 
     directors: Matrix
@@ -139,7 +152,7 @@ class Work(NamedTuple):
     scale: float
     failure: Failure
     found: Found
-    acting: Acting
+    state_call: StateCall
     constants: Annotated[tuple[Any, ...], 35]
     spare: Annotated[tuple[Any, ...], 6]  # so that what lies behind it begins with a line of the cache
 

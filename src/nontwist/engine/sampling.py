@@ -10,7 +10,7 @@ from .records import FORCES, Body, Parts, Work
 from .state_moments import Functions
 
 ARRAYS = {"times": "calls", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
-ACTING = fields(Work)["acting"].place
+STATE_CALL = fields(Work)["state_call"].place
 
 
 class Loads(NamedTuple):
@@ -48,7 +48,7 @@ class Nodes:
         self.parts, self.memory, self.block, self.x = parts, memory, b, x
         self.body, self.h, self.rate, self._scale = Body(*x.body.read()), b.step[0], b.step[1], x.scale
         self._arrays = {name: getattr(b, name) for name, part in ARRAYS.items() if getattr(parts, part)}
-        self.buffer = doubles(b.workspace).shifted(ACTING * parts.lanes) if buffer is None else buffer
+        self.buffer = doubles(b.workspace).shifted(STATE_CALL * parts.lanes) if buffer is None else buffer
 
     @property
     def table(self) -> Any:

@@ -16,13 +16,13 @@ from ..kernels.elements import any_of, select
 from ..kernels.memory import View, call, fields
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
-from .records import Acting, Found, Parts, Work
+from .records import Found, Parts, StateCall, Work
 from .workspace import turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
 FOUND = fields(Work)["found"].place
-W, CALLED = (fields(Acting)[name].place for name in ("w", "called"))
+W, CALLED = (fields(StateCall)[name].place for name in ("w", "called"))
 
 
 def mean(s: Any, a: Vector, x: Vector) -> Vector:
@@ -36,7 +36,7 @@ class Functions(NamedTuple):
     parts: Parts
     block: View
     x: View
-    scratch: Any  # for `Acting` of one body after the other
+    scratch: Any  # for `StateCall` of one body after the other
     t: Any
     forces: Any  # address of the director forces of the node
     R: Matrix
@@ -44,25 +44,25 @@ class Functions(NamedTuple):
     @part
     def evaluate(self, rows: Matrix, w: Vector, half: Vector) -> None:
         """Evaluate all at the attitude R Λ⁻¹, given the rows of Λ, w in b, and the half turn of the step in b."""
-        parts, b, x, acting, basis = self.parts, self.block, self.x, View(Acting, self.scratch), self.x.body.basis
+        parts, b, x, state, basis = self.parts, self.block, self.x, View(StateCall, self.scratch), self.x.body.basis
         d = Matrix(*(basis @ row for row in rows)).T
         for k, y in enumerate((*d[0], *d[1], *d[2], *(b.step[1] * (self.R @ w)), *(basis @ half))):
             x.set_number(FOUND + k, y)
         for l in loop(parts.lanes):
             lane = x.lane(l)
             for k in range(CALLED):
-                acting.set_number(k, lane.number(FOUND + k))
-            acting.called, acting.t = (0.0, 0.0, 0.0), self.t
+                state.set_number(k, lane.number(FOUND + k))
+            state.called, state.t = (0.0, 0.0, 0.0), self.t
             if parts.function:
                 call(b.function, self.t, self.scratch, self.scratch.shifted(W), self.scratch.shifted(CALLED))
             if parts.generalised:
-                acting.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
-                acting.action, acting.terms, acting.node = b.action, b.terms, self.forces
+                state.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
+                state.action, state.terms, state.node = b.action, b.terms, self.forces
                 call(b.generalised, self.scratch.address)
-                of_potentials, load = acting.of_potentials, acting.called + acting.load
-                lane.found.write(Found(load + of_potentials, load, of_potentials, acting.rest))
+                of_potentials, load = state.of_potentials, state.called + state.load
+                lane.found.write(Found(load + of_potentials, load, of_potentials, state.rest))
             else:
-                lane.found.total = acting.called
+                lane.found.total = state.called
 
     def found(self, name: str) -> Any:
         """Return what was found, in units of the body: numbers in space or, of `rest`, along the body."""

@@ -37,10 +37,10 @@ def enter(address: Any) -> None:
         largest = larger(abs(W[0]), larger(abs(W[1]), abs(W[2])))
         is_noise = is_constrained & (body.k[2] == 0.0) & ((b.director == 0) | (abs(W[2]) <= ROUND_OFF * largest))
         W = Vector(W[0], W[1], select(is_noise, 0.0, W[2]))
-        (e0, e1, e2), s = body.E, Variables(s=W)
+        v = Variables(s=W)
         for _ in when(b.director == 0):
-            s.s = Vector(e1 + e2, e2 + e0, e0 + e1) * W
-        state.s = s.s
+            v.s = body.read().momentum_of(W)
+        state.s = v.s
         for _ in when(has_normal & (b.normals.address != 0)):
             given = b.normals.shifted(6 * i * b.kept)
             N = turned_into(B.T, Symmetric(*(given[k] for k in range(6))))

@@ -272,12 +272,8 @@ def combined(body: Body, X: Matrix) -> Matrix:
 def without_loads(start: Start) -> tuple[Matrix, Vector]:
     """Return K and k of ``r(y) = K y + k`` without loads and dissipation."""
     f, body, W, N, _ = start
-    (e0, e1, e2), (b0, b1), c = body.E, body.off, body.coupling
-    e01, j01 = (0.0, 0.0) if c is None else (-c, c)
-    E = Matrix((e0, e01, -b0), (e01, e1, -b1), (-b0, -b1, e2))
-    J = Matrix((e1 + e2, j01, b0), (j01, e2 + e0, b1), (b0, b1, e0 + e1))
-    EN = combined(body, N)
-    turned = Matrix(*(cross(W, column) for column in E)).T  # Ŵ E, E symmetric
+    EN, J = combined(body, N), body.inertia
+    turned = Matrix(*(cross(W, column) for column in body.euler_inertia)).T  # Ŵ E, E symmetric
     rate, tau = -(turned + EN.T), EN.trace
     rate = Matrix(*(Vector(*(x + tau if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rate)))
     return fma(f, rate, J), fma(f, rate @ W, -first_moment(EN))

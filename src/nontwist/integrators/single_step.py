@@ -115,7 +115,7 @@ class SingleStep:
         try:
             called.require_no_interrupt()
             if status == Status.LOAD or called.error is not None:
-                reason = called.reason(self._workspace[WORK.acting :])
+                reason = called.reason(self._workspace[WORK.state_call :])
                 return Failure(Status.LOAD, number, residual, turn, reason)
             return Failure(Status(int(status)), number, residual, turn) if status else None
         finally:

@@ -63,7 +63,7 @@ from numpy.polynomial.legendre import leggauss
 
 from ..engine.marching import FARTHEST, UNIT, Step, Text
 from ..engine.observation import integrate, observe
-from ..engine.records import Body, Parts, State
+from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.turning import exponential, magnus, turned, turned_on
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
@@ -249,7 +249,7 @@ def flow(acting: Nodes, start: State) -> Any:
     if acting.parts.is_constrained:
         return lambda t: (rotated(start, *exponential(t * W), zero)[0], is_too_far(t * W))
     constants = View(Constants, scratch(CONSTANTS))
-    motion = free_motion(moments_of_inertia(body), start.s, constants)
+    motion = free_motion(body.moments, start.s, constants)
     set_origin(motion, constants)
 
     def moved(t: Any) -> tuple[State, Any]:
@@ -257,12 +257,6 @@ def flow(acting: Nodes, start: State) -> Any:
         return rotated(start, less, v, dP)[0], status == BAD_TIME
 
     return moved
-
-
-def moments_of_inertia(body: Body) -> Vector:
-    """Return the principal moments."""
-    a, b, c = body.E
-    return Vector(b + c, c + a, a + b)
 
 
 def is_too_far(turn: Vector) -> Any:
@@ -349,7 +343,7 @@ def composed(acting: Nodes, state: State) -> Step:
         return without(v.gap <= UNIT, v.far | v.stalled)
 
     def drift(t: Any) -> None:
-        status, dP, less, turn = free_step(moments_of_inertia(body), v.state.s, t, View(Constants, scratch(CONSTANTS)))
+        status, dP, less, turn = free_step(body.moments, v.state.s, t, View(Constants, scratch(CONSTANTS)))
         v.far = status == BAD_TIME
         v.state, v.gap = rotated(v.state, less, turn, dP)
 

@@ -115,9 +115,8 @@ class StackMarch:
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
         nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
-        return kernel_of(
-            self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes, coasts=coasts, **changes)
-        )
+        parts = parts._replace(coasts=coasts, **changes)
+        return kernel_of(self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes))
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -305,7 +304,7 @@ class StackMarch:
         """Carry out a list of calls for some members."""
         block, workspace, _ = self.laid(todo, width, first, last)
         self.driver(todo, width)(block.ctypes.data)
-        self.called_last = workspace[width * WORK.acting :]  # what the load was called with last
+        self.called_last = workspace[width * WORK.state_call :]  # what the load was called with last
 
     def driver(self, todo: Listed, width: int = 1) -> Kernel:
         """Return the kernel that carries out a list of calls."""

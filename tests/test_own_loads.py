@@ -183,6 +183,12 @@ def test_other_ways_to_run():
     last[-1] = 1, -2, 0.5
     g = nt.gradient(body, wrt=["needle", "rate"], d_rotation=last, **how, **START)
     assert g.gradient.values == pytest.approx(last[-1] @ d.d_rotation.values[-1], abs=1e-13)
+    loop = nt.stepper(body, step=0.1, load=load)  # of order 2
+    loop.reset(**START)
+    for _ in range(10):
+        state = loop.step()
+    same = nt.simulate(body, **how, **START, integrator=loop.integrator)
+    assert state.material_angular_velocity == pytest.approx(same.material_angular_velocity[-1].values, abs=1e-14)
     data = nt.compare(body, t_end=1, load=load, steps=[0.1], integrators=["gauss", "split"], repeats=1, **START)
     assert (data.status == 0).all()
     assert "needle: needle (0.3, −0.5, 1.2) A m², field (0.6, 1, −2) T" in nt.view(run).html

@@ -283,7 +283,7 @@ def test_a_misspelt_sweep_key_is_compared_with_a_hundred(written, monkeypatch):
     table = f"[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [{t}]\nvalues = [{'[1, 0, 0],' * 2000}]\n"
     (found,) = told(written(BODY + table + SWEPT.replace("body.inertia.0", "bdy.inertia.0")))
     assert [len(known) for known in asked] == [100]
-    assert "load.0.times, load.0.values, load.0.scale, time.t_end" in found.accepted
+    assert "load.0.scale, load.0.times, load.0.values, time.t_end" in found.accepted
 
 
 def test_the_nearest_step_is_sieved():

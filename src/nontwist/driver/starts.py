@@ -15,7 +15,6 @@ from ..geometry.attitudes import attitudes, states_of
 from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from ..recordings.motions import rotation as as_rotation
 
 SPIN = 1e-9
 EPS = 2.0**-52
@@ -115,6 +114,13 @@ def starts(
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
     return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)
+
+
+def as_rotation(value: Any, scalar_first: bool | None = None) -> Any:
+    """Return attitudes as SciPy's `Rotation`; what reads them is imported where there are some."""
+    from ..recordings.motions import rotation
+
+    return rotation(value, scalar_first=scalar_first)
 
 
 def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_floats
-from ..recordings.motions import rotation as as_rotation
+from .starts import as_rotation
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

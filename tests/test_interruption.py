@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from conftest import BODIES
-from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
+from nontwist import Continuous, SimulationInterrupt, Status, heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
 from nontwist.integrators import composition, stack_march
@@ -245,3 +245,25 @@ def test_a_bar_whose_terminal_is_gone_loses_nothing():
     with shown_bar(bar):
         bar.add_task("steps", total=2)
         terminal.is_gone = True
+
+
+@pytest.mark.parametrize("strikes", [1, 4])
+def test_an_interrupt_of_a_run_that_chooses_its_steps(monkeypatch, strikes):
+    """While steps are chosen nothing more is marched; in the run that stores states between them these are kept."""
+    how = {"t_end": 5, "material_angular_velocity": (1, 2, 3)}
+    body, sound, calls = heavy_top([3, 4, 5], 1.0, (0, 0, 0.2)), stack_march.StackMarch._run, []
+    whole = simulate(body, **how)
+
+    def struck(*arguments):
+        calls.append(1)
+        result = sound(*arguments)
+        if len(calls) == strikes:
+            raise KeyboardInterrupt
+        return result
+
+    monkeypatch.setattr(stack_march, "NODES", 20 if strikes == 1 else 2**17)
+    monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
+    with pytest.raises(SimulationInterrupt) as info:
+        simulate(body, **how)
+    assert len(calls) <= strikes + 1  # and the last state is written
+    assert info.value.partial.time[-1] <= whole.time[-1]

@@ -206,7 +206,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
         found = controlled(own, begin, intervals=plan.means, progress=report)
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
-    if plan.is_between:
+    if plan.is_between and outcome.failures[0, 0] != Status.INTERRUPTED:
         times = times_shown(plan, begin, outcome.states.velocity[0])
         problem = replace(own._replace(asked=times).problem(begin, problem.grid), intervals=plan.means)
         outcome = completion.march(found.scheme, problem)

@@ -63,7 +63,7 @@ class Dense:
             "normals": (0,),
             "intervals": (m, len(node) - 1, SUMS.size) if problem.intervals else (0,),
         }
-        given, degree = polynomials(march.load, march.parts, problem.times(step), length, unit)
+        self._steps = problem.times(step), length
         self._arrays = {
             "bodies": march.bodies,
             "scales": march.scales,
@@ -74,13 +74,12 @@ class Dense:
             "outputs": np.append(first, len(number)),
             "places": np.flatnonzero(is_inside)[first],
             "parts": np.append(t / length[np.searchsorted(step, number)], np.ones(machine_code.lanes())),
-            "given": given,
             "rows": np.searchsorted(nodes, node),
             "inside": is_inside.astype(np.int64),
             "intervals": unit / np.append(1.0, outputs.length),
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
-        self._counts = {"nodes": len(nodes), "degree": degree, "kept": len(node), "last": m, **strides}
+        self._counts = {"nodes": len(nodes), "kept": len(node), "last": m, **strides}
         self._kernel = kernel_of(parts_between(march))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
@@ -118,8 +117,11 @@ class Between:
         self.arrays, places = side_by_side(**dense.shapes)
         known = dense._arrays | changes
         taken = np.searchsorted(known["begin"] + 1, found)
-        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes)
+        march, (begin, length), n = dense.march, dense._steps, int(taken.max())
+        given, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
+        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, given)
         put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
+        put(row, RUN, given=given, degree=degree)
         put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
         put(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
         self._row, self._address = row, row.ctypes.data

@@ -773,7 +773,7 @@ def test_the_steps_of_a_run_that_an_event_ends_are_those_taken(here):
     pulse = '[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0.5]\nstart = 0.3\nend = 0.5\n'
     event = '[[event]]\nkind = "axis-crosses"\nnormal = [0, 0, 1]\ncosine = 0.99\nterminal = true\n'
     for load in ("", pulse):
-        here(BODY + START + "[time]\nt_end = 5\n" + load + event)
+        here(BODY + START + "[time]\nt_end = 5\ntolerance = 1e-12\n" + load + event)  # then steps are stored
         shown = nontwist("run", "run.toml", "--force")
         run = open_run("run.nc")
         assert 0.3 < run.time.values[-1] < 4

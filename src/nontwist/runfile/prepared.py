@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -25,6 +26,7 @@ class Prepared:
     plan: Plan
     begin: Starts
     events: tuple[Event, ...] = ()
+    shows: Literal["steps", "between"] = "between"  # what a run stores, as `Plan.shows`
 
     @cached_property
     def grid(self) -> Stretches:
@@ -54,7 +56,7 @@ class Prepared:
     @property
     def on_grid(self) -> Prepared:
         """The same with output at its nodes, and without events."""
-        return Prepared(self.plan._replace(asked=None), self.begin)
+        return Prepared(self.plan._replace(asked=None), self.begin, shows="steps")
 
     def refined(self, run: Trajectory, n: int) -> Prepared:
         """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""
@@ -74,4 +76,4 @@ class Prepared:
 
     def run(self, progress: bool = False) -> Trajectory:
         """Integrate it; errors as `nontwist.simulate`."""
-        return run_of(self.plan, self.begin, progress, self.grid, self.events)
+        return run_of(self.plan._replace(shows=self.shows), self.begin, progress, self.grid, self.events)

@@ -94,6 +94,16 @@ def test_two_crossings_within_a_step_are_found():
     assert run.t_events[0] == pytest.approx(truth, abs=1e-13 * 12)
 
 
+def test_two_functions_that_cross_zero_between_the_same_times_have_roots_of_their_own():
+    def shifted(t, state):
+        return level(t, state) - 1e-3
+
+    run = integrate(nontwisting([3, 4, 5]), t_end=5, step=0.5, integrator="gauss", events=[level, shifted], **TURNING)
+    first, second = run.t_events
+    assert np.cos(2 * first) == pytest.approx(0, abs=1e-13)
+    assert np.cos(2 * second) == pytest.approx(1e-3, abs=1e-13)
+
+
 def test_a_function_with_a_kink_at_its_root_has_the_same_root(monkeypatch):
     """The polynomial through its values has another one, so Brent's method is taken."""
     how = {"t_end": 15, "integrator": "gauss", "step": 1.5, **TURNING}

@@ -302,7 +302,7 @@ def table():
 
 def accuracy_of(row):
     """How closely a result is to be found again: fits end where a sum of squares changes by 1e-8 of itself."""
-    return 2e-7 if "fit" in row["call"].lower() else 1e-9
+    return 1e-7 if "fit" in row["call"].lower() else 1e-9
 
 
 def is_run(row):

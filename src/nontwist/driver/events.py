@@ -220,27 +220,35 @@ class Search:
         a, b = (part.times[[each.check + k for each in crossed]] for k in range(2))
         middle, half = (a + b) / 2, (b - a) / 2
         times = middle[:, None] + half[:, None] * KNOTS[1:-1]
-        if (inner := part.inside(times.ravel()[np.argsort(times, axis=None)])) is None:
+        if (inner := self._values(part, crossed, times)) is None:
             return []
-        known, roots, sizes = dict(zip(np.sort(times, axis=None).tolist(), range(times.size), strict=True)), [], []
-        for each, ts in zip(crossed, times.tolist(), strict=True):
-            at = [inner.part(known[t]) for t in ts]
-            event = self.events[each.event]
-            inside = [event.value(t, x.quaternion.tolist(), x.velocity.tolist()) for t, x in zip(ts, at, strict=True)]
-            values = np.array([each.values[0], *inside, each.values[1]])
-            own = chebroots(np.linalg.solve(chebvander(KNOTS, DEGREE), values))
+        ends = np.array([each.values for each in crossed])
+        values = np.concatenate([ends[:, :1], inner[0], ends[:, 1:]], axis=1)
+        roots = np.full(len(crossed), np.nan)
+        for k, series in enumerate(np.linalg.solve(chebvander(KNOTS, DEGREE), values.T).T):
+            own = chebroots(series)
             own = own.real[(abs(own.imag) < ROOT) & (abs(own.real) < 1)]
-            roots.append(own[0] if len(own) == 1 else np.nan)
-            sizes.append(ROOT * abs(values).max())
-        found = middle + half * np.array(roots)
-        if np.isnan(found).any() or (ends := part.inside(np.unique(found))) is None:
+            if len(own) == 1:
+                roots[k] = middle[k] + half[k] * own[0]
+        if np.isnan(roots).any() or (found := self._values(part, crossed, roots[:, None])) is None:
             return []
-        place = np.unique(found, return_inverse=True)[1].tolist()
-        states = [ends.part(k) for k in place]
-        for each, t, x, size in zip(crossed, found.tolist(), states, sizes, strict=True):
-            if not abs(self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist())) <= size:
-                return []
-        return [Root(t, c.event, x, part, c.check) for c, t, x in zip(crossed, found.tolist(), states, strict=True)]
+        left, states = found
+        if not (abs(left[:, 0]) <= ROOT * abs(values).max(axis=1)).all():
+            return []
+        known = zip(crossed, roots.tolist(), states, strict=True)
+        return [Root(t, one.event, own[0], part, one.check) for one, t, own in known]
+
+    def _values(self, part: Part, crossed: list[Crossing], times: Array) -> tuple[Array, list[list[States]]] | None:
+        """Return the values of the functions that have crossed zero at times of their own, (n, k), and the states."""
+        wanted, places = np.unique(times, return_inverse=True)
+        if (found := part.inside(wanted)) is None:
+            return None
+        states = [[found.part(int(k)) for k in row] for row in places.reshape(times.shape)]
+        values = np.empty(times.shape)
+        for k, each in enumerate(crossed):
+            for i, (t, x) in enumerate(zip(times[k].tolist(), states[k], strict=True)):
+                values[k, i] = self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist())
+        return values, states
 
     def _between(self, part: Part, number: int, check: int, values: tuple[float, float]) -> Root:
         """Return the root between the time of the number `check` and the next, at which the function has `values`."""

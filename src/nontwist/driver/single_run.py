@@ -197,10 +197,11 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance."""
     own = plan._replace(shows="nothing", store=1) if plan.is_between else plan
-    scheme, grid = first_grid(own, begin)
     fastest = largest_velocity(plan.systems, begin.velocity, plan.load, plan.t_start, plan.t_end, begin.load_scale)
-    between = max(1, int((plan.t_end - plan.t_start) / apart(plan, begin, fastest)))
-    states = stored_count(between, plan.store) if plan.is_between else None
+    scheme, grid = first_grid(own, begin, fastest)
+    states = None
+    if plan.is_between:
+        states = stored_count(max(1, int((plan.t_end - plan.t_start) / apart(plan, begin, fastest))), plan.store)
     check_cost(own._replace(scheme=scheme), begin, grid, states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
         found = controlled(own, begin, intervals=plan.means, progress=report)

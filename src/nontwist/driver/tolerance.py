@@ -204,9 +204,9 @@ def apart_shown(span: float, fastest: float, swing: float) -> float:
     return min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
 
 
-def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:
-    """Return the integrator and the grid that the local estimate chooses."""
-    scheme, h = first_step(plan, begin)
+def first_grid(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, Stretches]:
+    """Return the integrator and the grid that the local estimate chooses; `fastest`: |w|, if known."""
+    scheme, h = first_step(plan, begin, fastest)
     return scheme, finer(_grid(plan, h))
 
 

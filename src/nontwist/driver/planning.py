@@ -35,7 +35,9 @@ class Plan(NamedTuple):
     asked: Array | None  # output times that need not lie on a grid
     tolerance: float | None = None
     schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
-    shows: Literal["steps", "between", "nothing"] = "steps"  # from what states that nobody has chosen are: short steps
+    shows: Literal["steps", "between", "nothing"] = (
+        "steps"  # what gives states near enough for figures: steps are short
+    )
     means: bool = True  # whether means over the stored intervals are computed, most of what a run holds
 
     @property

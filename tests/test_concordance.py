@@ -111,9 +111,9 @@ def test_what_a_row_names_exists_and_speaks_of_it(name):
     for file, function in re.findall(r"`(\w+\.py)::(\w+)`", test):
         files.append(ROOT / "tests" / file)
         assert f"def {function}(" in files[-1].read_text(encoding="utf-8"), function
-    for group in re.findall(r"validation\.md#(\w+)", test):
+    for group in re.findall(r"validation: (\w+)", test):
         assert group in GROUPS
-        files.append(ROOT / "docs" / "validation.md")
+        files += [ROOT / "docs" / "validation.json", ROOT / "docs" / "validation.md"]
     pages = [(PAGE.parent / link).resolve() for link in re.findall(r"\]\(([\w./-]+\.md)", page)]
     assert pages
     assert [path for path in pages if not path.is_file()] == []

@@ -17,9 +17,9 @@ from . import FAULTS, MODULES
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 HEAD = """# Fault injection
 
-`make faults` injects each fault and prints what happened; tests assert it (`tests/faults/`). A damaged or foreign file is
-refused with a message that names it, an interrupted run saves its completed part, and a file is written completely or
-not at all.
+`make faults` injects each fault and prints what happened; tests assert it (`tests/faults/`). A damaged or foreign file
+is refused with a message that names it, an interrupted run saves its completed part, and a file is written completely
+or not at all.
 """
 
 

@@ -50,7 +50,7 @@ def tables() -> list[Table]:
     for name in names:
         found = [median(name, target) for target in TARGETS]
         wins = [sum(cheapest(costs, k) == name for costs in measure()) for k in range(len(TARGETS))]
-        shown = ["not reached" if np.isinf(cost) else digits(cost) for cost in found]
+        shown = ["–" if np.isinf(cost) else digits(cost) for cost in found]
         cells.append([name, *(f"{cost} ({count})" for cost, count in zip(shown, wins, strict=True))])
     header = ["method", *(f"at {target:.0e}" for target in TARGETS)]
     title = f"cost, median of {len(measure())} problems (on how many the cheapest)"

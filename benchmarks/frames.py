@@ -73,7 +73,7 @@ def live() -> list[Row]:
                 for q in samples:
                     counter.update(q)
 
-            found.append(Row(f"TwistCounter, order {order}, {form}", 1e3 * seconds(one), "µs", 3, at_most=True))
+            found.append(Row(f"TwistCounter, order {order}: {form}", 1e3 * seconds(one), "µs", 3, at_most=True))
         many = TwistCounter("z", order, scalar_first=False)
         blocks = [np.tile(q, (100_000, 1)) for q in attitudes[:5]]
 
@@ -81,7 +81,7 @@ def live() -> list[Row]:
             for block in blocks:
                 many.update(block)
 
-        found.append(Row(f"TwistCounter, order {order}, 10⁵ streams", 0.5 / seconds(batch), "10⁶ updates/s", 1))
+        found.append(Row(f"TwistCounter, order {order}: 10⁵ streams", 0.5 / seconds(batch), "10⁶ updates/s", 1))
     return found
 
 

@@ -110,8 +110,8 @@ def summary(rows: dict[str, list[Row]]) -> tuple[str, str]:
         "faster), because its outputs are values of a polynomial; those of nontwist conserve energy and momentum."
     )
     waits = (
-        f"A new process has its first result after {start['first result, gauss']}, and that of an ensemble after "
-        f"{start['first ensemble, gauss']}; `nontwist run FILE` takes {start['nontwist run FILE']}."
+        f"A new process has its first result after {start['gauss: first result']}, and that of an ensemble after "
+        f"{start['gauss: first ensemble']}; `nontwist run FILE` takes {start['nontwist run FILE']}."
     )
     return fill(sentences, width=120, break_long_words=False), fill(waits, width=120, break_long_words=False)
 

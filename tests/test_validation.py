@@ -111,6 +111,8 @@ def test_json_and_the_page_have_every_check(tmp_path):
     assert row[1] == "12"
     assert sum(int(part.partition(" ")[0]) for part in row[2].split(", ")) == 12
     assert row[3] == f"{max(shares):.1g}"
+    assert row[5] == f"{found['seconds']['geometry']:.1f}"
+    assert found["seconds"]["geometry"] > 0
     assert "[page.json](page.json)" in page
     assert all(f"{name} {number}" in page for name, number in found["versions"].items())
     assert "written" in result.stderr

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 
 from .checks import GROUPS, KINDS, Check
@@ -14,10 +15,11 @@ from .references import REFERENCES
 
 @dataclass(frozen=True)
 class Validation:
-    """All checks of a validation, in the order of their groups; the notes say what was not checked, and why."""
+    """All checks of a validation by group, notes on what was not checked, and why, and the seconds of each group."""
 
     checks: tuple[Check, ...]
     notes: tuple[str, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def holds(self) -> bool:
@@ -43,7 +45,7 @@ class Validation:
         cited = " ".join(check.source for check in self.checks)
         references = {short: full for short, full in REFERENCES.items() if short in cited}
         found = {"holds": self.holds, "versions": versions(), "checks": rows, "references": references}
-        return json.dumps(found | {"notes": self.notes}, indent=1, ensure_ascii=False)
+        return json.dumps(found | {"notes": self.notes, "seconds": self.seconds}, indent=1, ensure_ascii=False)
 
     def to_markdown(self, rows: str | None = None) -> str:
         """Return a summary: one row for each group, and a link to the file of all `rows`, if there is one."""
@@ -51,19 +53,20 @@ class Validation:
 
         made = ", ".join(f"{name} {number}" for name, number in versions().items())
         lines = [*HEAD, *([f"[{rows}]({rows}) has every row, with its source."] if rows else [])]
-        lines += ["", f"**{self.summary}** ({made}).", "", HEADER, "| --- | ---: | --- | ---: | --- |"]
+        lines += ["", f"**{self.summary}** ({made}).", "", HEADER, "| --- | ---: | --- | ---: | --- | ---: |"]
         for group, checks in self.groups.items():
             kinds = Counter(check.kind for check in checks)
             worst = max(checks, key=share)
             counts = ", ".join(f"{n} {kind}" for kind, n in kinds.items())
             cells = [f"**{group}**: {words_of(group)}", str(len(checks)), counts, f"{share(worst):.1g}", worst.name]
+            cells.append(f"{self.seconds[group]:.1f}" if group in self.seconds else "")
             lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
         lines += ["", "The known values are of these kinds:", ""]
         lines += [f"- **{kind}**: {words}." for kind, words in KINDS.items()]
         return "\n".join(lines) + "\n"
 
 
-HEADER = "| group | checks | kinds | largest share | check with this share |"
+HEADER = "| group | checks | kinds | largest share | check with this share | time, s |"
 HEAD = (
     "# Validation",
     "",

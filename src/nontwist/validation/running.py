@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
+from time import perf_counter
 
 from .checks import GROUPS, Check
 from .report import Validation
@@ -52,7 +53,7 @@ def validate(
         raise ValueError(f"unknown group {shown(unknown[0])}; {nearest(unknown[0], GROUPS)}")
     chosen, workers = list(dict.fromkeys(named)), as_whole(workers, "workers", 1)
     say = (lambda text: None) if progress is None else as_function(progress, "progress")
-    found: dict[str, list[Check]] = {}
+    found: dict[str, tuple[list[Check], float]] = {}
     if workers == 1 or len(chosen) == 1:
         for name in chosen:
             say(f"{len(found)} of {len(chosen)} groups done: {name}")
@@ -70,7 +71,8 @@ def validate(
             for task in as_completed(tasks):
                 found[tasks[task]] = task.result()
                 say(f"{len(found)} of {len(chosen)} groups done")
-    return Validation(tuple(check for name in chosen for check in found[name]), notes_on(chosen))
+    checks = tuple(check for name in chosen for check in found[name][0])
+    return Validation(checks, notes_on(chosen), {name: found[name][1] for name in chosen})
 
 
 def imported(*modules: str) -> None:
@@ -91,11 +93,12 @@ def notes_on(groups: Iterable[str]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def checks_of(group: str) -> list[Check]:
-    """Return all checks of a group."""
+def checks_of(group: str) -> tuple[list[Check], float]:
+    """Return all checks of a group, and the seconds that they took."""
     from ..driver.coarseness import COARSE_STEP
 
-    module = import_module(f"{__package__}.{GROUPS[group]}")
+    module, start = import_module(f"{__package__}.{GROUPS[group]}"), perf_counter()
     with warnings.catch_warnings():  # orders are measured with coarse steps
         warnings.filterwarnings("ignore", COARSE_STEP)
-        return [replace(check, group=group) for function in module.CHECKS for check in function()]
+        checks = [replace(check, group=group) for function in module.CHECKS for check in function()]
+    return checks, perf_counter() - start

@@ -29,7 +29,7 @@ integrators of nontwist; diamonds are methods that are exact to round-off at any
 ABOUT = """
 All numbers are from one run of `make bench`. Times vary from run to run and from machine to machine. Tools are thus
 compared by ratios of median times within one process, with passes in shuffled order. A range covers as many figures as
-the number behind it says; [measured.csv](performance/measured.csv) has each of them.
+the number behind it says; [measured.csv](performance/measured.csv) has each of them, and more.
 """
 
 
@@ -64,7 +64,7 @@ def shown(topic: str, about: Measured) -> Table:
         return Table("", about.tables[0].header, about.tables[0].cells)
     found: dict[tuple[str, str], list[Row]] = {}
     for row in about.rows:
-        if row.measured is not None:
+        if row.measured is not None and (row.goal is not None or not row.name.startswith(" ")):  # not: beneath another
             what = row.name.rpartition(": ")[2].partition(", grows like")[0]
             found.setdefault((what, row.unit), []).append(row)
     return Table("", ["what", "measured"], [together(what, rows) for (what, _), rows in found.items()])
@@ -77,7 +77,8 @@ def together(what: str, rows: list[Row]) -> list[str]:
     words_of_each = zip(*(row.name.rpartition(": ")[0].split() for row in rows), strict=False)
     head = " ".join(same[0] for same in takewhile(lambda words: len({*words}) == 1, words_of_each)).strip(",:")
     ends = dict.fromkeys(digits(end(row.measured or 0.0 for row in rows)) for end in (min, max))
-    return [f"{head}: {what.strip()}" if head else what.strip(), f"{' to '.join(ends)} {rows[0].unit} ({len(rows)})"]
+    parts = [" to ".join(ends), rows[0].unit, f"({len(rows)})"]
+    return [f"{head}: {what.strip()}" if head else what.strip(), " ".join(filter(None, parts))]
 
 
 NOTHING = ["–"] * 5

@@ -80,7 +80,7 @@ def dask_overhead() -> list[Row]:
     threaded = least(partial(sweep, file, workers=1, block=size))
     return [
         Row(f"a block of {size} members in one thread, written, marked and verified", 1e3 * threaded / blocks, "ms"),
-        Row("   what Dask adds to it", 1e3 * (clustered - threaded) / blocks, "ms"),
+        Row("what Dask adds to a block", 1e3 * (clustered - threaded) / blocks, "ms"),
         Row("   part of a block of 5 s", 100 * (clustered - threaded) / blocks / 5, "%"),
     ]
 

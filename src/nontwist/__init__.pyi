@@ -69,6 +69,7 @@ from .loads import moment as moment
 from .loads import potential as potential
 from .loads import pulse as pulse
 from .loads import rotor as rotor
+from .loads import wheel as wheel
 from .loads import sine as sine
 from .loads import space_moment as space_moment
 from .loads import spring as spring

@@ -12,6 +12,8 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..integrators.base import Integrator, Outcome, Problem, Status
+from ..loads import Load
+from ..loads.wheels import Wheel
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, versions
 from .variables import (
@@ -20,6 +22,7 @@ from .variables import (
     SIZES,
     STATE,
     VARIABLES,
+    WheelStates,
     assembled,
     coordinates,
     described,
@@ -50,9 +53,12 @@ def dataset(
     systems = ensemble.systems
     if variables == NODES and ensemble.load.rotors:
         variables = (*NODES, *ROTORS)
-    rotors = rotor_momenta(ensemble, ensemble.output)
+    rotors = rotor_momenta(ensemble, ensemble.output, outcome.states.velocity)
     held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
-    found = described(observables(variables, systems, outcome.states, rotors, held), ("member",))
+    found = described(observables(variables, systems, outcome.states, rotors, held, ensemble.load.wheels), ("member",))
+    if (wheels := wheel_states(ensemble, ensemble.output, outcome.states.velocity)) is not None:
+        energy = observables(("kinetic_energy",), systems, outcome.states)["kinetic_energy"]
+        found |= described(wheels.variables(energy), ("member",))
     if outcome.observed is not None:
         span = ensemble.t_end - ensemble.t_start
         loaded = bool(ensemble.load.without_potentials.terms)
@@ -61,16 +67,27 @@ def dataset(
     found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
-    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output)
+    along = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if wheels is not None else {}
+    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output, **along)
     return assembled(found, placed, _record(scheme, ensemble))
 
 
-def rotor_momenta(ensemble: Problem, times: Array) -> Array | None:
-    """Return the momentum of the rotors of members at (k,) times, (m or 1, k, 3); None where there are none."""
-    if not ensemble.load.rotors:
-        return None
-    momenta: Array = ensemble.load_scale[:, None, None] * ensemble.load.rotor_momentum(times)
-    return momenta
+def rotor_momenta(ensemble: Problem, times: Array, velocity: Array | None = None) -> Array | None:
+    """Return the momentum of the rotors and wheels of members at (k,) times, (m or 1, k, 3); None: there are none.
+
+    That of wheels depends on W, (m, k, 3).
+    """
+    rotors = Load(tuple(term for term in ensemble.load.rotors if not isinstance(term, Wheel)))
+    momenta: Array = ensemble.load_scale[:, None, None] * rotors.rotor_momentum(times)
+    if velocity is not None and (wheels := wheel_states(ensemble, times, velocity)) is not None:
+        return momenta + wheels.relative_momentum
+    return momenta if rotors.terms else None
+
+
+def wheel_states(ensemble: Problem, times: Array, velocity: Array) -> WheelStates | None:
+    """Return the states of the wheels of members at (k,) times, given W there; None where there are none."""
+    momenta = ensemble.wheels_at(times)
+    return None if momenta is None else WheelStates(ensemble.load.wheels, momenta, velocity)
 
 
 def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from ..loads.kinds import rotors_of
+from ..loads.kinds import rotors_of, wheels_of
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
@@ -26,6 +26,7 @@ from .variables import (
     NODES,
     ROTORS,
     Described,
+    WheelStates,
     assembled,
     coordinates,
     described,
@@ -94,6 +95,8 @@ class Trajectory:
         The last internal state of the integrator, from which `start=` continues bit for bit.
     potentials : Load
         The potentials of the load, from which `potential_energy` is computed.
+    wheels : (k,) array, kg m² s⁻¹, or None where the load has no wheels
+        The axial momenta of the wheels at the first time.
     events : Events, or None where none were asked for
         `names` of the event functions; `number` of the function, `time` (s), `quaternion` and `velocity` of each event.
 
@@ -130,6 +133,7 @@ class Trajectory:
     warning: str | None = None
     events: Events | None = None
     potentials: Load | None = None
+    wheels: Array | None = None
 
     @property
     def t_events(self) -> list[Array]:
@@ -211,8 +215,21 @@ class Trajectory:
     @property
     def rotor_momentum(self) -> Array | None:
         """Momentum of the rotors relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None without rotors."""
-        load = rotors_of(self.load)
-        return load.rotor_momentum(self.time) if load.terms else None
+        load, wheels = rotors_of(self.load), self._wheels
+        own = load.rotor_momentum(self.time) if load.terms else None
+        return own if wheels is None else wheels.relative_momentum[0] + (0.0 if own is None else own)
+
+    @property
+    def _wheels(self) -> WheelStates | None:
+        if self.wheels is None:
+            return None
+        return WheelStates.of_one(wheels_of(self.load), self.wheels, self.time, self.material_angular_velocity)
+
+    @property
+    def wheel_momentum(self) -> Array:
+        """Axial momentum of each wheel, (n+1, k), kg m² s⁻¹."""
+        found: Array = np.empty((len(self.time), 0)) if self._wheels is None else self._wheels.momenta[0]
+        return found
 
     def observables(self, variables: str | Iterable[str]) -> dict[str, Array]:
         """Return variables of the stored states by name, without a dataset.
@@ -234,7 +251,9 @@ class Trajectory:
         """
         names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
         held = None if self.potentials is None else potentials_of(self.potentials, self.time)
-        return observables_of_one(names, self.system, self.states, self.rotor_momentum, held)
+        return observables_of_one(
+            names, self.system, self.states, self.rotor_momentum, held, wheels_of(self.load)
+        )
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
@@ -244,10 +263,13 @@ class Trajectory:
         self, more: dict[str, Array], coordinates_of: dict[str, Any], beside: dict[str, Described]
     ) -> xarray.Dataset:
         """Return the run as a dataset with `more` variables, and the coordinates that these need (`coordinates`)."""
-        has_rotors = any("rotor" in term for term in self.load)
+        has_rotors = any("rotor" in term for term in self.load) or self.wheels is not None
         variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
         variables |= {"moment": self.moment, "load_work": self.load_work}
         along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
+        if (wheels := self._wheels) is not None:
+            variables |= {name: array[0] for name, array in wheels.variables(variables["kinetic_energy"]).items()}
+            along["wheel"] = np.arange(1, len(wheels.wheels) + 1)
         if count := self.multipliers.shape[1]:
             variables["multipliers"] = self.multipliers
             along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
@@ -338,7 +360,16 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **packages}
 
 
-def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
-    """Return all observables of states of a body under a load on `time`."""
-    found = observables_of_one(NODES, system, states, potentials=potentials_of(load, time))
-    return assembled(described(found), coordinates(("time", *COORDINATES), time=time), {})
+def state_dataset(
+    system: DirectorSystem, load: Load, time: Array, states: States, wheels: Array | None = None
+) -> xarray.Dataset:
+    """Return all observables of states of a body under a load on `time`; `wheels` are their momenta at the first."""
+    held, along, names = potentials_of(load, time), {"time": time}, (*NODES, *ROTORS) if load.rotors else NODES
+    rotors = Load(tuple(term for term in load.rotors if not term in load.wheels)).rotor_momentum(time)
+    of_wheels = None if wheels is None else WheelStates.of_one(load.wheels, wheels, time, states.velocity)
+    if of_wheels is not None:
+        rotors, along["wheel"] = rotors + of_wheels.relative_momentum[0], np.arange(1, 1 + len(load.wheels))
+    found = observables_of_one(names, system, states, rotors, held, load.wheels)
+    if of_wheels is not None:
+        found |= {name: array[0] for name, array in of_wheels.variables(found["kinetic_energy"]).items()}
+    return assembled(described(found), coordinates((*along, *COORDINATES), **along), {})

@@ -26,6 +26,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
 from ..geometry.values import among, as_list, shown
 from ..loads import Load
+from ..loads.wheels import Wheel, momenta_later
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .observables import orthonormality_defect
@@ -62,6 +63,11 @@ ROTORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose lo
     "rotor_momentum": (_BODY, "kg m2 s-1", "momentum of the rotors relative to the body, material", "Σ h a"),
     "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
 }
+WHEELS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have wheels
+    "wheel_momentum": (("time", "wheel"), "kg m2 s-1", "axial momentum of the wheel in space", "h"),
+    "wheel_speed": (("time", "wheel"), "rad s-1", "speed of the wheel relative to the body", "Ω"),
+    "total_kinetic_energy": (_NODE, "J", "kinetic energy of body and wheels", "T"),
+}
 DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensitivities`
     "d_rotation": (
         ("time", "axis", "parameter"),
@@ -77,7 +83,7 @@ DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensiti
     ),
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
-VARIABLES |= ROTORS | DERIVATIVES
+VARIABLES |= ROTORS | WHEELS | DERIVATIVES
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
 STATE = ("quaternion", "material_angular_velocity")
@@ -184,6 +190,47 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
     return tuple(name for name in known if name in names)
 
 
+class WheelStates(NamedTuple):
+    """The wheels of a load, and their states (`loads.wheels`)."""
+
+    wheels: tuple[Wheel, ...]
+    momenta: Array  # (m, k, wheels) h
+    velocity: Array  # (m, k, 3) W
+
+    @classmethod
+    def of_one(cls, wheels: tuple[Wheel, ...], begin: Array, times: Array, velocity: Array) -> WheelStates:
+        """Return the states of wheels on one body, with these momenta, (wheels,), at the first of (k,) times."""
+        return cls(wheels, momenta_later(wheels, begin[None], float(times[0]), times), velocity[None])
+
+    @property
+    def inertia(self) -> Array:
+        """I of each wheel, (wheels,)."""
+        return np.array([one.inertia for one in self.wheels])
+
+    @property
+    def axial_velocity(self) -> Array:
+        """n·W for each wheel, (m, k, wheels)."""
+        return self.velocity @ np.stack([one.direction for one in self.wheels], axis=1)
+
+    @property
+    def speeds(self) -> Array:
+        """Ω of each wheel, (m, k, wheels)."""
+        found: Array = self.momenta / self.inertia - self.axial_velocity
+        return found
+
+    @property
+    def relative_momentum(self) -> Array:
+        """Σ I Ω n, (m, k, 3)."""
+        found: Array = (self.inertia * self.speeds) @ np.stack([one.direction for one in self.wheels])
+        return found
+
+    def variables(self, kinetic_energy: Array) -> dict[str, Array]:
+        """Return the variables of wheels; ``T = K + Σ I Ω (n·W + Ω/2)``."""
+        speeds = self.speeds
+        total = kinetic_energy + (self.inertia * speeds * (self.axial_velocity + speeds / 2)).sum(axis=-1)
+        return {"wheel_momentum": self.momenta, "wheel_speed": speeds, "total_kinetic_energy": total}
+
+
 class Potentials(NamedTuple):
     """The potentials of a load, its factor for each member, and the times of the states."""
 
@@ -203,14 +250,15 @@ def observables(
     states: States,
     rotors: Array | None = None,
     potentials: Potentials | None = None,
+    wheels: tuple[Wheel, ...] = (),
 ) -> dict[str, Array]:
     """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them.
 
-    `rotors` is the momentum of rotors at the times of the states, (m or 1, k, 3); None: none.
+    `rotors` is the momentum of rotors and `wheels` at the times of the states, (m or 1, k, 3); None: none.
     """
     names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
     if not set(names) <= set(STATE):
-        found |= _computed(names, systems, rotors, *states)
+        found |= _computed(names, systems, rotors, wheels, *states)
     if potentials is not None and "potential_energy" in found:
         q = attitudes(states.quaternion).swapaxes(-1, -2)
         found["potential_energy"] = found["potential_energy"] + potentials.scale[:, None] * sum(
@@ -225,10 +273,11 @@ def observables_of_one(
     states: States,
     rotors: Array | None = None,
     potentials: Potentials | None = None,
+    wheels: tuple[Wheel, ...] = (),
 ) -> dict[str, Array]:
     """Return variables of stored states of one body, (k, ...); `rotors` is (k, 3)."""
     turning = None if rotors is None else rotors[None]
-    found = observables(names, stacked(system), states.part(None), turning, potentials)
+    found = observables(names, stacked(system), states.part(None), turning, potentials, wheels)
     return {name: array[0] for name, array in found.items()}
 
 
@@ -236,6 +285,7 @@ def _computed(
     names: tuple[str, ...],
     systems: SystemStack,
     rotors: Array | None,
+    wheels: tuple[Wheel, ...],
     p: Array,
     W: Array,
     N: Array | None,
@@ -250,6 +300,9 @@ def _computed(
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
     if N is not None:
+        if wheels:  # which do not change their shape
+            locked = sum((one.locked for one in wheels), np.zeros((3, 3)))
+            E = E - (np.trace(locked) / 2 * np.eye(3) - locked)
         z, normal_energy = _of_normal(E, w, N)
         Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
     n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis

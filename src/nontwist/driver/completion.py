@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 from ..analysis.variables import NODES, observables, potentials_of
 from ..geometry.arrays import Array, sum_of_squares
 from ..integrators import Integrator, Status
+from ..geometry.attitudes import States
 from ..integrators.base import Failure, Outcome, Problem
+from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
+from ..integrators.wheels import as_gyrostat, of_locked
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
@@ -45,7 +48,7 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    outcome = scheme.march(problem, threads)
+    outcome = _march(scheme, problem, threads)
     reasons = dict(outcome.reasons)
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good
@@ -58,6 +61,21 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
             if array is not None:
                 array[i, outcome.good[i] :] = np.nan
     return outcome._replace(reasons=reasons)
+
+
+def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
+    """Integrate a problem, one with wheels as that of gyrostats, member by member."""
+    if not problem.load.wheels:
+        return scheme.march(problem, threads)
+    if problem.observed:
+        raise ValueError("statistics of reduce= are not computed for loads with wheels; store states and take them from these")
+    found = one_by_one(lambda one: scheme.march(as_gyrostat(one)), problem, threads)
+    return of_locked(problem, found)
+
+
+def between(scheme: Integrator, problem: Problem, states: States) -> States | None:
+    """Return the states of one body at the times asked for, as `Integrator.between`."""
+    return scheme.between(as_gyrostat(problem) if problem.load.wheels else problem, states)
 
 
 def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:

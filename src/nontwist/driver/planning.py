@@ -12,6 +12,7 @@ from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
+from ..integrators.wheels import momenta
 from ..loads import Load, as_load
 from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
@@ -77,6 +78,9 @@ class Plan(NamedTuple):
             stored = stored_steps(grid.steps, "end" if self.asked is not None else self.store)
         if not self.off_grid:
             grid = joined(begin.grid, grid)
+        wheels = begin.wheels
+        if self.load.wheels and wheels is None:
+            wheels = momenta(self.systems, self.load, self.t_start, begin.velocity, begin.load_scale)
         return Problem(
             self.systems,
             begin.quaternion,
@@ -91,6 +95,7 @@ class Plan(NamedTuple):
             off_grid=self.off_grid,
             normal=begin.normal,
             memory=begin.memory,
+            wheels=wheels if self.load.wheels else None,
             stretches=grid,
         )
 

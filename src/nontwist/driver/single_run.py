@@ -59,7 +59,7 @@ class PreparedPlan:
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
         """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
         nodes = max(grid.steps * plan.scheme.nodes, 0 if plan.asked is None else len(plan.asked))
-        if plan.systems.spin is not None:  # the velocity of a start is not the one that the march begins with
+        if plan.load.wheels or plan.systems.spin is not None:  # the velocity of a start is not the one that the march begins with
             return False
         return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
 
@@ -316,6 +316,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
         twist=None if turned is None else turned[0, means],
         events=ended and ended.events,
         potentials=held_by(problem.member(0).load),
+        wheels=None if problem.wheels is None else problem.wheels[0],
     )
     if failure is None:
         return run

@@ -22,7 +22,7 @@ from ..kernels import machine_code
 from ..loads import Load
 from ..loads.base import with_moments
 from ..loads.potentials import Potential
-from ..loads.terms import Damping, Rotor
+from ..loads.terms import Damping, Momentum
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
@@ -200,9 +200,11 @@ def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: flo
     if not values:
         return np.zeros((0, degree)), degree
     y = np.stack(values, axis=1).reshape(len(begin), degree, len(values), 3)
+    first = y[:, :1]  # a large number would be lost in the coefficients of its changes
     both = np.stack(
-        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y) for z in (x, 1 - x)], 1
+        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y - first) for z in (x, 1 - x)], 1
     )
+    both[..., 0] += first
     if parts.rotor:
         slope = np.zeros_like(both[:, :, -1:])
         slope[..., :-1] = both[:, :, -1:, :, 1:] * np.arange(1, degree)
@@ -215,7 +217,7 @@ def can_expand(systems: SystemStack, load: Load) -> bool:
     """Whether the equations can be run on series: nothing that acts is a function of the state."""
     return (systems.spin is None or systems.spin.is_constant) and all(
         term.kind in ("body", "space")
-        or isinstance(term, Damping | Rotor)
+        or isinstance(term, Damping | Momentum)
         or (isinstance(term, Potential) and term.dead_force is not None)
         for term in with_moments(load).terms
     )

@@ -1,7 +1,7 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment
+from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment, wheel
 from .forces import DirectorForces
 from .generalised import dipole, director_forces, gravity_gradient, potential, spring
 from .kinds import LOADS
@@ -24,6 +24,7 @@ __all__ = [
     "potential",
     "pulse",
     "rotor",
+    "wheel",
     "sine",
     "space_moment",
     "spring",

@@ -31,7 +31,8 @@ from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
 from .kinds import LOADS, load_in_words
 from .potentials import GravityGradient, Potential
-from .terms import Damping, ForceTerm, Rotor, Table, Term
+from .terms import Damping, ForceTerm, Momentum, Table, Term
+from .wheels import Wheel
 
 MOST = 4  # terms that a repr names
 
@@ -154,13 +155,18 @@ class Load:
     def called(self) -> Load:
         """The terms called with the state during the integration: of kind "state", except damping and rotors."""
         return Load(
-            tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping | Rotor))
+            tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping | Momentum))
         )
 
     @property
-    def rotors(self) -> tuple[Rotor, ...]:
-        """The terms that are rotors."""
-        return tuple(term for term in self.terms if isinstance(term, Rotor))
+    def rotors(self) -> tuple[Momentum, ...]:
+        """The terms that are rotors or wheels."""
+        return tuple(term for term in self.terms if isinstance(term, Momentum))
+
+    @property
+    def wheels(self) -> tuple[Wheel, ...]:
+        """The terms that are wheels."""
+        return tuple(term for term in self.terms if isinstance(term, Wheel))
 
     def rotor_momentum(self, times: ArrayLike) -> Array:
         """Return the momentum of the rotors relative to the body, in body components: the sum of h a over all rotors.
@@ -180,6 +186,11 @@ class Load:
         """
         at = as_array(times, "times", (None,))
         return sum((term.scale * term.momentum(at) for term in self.rotors), np.zeros((at.size, 3)))
+
+    def rotor_torque(self, times: Array) -> Array:
+        """Return the rate of that momentum at (n,) times, (n, 3), N m."""
+        found = (term.scale * term.history(times)[1][:, None] * term.direction for term in self.rotors)
+        return sum(found, np.zeros((times.size, 3)))
 
     @property
     def is_compiled(self) -> bool:
@@ -306,7 +317,7 @@ class Load:
 
 def is_called(term: Term) -> bool:
     """Whether a term depends on the state, and is nothing that kernels know: damping, a rotor, a dead force."""
-    if term.kind in ("body", "space") or isinstance(term, Damping | Rotor):
+    if term.kind in ("body", "space") or isinstance(term, Damping | Momentum):
         return False
     return not isinstance(term, Potential) or term.dead_force is None
 

@@ -13,6 +13,7 @@ from ..geometry.values import as_function
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
+from .wheels import Wheel
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
 
 
@@ -305,6 +306,59 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     if h.ndim:
         raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
     return load_of(Rotor, axis, [0.0], as_array(h, "momentum", ())[None])
+
+
+def wheel(axis: ArrayLike, inertia: float, speed: float = 0.0, torque: Any = None) -> Load:
+    """Return a wheel that the body carries, driven by a motor or free.
+
+    The wheel is symmetric about its axis n, which passes through its centre of mass. The inertia J of the body includes
+    that of the wheel, locked. The state of the wheel is its axial momentum ``h = inertia (Ω + n·W)`` in space, Ω its
+    speed relative to the body; its motor changes it, ``h' = torque``. The total momentum changes by moments from
+    outside alone.
+
+    Parameters
+    ----------
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
+        The direction n in body components, any length but zero.
+    inertia : float, kg m²
+        Moment of inertia of the wheel about its axis.
+    speed : float, rad/s
+        Ω at the start of a run. A run that continues another has the speeds of that.
+    torque : float, N m; or (times, values), s and N m, optional
+        Torque of the motor on the wheel, about its axis; of a table linear between the times and zero outside.
+
+    Returns
+    -------
+    Load
+        A factor multiplies speed and torque.
+
+    Raises
+    ------
+    ValueError
+        The axis has length 0, `inertia` is not positive, times do not increase, or a number is not finite; of a run:
+        ``J - Σ inertia n nᵀ``, what carries the wheels, is not positive definite.
+
+    See Also
+    --------
+    rotor : a rotor whose momentum relative to the body is given.
+
+    Examples
+    --------
+    A motor slows a satellite down by 0.5 N m s:
+
+    >>> from nontwist import simulate, standard, wheel
+    >>> load = wheel("z", inertia=0.5, speed=2, torque=([0, 5], [0.1, 0.1]))
+    >>> run = simulate(standard([3, 4, 5]), t_end=6, step=0.5, angular_velocity=(0, 0, 0.2), load=load)
+    >>> run.angular_velocity.values[-1].round(9), run.wheel_momentum.values[[0, -1], 0].round(9)
+    (array([0.        , 0.        , 0.08888889]), array([1.1, 1.6]))
+    >>> run.total_momentum.values[[0, -1], 2].round(9)
+    array([2., 2.])
+    """
+    if np.ndim(torque) == 0 and not isinstance(torque, (tuple, list)):
+        return load_of(Wheel, axis, inertia, speed, 0.0 if torque is None else torque)
+    if len(torque) != 2:
+        raise ValueError(f"torque must be a number, or (times, values), got {shown(torque)}")
+    return load_of(Wheel, axis, inertia, speed, 0.0, *torque)
 
 
 def _moment_of_time(frame: str, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:

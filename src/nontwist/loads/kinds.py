@@ -9,6 +9,7 @@ from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
+from .wheels import Wheel
 
 if TYPE_CHECKING:
     from .base import Load
@@ -40,6 +41,7 @@ LOADS.update(
         "function": Function,
         "damping": Damping,
         "rotor": Rotor,
+        "wheel": Wheel,
         "director_forces": ForceTable,
         "function of director forces": ForceFunction,
         "potential": Quadratic,
@@ -93,3 +95,8 @@ def load_of(records: Iterable[Record]) -> Load:
 def rotors_of(records: Iterable[Record]) -> Load:
     """Return the rotors of the load that `Load.description` has recorded."""
     return load_of(record for record in records if "rotor" in record)
+
+
+def wheels_of(records: Iterable[Record]) -> tuple[Wheel, ...]:
+    """Return the wheels of the load that `Load.description` has recorded."""
+    return load_of(record for record in records if "wheel" in record).wheels

@@ -69,10 +69,10 @@ from .loads import moment as moment
 from .loads import potential as potential
 from .loads import pulse as pulse
 from .loads import rotor as rotor
-from .loads import wheel as wheel
 from .loads import sine as sine
 from .loads import space_moment as space_moment
 from .loads import spring as spring
+from .loads import wheel as wheel
 from .models.catalogue import heavy_top as heavy_top
 from .models.catalogue import nontwisting as nontwisting
 from .models.catalogue import standard as standard

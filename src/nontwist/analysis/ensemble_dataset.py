@@ -12,8 +12,6 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..integrators.base import Integrator, Outcome, Problem, Status
-from ..loads import Load
-from ..loads.wheels import Wheel
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, versions
 from .variables import (
@@ -77,11 +75,11 @@ def rotor_momenta(ensemble: Problem, times: Array, velocity: Array | None = None
 
     That of wheels depends on W, (m, k, 3).
     """
-    rotors = Load(tuple(term for term in ensemble.load.rotors if not isinstance(term, Wheel)))
+    rotors = ensemble.load.without_wheels
     momenta: Array = ensemble.load_scale[:, None, None] * rotors.rotor_momentum(times)
     if velocity is not None and (wheels := wheel_states(ensemble, times, velocity)) is not None:
         return momenta + wheels.relative_momentum
-    return momenta if rotors.terms else None
+    return momenta if rotors.rotors else None
 
 
 def wheel_states(ensemble: Problem, times: Array, velocity: Array) -> WheelStates | None:

@@ -251,9 +251,7 @@ class Trajectory:
         """
         names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
         held = None if self.potentials is None else potentials_of(self.potentials, self.time)
-        return observables_of_one(
-            names, self.system, self.states, self.rotor_momentum, held, wheels_of(self.load)
-        )
+        return observables_of_one(names, self.system, self.states, self.rotor_momentum, held, wheels_of(self.load))
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
@@ -365,7 +363,7 @@ def state_dataset(
 ) -> xarray.Dataset:
     """Return all observables of states of a body under a load on `time`; `wheels` are their momenta at the first."""
     held, along, names = potentials_of(load, time), {"time": time}, (*NODES, *ROTORS) if load.rotors else NODES
-    rotors = Load(tuple(term for term in load.rotors if not term in load.wheels)).rotor_momentum(time)
+    rotors = load.without_wheels.rotor_momentum(time)
     of_wheels = None if wheels is None else WheelStates.of_one(load.wheels, wheels, time, states.velocity)
     if of_wheels is not None:
         rotors, along["wheel"] = rotors + of_wheels.relative_momentum[0], np.arange(1, 1 + len(load.wheels))

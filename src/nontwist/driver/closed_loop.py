@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -9,14 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_number, as_positive, vector
+from ..geometry.arrays import Array, as_array, as_number, as_positive, vector
 from ..geometry.values import shown
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
+from ..integrators.wheels import momenta as wheel_momenta
 from ..loads import Load, as_load
 from ..loads.base import of_body
+from ..loads.wheels import momenta_later
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .completion import OVERFLOW
@@ -125,8 +128,10 @@ class StepperState(BodyState):
     (0.01, array([0.e+00, 0.e+00, 1.e-05]))
     """
 
-    __slots__ = ("_kind", "_start", "_steps")
+    __slots__ = ("_axes", "_kind", "_momenta", "_start", "_steps")
+    _axes: tuple[tuple[float, ...], ...]  # inertia and axis of each wheel
     _kind: Kind
+    _momenta: tuple[float, ...]
     _start: float
     _steps: int
 
@@ -139,6 +144,17 @@ class StepperState(BodyState):
     def steps(self) -> int:
         """Number of steps since the last reset."""
         return self._steps
+
+    @property
+    def wheel_momentum(self) -> tuple[float, ...]:
+        """Axial momentum of each wheel in space, kg m² s⁻¹."""
+        return self._momenta
+
+    @property
+    def wheel_speed(self) -> tuple[float, ...]:
+        """Speed of each wheel relative to the body, rad/s."""
+        x, y, z = self.material_angular_velocity
+        return tuple(h / I - (a * x + b * y + c * z) for h, (I, a, b, c) in zip(self._momenta, self._axes, strict=True))
 
     @property
     def load_work(self) -> float:
@@ -159,7 +175,7 @@ class StepperState(BodyState):
         return hash(self._key())
 
     def _key(self) -> tuple[Any, ...]:
-        return self._kind, self._numbers, self._start, self._steps
+        return self._kind, self._numbers, self._momenta, self._start, self._steps
 
 
 class Stepper:
@@ -201,7 +217,8 @@ class Stepper:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
-        self._single = SingleStep(system, load, step, integrator)
+        self._single, self._wheels = SingleStep(system, load, step, integrator), load.wheels
+        self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
         self.reset()
 
     def reset(
@@ -249,10 +266,15 @@ class Stepper:
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
         problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
-        self._state = self._made(self._single.begin(problem), t, 0)
+        momenta = begin.wheels
+        if self._wheels and momenta is None:
+            momenta = wheel_momenta(systems, self.load, t, W, np.ones(1))
+        self._state = self._made(self._single.begin(problem), t, 0, () if momenta is None else momenta[0].tolist())
         return self._state
 
-    def step(self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO) -> StepperState:
+    def step(
+        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = ()
+    ) -> StepperState:
         """Take one step under moments that are constant over it, and return the state at its end.
 
         Parameters
@@ -261,6 +283,8 @@ class Stepper:
             Components along the directors: a moment that rotates with the body, such as that of thrusters and motors.
         space_moment : (3,) array, N m
             Components along the axes of space.
+        wheel_torque : (k,) array, N m
+            Torque of the motor on each wheel of the load about its axis, beside that of the load; 0 by default.
 
         Returns
         -------
@@ -269,7 +293,7 @@ class Stepper:
         Raises
         ------
         ValueError
-            A moment does not consist of 3 finite numbers.
+            A moment does not consist of 3 finite numbers, or `wheel_torque` not of a number for each wheel.
         SimulationError
             The step fails: the body would turn by more than half a turn, the load fails, or a number is not finite. The
             state is unchanged; `partial` of the error is None.
@@ -282,16 +306,27 @@ class Stepper:
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state
         k = now._steps
+        momenta, wheels = self._driven(now, wheel_torque) if self._wheels or np.size(wheel_torque) else ((), None)
         try:
-            numbers = self._single(now._numbers, now._start, k, body, space)
+            numbers = self._single(now._numbers, now._start, k, body, space, wheels)
         except ValueError as error:
             raise self._error(Failure(Status.LOAD, k, nan, nan, str(error))) from error
         if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
             raise self._error(
                 self._single.failure(k) or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
             )
-        self._state = state = self._made(numbers, now._start, k + 1)
+        self._state = state = self._made(numbers, now._start, k + 1, momenta)
         return state
+
+    def _driven(self, now: StepperState, torque: ArrayLike) -> tuple[tuple[float, ...], tuple[Array, Array]]:
+        """Return the momenta of the wheels after a step, and what these are for the step: their sum, and its rate."""
+        own, count = as_array(torque, "wheel_torque", (None,)), len(self._wheels)
+        if own.size not in (0, count):
+            raise ValueError(f"wheel_torque needs a number for each wheel, {count}, got {own.size}")
+        begin, h, t = np.array(now._momenta), self.step_size, now._time
+        end = momenta_later(self._wheels, begin[None], t, np.array([t + h]))[0, 0] + h * (own if own.size else 0.0)
+        axes = np.stack([one.direction for one in self._wheels])
+        return tuple(end.tolist()), (begin @ axes, (end - begin) / h @ axes)
 
     @property
     def state(self) -> StepperState:
@@ -336,8 +371,9 @@ class Stepper:
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.system, self.step_size, self.integrator, self.load, self._state)
 
-    def _made(self, numbers: Numbers, start: float, steps: int) -> StepperState:
+    def _made(self, numbers: Numbers, start: float, steps: int, momenta: Sequence[float] = ()) -> StepperState:
         state = StepperState.__new__(StepperState)
+        state._momenta, state._axes = tuple(momenta), self._axes
         state._kind, state._numbers, state._start, state._steps = self._kind, numbers, start, steps
         state._time = start + steps * self.step_size
         return state

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..analysis.variables import NODES, observables, potentials_of
 from ..geometry.arrays import Array, sum_of_squares
-from ..integrators import Integrator, Status
 from ..geometry.attitudes import States
+from ..integrators import Integrator, Status
 from ..integrators.base import Failure, Outcome, Problem
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
@@ -68,7 +68,7 @@ def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
     if not problem.load.wheels:
         return scheme.march(problem, threads)
     if problem.observed:
-        raise ValueError("statistics of reduce= are not computed for loads with wheels; store states and take them from these")
+        raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
     found = one_by_one(lambda one: scheme.march(as_gyrostat(one)), problem, threads)
     return of_locked(problem, found)
 

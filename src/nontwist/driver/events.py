@@ -109,7 +109,9 @@ class Part(NamedTuple):
         if problem.off_grid or self.outcome.failure() is not None:
             return None
         nodes, own = problem.times(np.arange(problem.steps + 1)), self.outcome.states.part(0)
-        found = completion.between(self.scheme, replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes)))
+        found = completion.between(
+            self.scheme, replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes))
+        )
         if found is not None:  # with the signs of those before
             p = own.quaternion[np.searchsorted(self.times, times, side="right") - 1]
             found.quaternion[np.sum(found.quaternion * p, axis=1) < 0] *= -1
@@ -120,7 +122,9 @@ class Part(NamedTuple):
         problem, t = self.problem, float(self.times[check])
         if problem.off_grid:
             state = self.outcome.states.part(0, check)
-            one = replace(problem, **started(state), t_start=t, wheels=problem.wheels_at(t), t_end=float(times[-1]), asked=times)
+            one = replace(
+                problem, **started(state), t_start=t, wheels=problem.wheels_at(t), t_end=float(times[-1]), asked=times
+            )
             return completion.march(self.scheme, one)
         nodes = problem.times(np.arange(problem.steps + 1))
         node = int(np.searchsorted(nodes, t, side="right")) - 1

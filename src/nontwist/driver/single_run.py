@@ -59,7 +59,9 @@ class PreparedPlan:
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
         """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
         nodes = max(grid.steps * plan.scheme.nodes, 0 if plan.asked is None else len(plan.asked))
-        if plan.load.wheels or plan.systems.spin is not None:  # the velocity of a start is not the one that the march begins with
+        if (
+            plan.load.wheels or plan.systems.spin is not None
+        ):  # the velocity of a start is not the one that the march begins with
             return False
         return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
 

@@ -2,8 +2,8 @@
 
 A problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h. Its constraints and
 their multipliers are the same. What is said of its intervals becomes again what is said of the body with its wheels
-locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the mean moment of the load
-has beside that on the carrier the change of Λz, its work that of ½ W·z.
+locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the mean moment of the
+load has beside that on the carrier the change of Λz, its work that of ½ W·z.
 """
 
 from __future__ import annotations

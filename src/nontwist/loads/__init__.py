@@ -24,8 +24,8 @@ __all__ = [
     "potential",
     "pulse",
     "rotor",
-    "wheel",
     "sine",
     "space_moment",
     "spring",
+    "wheel",
 ]

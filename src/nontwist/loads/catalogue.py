@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import as_array, as_floats, as_tensor, increasing
-from ..geometry.values import as_function
+from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
-from .wheels import Wheel
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
+from .wheels import Wheel
 
 
 def body_moment(

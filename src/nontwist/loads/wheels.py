@@ -42,8 +42,8 @@ class Wheel(Momentum):
         A time, s, and h then, kg m² s⁻¹, for wheels of a run that has begun.
     """
 
-    wheel: Annotated[Array, Spec("", option="axis of the wheel", shape=(3,), rule="direction in the body")]
-    inertia: Annotated[float, Spec("about its axis", option="inertia of the wheel", unit="kg m²", rule="positive")]
+    wheel: Annotated[Array, Spec("", option="axis", shape=(3,), rule="direction in the body")]
+    inertia: Annotated[float, Spec("about its axis", unit="kg m²", rule="positive")]
     speed: Annotated[float, Spec("at the start, relative to the body", unit="rad/s")] = 0.0
     torque: Annotated[float, Spec("of the motor", unit="N m")] = 0.0
     times: Annotated[Array, Spec("", unit="s", shape=(None,), is_fixed=True)] = ()  # type: ignore[assignment]
@@ -71,7 +71,7 @@ class Wheel(Momentum):
         return not self.times.size
 
     def impulse(self, times: Array) -> Array:
-        """Return the integral of the torque at (n,) times, without the factor; from 0, or the beginning of the table."""
+        """Return the integral of the torque at (n,) times, without the factor; of the table from its beginning."""
         found: Array = self.torque * times
         if not self.times.size:
             return found
@@ -92,7 +92,9 @@ class Wheel(Momentum):
         """Return h and h' at (n,) times, without the factor; before a run has begun h as of a body at rest."""
         t, h = self.known or (0.0, self.inertia * self.speed)
         h_of_time: Array = h + (self.impulse(times) - self.impulse(np.array([t])))
-        return h_of_time, self.torque + (within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times)
+        return h_of_time, self.torque + (
+            within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
+        )
 
     @classmethod
     def words(cls, record: Record) -> str:

@@ -65,7 +65,7 @@ def dataset(
     found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
-    along = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if wheels is not None else {}
+    along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if wheels is not None else {}
     placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output, **along)
     return assembled(found, placed, _record(scheme, ensemble))
 

@@ -362,7 +362,8 @@ def state_dataset(
     system: DirectorSystem, load: Load, time: Array, states: States, wheels: Array | None = None
 ) -> xarray.Dataset:
     """Return all observables of states of a body under a load on `time`; `wheels` are their momenta at the first."""
-    held, along, names = potentials_of(load, time), {"time": time}, (*NODES, *ROTORS) if load.rotors else NODES
+    held, names = potentials_of(load, time), (*NODES, *ROTORS) if load.rotors else NODES
+    along: dict[str, Any] = {"time": time}
     rotors = load.without_wheels.rotor_momentum(time)
     of_wheels = None if wheels is None else WheelStates.of_one(load.wheels, wheels, time, states.velocity)
     if of_wheels is not None:

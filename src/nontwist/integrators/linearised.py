@@ -40,6 +40,7 @@ from .linear_inputs import Entries, Nodes, Sampled
 from .load_samples import as_marched, has_table, orbit_of, parts_of
 from .problem import Problem
 from .rotors import at_nodes
+from .wheels import as_gyrostat
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
 LARGEST, LONGEST = 2**14, 2048
@@ -86,6 +87,7 @@ class Linearised:
     def __init__(
         self, problem: Problem, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
     ) -> None:
+        problem = as_gyrostat(problem) if problem.load.wheels else problem
         self.problem, scheme = problem, scheme_of(integrator)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])

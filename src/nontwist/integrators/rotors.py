@@ -5,17 +5,18 @@ values of c' there, but for a constant by which it is c at both ends,
 
     c'_j = c'(t_j) + r,    Σ b_j c'_j = (c_{n+1} - c_n)/h,    c_j = c_n + h Σ a_jk c'_k.
 
-So it is collocated as the unknowns of the step are. In a step of one node, and for rotors, whose c is linear between the
-times of a table, c' is the chord. The impulses of the steps add up to c at every node, whatever the grid is, and with
-them the schemes keep the total momentum π + Λc exactly: with the mean momentum Q of the step `lie_midpoint` has
-``ΔP + Δc = h (Q + c_m) × Ω``, the free step of the total momentum, and `gauss` a bilinear function Λ (P + c). A rotor of
-constant momentum is drag with a skew matrix, ``c × W``, and does no work; as it spins up its work is ``-h c'·W``, W of
-the step.
+So it is collocated as the unknowns of the step are. In a step of one node, and for rotors, whose c is linear between
+the times of a table, c' is the chord. The impulses of the steps add up to c at every node, whatever the grid is, and
+with them the schemes keep the total momentum π + Λc exactly: with the mean momentum Q of the step `lie_midpoint` has
+``ΔP + Δc = h (Q + c_m) × Ω``, the free step of the total momentum, and `gauss` a bilinear function Λ (P + c). A rotor
+of constant momentum is drag with a skew matrix, ``c × W``, and does no work; as it spins up its work is ``-h c'·W``, W
+of the step.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -51,5 +52,5 @@ def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
     x, s = 2 * np.array([*middles, 1.0]) - 1, len(middles)
     P, k = legvander(x, s), np.arange(1, s)
     integrals = np.column_stack([x + 1, (P[:, 2:] - P[:, :-2]) / (2 * k + 1)]) / 2
-    found = np.linalg.solve(P[:-1, :s].T, integrals.T).T
+    found: Any = np.linalg.solve(P[:-1, :s].T, integrals.T).T
     return found[:-1], found[-1]

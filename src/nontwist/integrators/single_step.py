@@ -115,7 +115,7 @@ class SingleStep:
                     array[...] = array + more if name in ("moving", "space") else more
         if wheels is not None:
             c, rate = wheels
-            rotor = self._march.loads[4]
+            rotor: Any = self._march.loads[4]
             own = np.column_stack(
                 [(c + np.outer(self._middles * self.step, rate)) / self._march.unit, [rate] * self._count]
             )

@@ -260,7 +260,7 @@ def sine(
 
 
 def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None) -> Load:
-    """Return a rotor, or wheel, that turns about an axis of the body and makes it a gyrostat.
+    """Return a rotor of given momentum relative to the body, which makes this a gyrostat.
 
     The rotor is symmetric about its axis a, which passes through its centre of mass, so the inertia J of the gyrostat
     does not depend on the angle of the rotor. J is that of the body with the rotor locked. The momentum of the rotor

@@ -92,6 +92,11 @@ def load_of(records: Iterable[Record]) -> Load:
     return Load(tuple(found))
 
 
+def is_rotor(record: Record) -> bool:
+    """Whether a term of this record is a rotor or a wheel, which move momentum within the body alone."""
+    return "rotor" in record or "wheel" in record
+
+
 def rotors_of(records: Iterable[Record]) -> Load:
     """Return the rotors of the load that `Load.description` has recorded."""
     return load_of(record for record in records if "rotor" in record)

@@ -448,12 +448,14 @@ class Momentum(Term):
 
     def momentum(self, times: Array) -> Array:
         """Return h n at (n,) times, (n, 3), without the factor."""
-        return self.history(times)[0][:, None] * self.direction
+        found: Array = self.history(times)[0][:, None] * self.direction
+        return found
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the moment."""
         (h,), (rate,) = self.history(np.array([t]))
-        return (h * np.cross(self.direction, directors @ angular_velocity) - rate * self.direction) @ directors
+        found: Array = (h * np.cross(self.direction, directors @ angular_velocity) - rate * self.direction) @ directors
+        return found
 
 
 @dataclass(frozen=True, eq=False)

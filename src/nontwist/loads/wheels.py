@@ -42,12 +42,12 @@ class Wheel(Momentum):
         A time, s, and h then, kg m² s⁻¹, for wheels of a run that has begun.
     """
 
-    wheel: Annotated[Array, Spec("", option="axis", shape=(3,), rule="direction in the body")]
-    inertia: Annotated[float, Spec("about its axis", unit="kg m²", rule="positive")]
+    wheel: Annotated[Array, Spec("", option="axis", shape=(3,), rule="direction in the body", is_fixed=True)]
+    inertia: Annotated[float, Spec("about its axis", unit="kg m²", rule="positive", is_fixed=True)]
     speed: Annotated[float, Spec("at the start, relative to the body", unit="rad/s")] = 0.0
     torque: Annotated[float, Spec("of the motor", unit="N m")] = 0.0
     times: Annotated[Array, Spec("", unit="s", shape=(None,), is_fixed=True)] = ()  # type: ignore[assignment]
-    values: Annotated[Array, Spec("the torque", unit="N m", shape=("times",))] = ()  # type: ignore[assignment]
+    values: Annotated[Array, Spec("the torque", unit="N m", shape=("times",), is_fixed=True)] = ()  # type: ignore[assignment]
     known: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -79,7 +79,8 @@ class Wheel(Momentum):
         t = np.clip(times, T[0], T[-1])
         k = np.clip(np.searchsorted(T, t, side="right") - 1, 0, max(len(T) - 2, 0))
         sums = np.append(0.0, np.cumsum(np.diff(T) * (y[1:] + y[:-1]) / 2))
-        return found + sums[k] + (t - T[k]) * (y[k] + np.interp(t, T, y)) / 2
+        found = found + sums[k] + (t - T[k]) * (y[k] + np.interp(t, T, y)) / 2
+        return found
 
     def begun(self, time: float, momentum: float) -> Wheel:
         """Return the wheel of a run in which it has the axial momentum h at a time; its factor is 1."""
@@ -95,6 +96,20 @@ class Wheel(Momentum):
         return h_of_time, self.torque + (
             within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
         )
+
+    def slopes_of_momentum(self, name: str, times: Array) -> Array:
+        """Return the derivatives of the factor times h at (n,) times after the start by a parameter.
+
+        Raises
+        ------
+        ValueError
+            The parameter is the factor of a table, to which steps of many nodes are not linear.
+        """
+        if name == "scale" and self.times.size:
+            raise ValueError("runs have no derivatives by the factor of a wheel whose torque is a table")
+        speed, torque = self.inertia * np.ones(len(times)), times
+        found: dict[str, Array] = {"speed": self.scale * speed, "torque": self.scale * torque}
+        return found[name] if name in found else self.speed * speed + self.torque * torque
 
     @classmethod
     def words(cls, record: Record) -> str:

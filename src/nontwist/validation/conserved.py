@@ -28,6 +28,7 @@ from ..loads import (
     sine,
     space_moment,
     spring,
+    wheel,
 )
 from ..models.bodies import sample_bodies
 from ..models.catalogue import heavy_top, nontwisting, standard
@@ -89,6 +90,7 @@ OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS i
     "function": body_moment(lambda t: (t, 0, 1)),
     "damping": damping([0.1, 0.2, 0.3]),
     "rotor": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5]),
+    "wheel": wheel((1, 2, 0), 0.5, speed=3, torque=([0, 1, 2], [0.5, -1, 0.2])),
     "director_forces": director_forces([0, 2], [FORCES, -FORCES]),
     "function of director forces": director_forces(lambda t, d, w: FORCES * t + d, frame="body"),
     "potential": potential([1, 0, 2], linear=[0.3, 1, -1], quadratic=np.array([[1, 0.5, 0], [0.5, -2, 0], [0, 0, 3]])),

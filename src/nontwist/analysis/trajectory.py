@@ -66,7 +66,8 @@ class Trajectory:
     load : list of dict, the load as data
     time : (n+1,) array, s
     states : States
-        The stored states as a tuple of arrays: quaternions and W. Some integrators add N, the symmetric part of the
+        The stored states as a tuple of arrays: quaternions and W; `internal`, the internal states of loads with memory,
+        None where there are none. Some integrators add N, the symmetric part of the
         director velocities in the body (11, 22, 33, 23, 13, 12), or the directors themselves, which leave SO(3) by the
         error of the integrator.
     multipliers : (n, m) array, N m
@@ -246,6 +247,8 @@ class Trajectory:
         """Return the run as a dataset with `more` variables, and the coordinates that these need (`coordinates`)."""
         has_rotors = any("rotor" in term for term in self.load)
         variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
+        if self.states.internal is not None:
+            variables["internal_state"] = self.states.internal
         variables |= {"moment": self.moment, "load_work": self.load_work}
         along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
         if count := self.multipliers.shape[1]:

@@ -77,7 +77,10 @@ DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensiti
     ),
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
-VARIABLES |= ROTORS | DERIVATIVES
+INTERNAL: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have memory
+    "internal_state": (("time", "internal"), "1", "internal states of the loads with memory", "z"),
+}
+VARIABLES |= ROTORS | DERIVATIVES | INTERNAL
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
 STATE = ("quaternion", "material_angular_velocity")
@@ -210,7 +213,7 @@ def observables(
     """
     names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
     if not set(names) <= set(STATE):
-        found |= _computed(names, systems, rotors, *states)
+        found |= _computed(names, systems, rotors, *states[:4])
     if potentials is not None and "potential_energy" in found:
         q = attitudes(states.quaternion).swapaxes(-1, -2)
         found["potential_energy"] = found["potential_energy"] + potentials.scale[:, None] * sum(

@@ -91,6 +91,7 @@ class Problem(OnGrid):
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
     stretches: Stretches | None = None
+    internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
 
     def __len__(self) -> int:
         return len(self.quaternion)
@@ -130,7 +131,7 @@ class Problem(OnGrid):
         return self._of(own, part_of(self.systems, first, last), load_scale=scale[own] if len(scale) > 1 else scale)
 
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> Problem:
-        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory")}
+        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
         return replace(self, systems=systems, progress=None, **parts, **changes)
 
@@ -228,7 +229,9 @@ def scratch(problem: Problem) -> Outcome:
 def started(state: States) -> dict[str, Any]:
     """Return the fields of a problem of one body that starts with a state."""
     normal = None if state.normal is None else state.normal[None]
-    return {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal, "memory": None}
+    internal = None if state.internal is None else state.internal[None]
+    known = {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal}
+    return known | {"memory": None, "internal": internal}
 
 
 def onward(problem: Problem, first: int, last: int, state: States | None = None) -> Problem:

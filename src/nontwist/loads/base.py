@@ -30,6 +30,7 @@ from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
 from .kinds import LOADS, load_in_words
+from .memory import Memory
 from .potentials import GravityGradient, Potential
 from .terms import Damping, ForceTerm, Rotor, Table, Term
 
@@ -184,12 +185,22 @@ class Load:
     @property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
-        return all(term.c_function is not None for term in (*self.called.terms, *self.functions))
+        return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))
 
     @property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
         return tuple(term for term in self.terms if isinstance(term, ForceTerm) and not term.in_kernels)
+
+    @cached_property
+    def memories(self) -> tuple[Memory, ...]:
+        """The terms with memory."""
+        return tuple(term for term in self.terms if isinstance(term, Memory))
+
+    @property
+    def internal_state(self) -> Array:
+        """The internal states z of the terms with memory at the start of a run, one behind the other, (k,)."""
+        return np.concatenate([np.zeros(0), *(term.state0 for term in self.memories)])
 
     @property
     def potentials(self) -> tuple[Potential, ...]:

@@ -13,6 +13,7 @@ from ..geometry.values import as_function
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
+from .memory import MemoryFunction
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
 
 
@@ -153,6 +154,77 @@ def moment(
     function = as_c_function(function) if is_c else as_function(function, "function")
     own = None if derivative is None else as_function(derivative, "derivative")
     return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled or is_c)
+
+
+def memory_load(
+    derivative: Callable[..., ArrayLike],
+    moment: Callable[..., ArrayLike],
+    state0: ArrayLike,
+    *,
+    scale: ArrayLike = 1.0,
+    frame: Literal["body", "space"] = "space",
+    breakpoints: Sequence[float] = (),
+    compiled: bool = False,
+) -> Load:
+    """Return a moment with memory: it depends on internal states z of its own, with equations of their own.
+
+    An actuator that lags, liquid in a tank, the hysteresis of a magnetic rod. `gauss`, which alone accepts such loads,
+    solves for z in the same step as for the body, to its order. A run has z as ``internal_state``.
+
+    Parameters
+    ----------
+    derivative, moment : callable
+        ``derivative(t, z, directors, angular_velocity) -> (k,)`` is z', and
+        ``moment(t, z, directors, angular_velocity) -> (3,)`` the moment, N m. Directors are rows of a (3, 3) array, at
+        the stages of a step a little shorter or longer than one.
+    state0 : float or (k,) array
+        z at the start.
+    scale : float or (k,) array
+        How large z becomes: its error counts relative to this, as that of the attitude in radians does.
+    frame : "space" or "body"
+        What moment and angular velocity are components along: fixed axes, or the moving directors. What is exchanged
+        between the body and a part that turns in it is kept to round-off with "body".
+    breakpoints : sequence of float, s
+        Times at which a function or its derivatives jump.
+    compiled : bool
+        Compile both functions, as in `nontwist.moment`.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        `state0` is empty or not a list of real numbers, `scale` is not positive, `frame` is unknown, or a function
+        cannot be compiled.
+
+    Examples
+    --------
+    A motor that gets a moment of 2 N m at once reaches it with a lag of 0.5 s:
+
+    >>> from nontwist import memory_load, simulate, standard
+    >>> def derivative(t, z, directors, angular_velocity):
+    ...     return (2 - z) / 0.5
+    >>> def moment(t, z, directors, angular_velocity):
+    ...     return z[0], 0.0, 0.0
+    >>> motor = memory_load(derivative, moment, state0=0, compiled=True)
+    >>> run = simulate(standard([1, 2, 3]), t_end=1, step=0.1, load=motor)
+    >>> run.internal_state.values[-1].round(9)  # 2 (1 - exp(-2))
+    array([1.72932943])
+    """
+    z = as_floats(state0, "state0", 1)
+    scales = as_floats(scale, "scale")
+    return of_function(
+        MemoryFunction,
+        as_function(derivative, "derivative"),
+        as_function(moment, "moment"),
+        z,
+        np.full(z.shape, scales) if scales.ndim == 0 else scales,
+        frame,
+        breakpoints=breakpoints,
+        compiled=compiled,
+    )
 
 
 def damping(coefficient: ArrayLike) -> Load:

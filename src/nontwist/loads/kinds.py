@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
+from .memory import MemoryFunction
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
 
@@ -40,6 +41,7 @@ LOADS.update(
         "function": Function,
         "damping": Damping,
         "rotor": Rotor,
+        "memory": MemoryFunction,
         "director_forces": ForceTable,
         "function of director forces": ForceFunction,
         "potential": Quadratic,
@@ -48,7 +50,7 @@ LOADS.update(
         "function of a potential": PotentialFunction,
     }
 )
-FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record that name a function
+FUNCTIONS = ("function", "director_forces", "potential", "memory")  # fields of a record that name a function
 
 
 def class_of(record: Record) -> type[Term] | str:

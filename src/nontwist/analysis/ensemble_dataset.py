@@ -53,6 +53,8 @@ def dataset(
     rotors = rotor_momenta(ensemble, ensemble.output)
     held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
     found = described(observables(variables, systems, outcome.states, rotors, held), ("member",))
+    if outcome.states.internal is not None:
+        found |= described({"internal_state": outcome.states.internal}, ("member",))
     if outcome.observed is not None:
         span = ensemble.t_end - ensemble.t_start
         loaded = bool(ensemble.load.without_potentials.terms)

@@ -344,4 +344,6 @@ def versions() -> dict[str, str]:
 def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
     """Return all observables of states of a body under a load on `time`."""
     found = observables_of_one(NODES, system, states, potentials=potentials_of(load, time))
+    if states.internal is not None:
+        found["internal_state"] = states.internal
     return assembled(described(found), coordinates(("time", *COORDINATES), time=time), {})

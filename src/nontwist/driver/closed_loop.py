@@ -22,7 +22,7 @@ from ..models.system import DirectorSystem, as_system
 from .completion import OVERFLOW
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
-from .planning import resolve_integrator
+from .planning import internal_states, resolve_integrator
 from .starts import start_of_one
 from .states import BodyState
 
@@ -91,6 +91,7 @@ def stepper(
         raise ValueError(f"a stepper supports the integrators {', '.join(names)} and {last}, got {scheme.name}")
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
+    scheme.require_memory(load)
     warn_of_cost(load)
     return Stepper(system, h, scheme, of_body(load, system.inertia))
 
@@ -102,6 +103,7 @@ class Kind(NamedTuple):
     step: float
     inertia: bytes
     axis: bytes | None
+    internal: int  # internal states of the load
 
 
 def _takes_steps(kind: type[Integrator]) -> bool:
@@ -152,6 +154,12 @@ class StepperState(BodyState):
         mu: float = self._numbers[NUMBERS.mu]
         return 0.0 if self._kind.axis is None else 0.0 - mu
 
+    @property
+    def internal_state(self) -> tuple[float, ...]:
+        """The internal states z of loads with memory, one behind the other; none: ()."""
+        k, end = self._kind.internal, len(self._numbers) - 1  # the carried numbers end with z and its round-off
+        return self._numbers[end - 2 * k : end - k]
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, StepperState) and self._key() == other._key()
 
@@ -200,7 +208,7 @@ class Stepper:
     def __init__(self, system: DirectorSystem, step: float, integrator: Compiled, load: Load) -> None:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
-        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, load.internal_state.size)
         self._single = SingleStep(system, load, step, integrator)
         self.reset()
 
@@ -249,6 +257,7 @@ class Stepper:
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
         problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
+        problem = replace(problem, internal=internal_states(self.load, begin))
         self._state = self._made(self._single.begin(problem), t, 0)
         return self._state
 
@@ -297,8 +306,8 @@ class Stepper:
     def state(self) -> StepperState:
         """The current state. Set it to return to an earlier state of this stepper, or of one of the same kind.
 
-        A stepper of the same kind has the same integrator, order and step, and a body of the same inertia and axis. For
-        any other state use `reset`.
+        A stepper of the same kind has the same integrator, order and step, a body of the same inertia and axis, and as
+        many internal states. For any other state use `reset`.
         """
         return self._state
 
@@ -308,7 +317,7 @@ class Stepper:
             raise ValueError(f"state must be a state of a stepper, got {shown(state)}; use reset(...) for other starts")
         if state._kind != self._kind:
             raise ValueError(
-                "state belongs to a stepper with another integrator, order, step, inertia or axis; "
+                "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "
                 "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
                 "time=state.time)"
             )

@@ -91,6 +91,7 @@ class Plan(NamedTuple):
             off_grid=self.off_grid,
             normal=begin.normal,
             memory=begin.memory,
+            internal=internal_states(self.load, begin),
             stretches=grid,
         )
 
@@ -134,10 +135,12 @@ def planned(
     if asked is not None and scheme.any_times:
         steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
+    load = known_body(as_load(load), systems)
+    scheme.require_memory(load)
     return Plan(
         scheme,
         systems,
-        known_body(as_load(load), systems),
+        load,
         t0,
         t1,
         store,
@@ -146,6 +149,19 @@ def planned(
         tolerance,
         candidates(scheme, is_open),
     )
+
+
+def internal_states(load: Load, begin: Starts) -> Array | None:
+    """Return the internal states of loads with memory at a start, (m, k), None: theirs; a ValueError for others."""
+    if begin.internal is None or not load.memories:
+        return None
+    found, count = begin.internal.shape[1], load.internal_state.size
+    if found != count:
+        raise ValueError(
+            f"start= ends with {found} internal states, and the load has {count}; continue with the load of that run, "
+            "or start from its rotation and angular velocity"
+        )
+    return np.broadcast_to(begin.internal, (len(begin.quaternion), count))
 
 
 def known_body(load: Load, systems: SystemStack) -> Load:

@@ -96,6 +96,9 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
     p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
     N = states_of(q, v)[2]
     stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None)
+    if load.memories:
+        as_dataset(run, RUN, ("internal_state",))
+        stored = stored._replace(internal=run["internal_state"].transpose("time", ...).values)
     wanted, place = np.unique(x, return_inverse=True)
     found = stored.part(np.zeros(len(wanted), dtype=np.int64))
     of = np.searchsorted(t, wanted, side="right") - 1
@@ -132,6 +135,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
             off_grid=scheme.any_times,
             normal=own.normal,
             stretches=grid,
+            internal=own.internal,
         )
         outcome = completion.march(scheme, problem)
         if (failure := outcome.failure()) is not None:

@@ -88,7 +88,9 @@ class Called:
                 try:
                     numbers = given.function(t, first, second).tolist()
                 except BaseException as error:  # it must not pass through the kernel
-                    self.error, numbers = error, [np.nan] * given.size
+                    numbers = [np.nan] * given.size  # the next errors follow from these
+                    if self.error is None or not isinstance(error, Exception):
+                        self.error = error
                 for k, x in enumerate(numbers):
                     found[k] = x
 
@@ -107,8 +109,9 @@ class Called:
         """
         if self.error is None:
             try:
-                self._whole.state_moment(float(last[15]), last[:9].reshape(3, 3), last[9:12])
-                self._whole.potential_energy(last[:9].reshape(3, 3))
+                whole = Load(tuple(term for term in self._whole.terms if term not in self._whole.memories))
+                whole.state_moment(float(last[15]), last[:9].reshape(3, 3), last[9:12])
+                whole.potential_energy(last[:9].reshape(3, 3))
             except ValueError as error:
                 self.error = error
         return str(self.error or f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}")

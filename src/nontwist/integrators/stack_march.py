@@ -106,7 +106,7 @@ class StackMarch:
         put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
         put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
-        self.internal_scales = np.concatenate([z[:0], *(term.state_scale for term in self.load.memories)])
+        self.internal_scales = self.load.internal_scale
         put(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
@@ -157,7 +157,9 @@ class StackMarch:
     def remember(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
         states = self.arrays["states"]
-        if memory.shape != states.shape or not is_start(self.scheme, known := memory / self.factors, states):
+        if memory.shape != states.shape or not is_start(
+            self.scheme, known := memory / self.factors, states, self.parts.memory
+        ):
             return
         states[:] = known
         if self.scheme.is_exact_without_load:
@@ -345,7 +347,7 @@ def factors(scheme: Compiled, bodies: Array, unit: float, size: int, internal: i
     return found
 
 
-def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
+def is_start(scheme: Compiled, carried: Array, states: Array, internal: int = 0) -> bool:
     """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
     sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
     apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
@@ -353,7 +355,8 @@ def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
     if scheme.is_director_scheme:
         apart += [_apart(carried, states, slice(STATE.auxiliary, STATE.size))]
     apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
-    return not max(apart) > SAME
+    z = slice(states.shape[1] - 2 * internal, states.shape[1] - internal)
+    return np.array_equal(carried[:, z], states[:, z]) and not max(apart) > SAME
 
 
 def _apart(a: Array, b: Array, part: slice) -> float:

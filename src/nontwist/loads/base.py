@@ -203,6 +203,11 @@ class Load:
         return np.concatenate([np.zeros(0), *(term.state0 for term in self.memories)])
 
     @property
+    def internal_scale(self) -> Array:
+        """How large they become, (k,)."""
+        return np.concatenate([np.zeros(0), *(term.state_scale for term in self.memories)])
+
+    @property
     def potentials(self) -> tuple[Potential, ...]:
         """The terms that are potentials."""
         return tuple(term for term in self.terms if isinstance(term, Potential))

@@ -56,6 +56,10 @@ class Memory(Term):
         """None: there are no derivatives."""
         return []
 
+    def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Raise a ValueError: there is no moment without an internal state."""
+        raise ValueError("the moment of a load with memory depends on its internal state: run it, and read run.moment")
+
     def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
         """Return the moment in space, the one along the frame, and z'; `x` is the state, z, and the time."""
         is_along, t, z = self.frame == "body", x[-1], array(x[STATE:-1])

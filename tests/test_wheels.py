@@ -204,3 +204,65 @@ def test_run_file_says_the_same():
 def test_what_cannot_be_is_refused(make, words):
     with pytest.raises(ValueError, match=words.replace("(", r"\(").replace("[", r"\[")):
         make()
+
+
+def drag(speed):
+    return 0.02 * np.tanh(speed / 3)
+
+
+def spin_up(t, speed):
+    return 0.4 * np.sin(t) - 0.01 * speed
+
+
+RUBBING = wheel((1, 1, 0), 0.2, 30, 0.1, viscous=0.05) + wheel((1, -1, 1), 0.3, -10, spin_up, friction=drag)
+
+
+def test_friction_and_a_motor_that_sees_the_speed_move_the_body_as_scipy_finds():
+    carrier = J - sum(i * np.outer(n, n) for i, n in zip(INERTIAS, AXES, strict=True))
+
+    def rates(t, y):
+        W, h = y[:3], y[3:5]
+        speed = h / INERTIAS - AXES @ W
+        torque = np.array([0.1, spin_up(t, speed[1])])
+        loss = np.array([0.05 * speed[0], drag(speed[1])])
+        inner = np.cross(carrier @ W + h @ AXES, W) - (torque - loss) @ AXES
+        return np.concatenate([np.linalg.solve(carrier, inner), torque - loss, torque * speed, loss * speed])
+
+    y = np.concatenate([W0, INERTIAS * ([30, -10] + AXES @ W0), np.zeros(4)])
+    expected = solve_ivp(rates, (0, 5), y, "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    errors = []
+    for step in (0.25, 0.125):
+        run = simulate(standard(J), t_end=5, step=step, material_angular_velocity=W0, load=RUBBING, order=4)
+        errors.append(abs(run.material_angular_velocity.values[-1] - expected[:3]).max())
+        assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
+    run = simulate(standard(J), t_end=5, tolerance=1e-10, material_angular_velocity=W0, load=RUBBING)
+    assert run.material_angular_velocity.values[-1] == pytest.approx(expected[:3], abs=1e-9)
+    assert run.wheel_momentum.values[-1] == pytest.approx(expected[3:5], abs=1e-9)
+    assert run.wheel_work.values[-1] == pytest.approx(expected[5:7], abs=1e-8)
+    assert run.wheel_loss.values[-1] == pytest.approx(expected[7:], abs=1e-8)
+    balance = run.total_kinetic_energy - (run.wheel_work - run.wheel_loss).sum("wheel")
+    assert np.ptp(balance.values) < 1e-9
+
+
+def test_wheels_with_friction_are_continued_and_run_in_ensembles():
+    how = {"load": RUBBING, "step": 0.1, "order": 8}
+    whole = integrate(standard(J), t_end=5, material_angular_velocity=W0, **how)
+    first = integrate(standard(J), t_end=2, material_angular_velocity=W0, **how)
+    rest = integrate(standard(J), t_end=5, start=first.to_dataset(), **how)
+    assert rest.states.internal[-1] == pytest.approx(whole.states.internal[-1], abs=1e-13)
+    many = simulate_ensemble(standard(J), t_end=5, material_angular_velocity=[W0, -W0], **how)
+    assert many.wheel_momentum.values[0, -1] == pytest.approx(whole.wheel_momentum[-1], abs=0)
+
+
+def test_wheels_with_friction_are_refused_by_name_where_they_cannot_be():
+    for make, words in (
+        (lambda: simulate(standard(J), t_end=1, load=RUBBING, integrator="lie-midpoint"), "use gauss"),
+        (lambda: sensitivities(standard(J), t_end=1, load=RUBBING), "no derivatives"),
+        (lambda: stepper(standard(J), 0.1, load=RUBBING, integrator="gauss"), "take friction off wheel_torque"),
+        (lambda: wheel("x", 1, friction=lambda speed: -speed), "friction must slow the wheel down"),
+        (lambda: wheel("x", 1, viscous=-1), "viscous must not be negative"),
+        (lambda: wheel("x", 1, torque=[1, 2, 3]), "torque must be"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make()

@@ -65,6 +65,7 @@ from .loads import damping as damping
 from .loads import dipole as dipole
 from .loads import director_forces as director_forces
 from .loads import gravity_gradient as gravity_gradient
+from .loads import memory_load as memory_load
 from .loads import moment as moment
 from .loads import potential as potential
 from .loads import pulse as pulse

@@ -13,14 +13,14 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..integrators.base import Integrator, Outcome, Problem, Status
 from .statistics import named
-from .trajectory import FORMAT_VERSION, grid_record, versions
+from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
 from .variables import (
     NODES,
-    ROTORS,
     SIZES,
     STATE,
     VARIABLES,
-    WheelStates,
+    WHEELS,
+    Wheels,
     assembled,
     coordinates,
     described,
@@ -49,14 +49,16 @@ def dataset(
 ) -> xarray.Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
-    if variables == NODES and ensemble.load.rotors:
-        variables = (*NODES, *ROTORS)
-    rotors = rotor_momenta(ensemble, ensemble.output, outcome.states.velocity)
+    records = ensemble.load.description
+    if variables == NODES:
+        variables = nodes_of(records)
+    elif ensemble.load.wheels:
+        variables = tuple(dict.fromkeys((*variables, *WHEELS)))
+    rotors = rotor_momenta(ensemble, ensemble.output)
     held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
-    found = described(observables(variables, systems, outcome.states, rotors, held, ensemble.load.wheels), ("member",))
-    if (wheels := wheel_states(ensemble, ensemble.output, outcome.states.velocity)) is not None:
-        energy = observables(("kinetic_energy",), systems, outcome.states)["kinetic_energy"]
-        found |= described(wheels.variables(energy), ("member",))
+    found = described(observables(variables, systems, outcome.states, rotors, held, Wheels.of(records)), ("member",))
+    if outcome.states.internal is not None:
+        found |= described({"internal_state": outcome.states.internal}, ("member",))
     if outcome.observed is not None:
         span = ensemble.t_end - ensemble.t_start
         loaded = bool(ensemble.load.without_potentials.terms)
@@ -65,27 +67,17 @@ def dataset(
     found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
-    along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if wheels is not None else {}
+    along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if ensemble.load.wheels else {}
     placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output, **along)
     return assembled(found, placed, _record(scheme, ensemble))
 
 
-def rotor_momenta(ensemble: Problem, times: Array, velocity: Array | None = None) -> Array | None:
-    """Return the momentum of the rotors and wheels of members at (k,) times, (m or 1, k, 3); None: there are none.
-
-    That of wheels depends on W, (m, k, 3).
-    """
-    rotors = ensemble.load.without_wheels
-    momenta: Array = ensemble.load_scale[:, None, None] * rotors.rotor_momentum(times)
-    if velocity is not None and (wheels := wheel_states(ensemble, times, velocity)) is not None:
-        return momenta + wheels.relative_momentum
-    return momenta if rotors.rotors else None
-
-
-def wheel_states(ensemble: Problem, times: Array, velocity: Array) -> WheelStates | None:
-    """Return the states of the wheels of members at (k,) times, given W there; None where there are none."""
-    momenta = ensemble.wheels_at(times)
-    return None if momenta is None else WheelStates(ensemble.load.wheels, momenta, velocity)
+def rotor_momenta(ensemble: Problem, times: Array) -> Array | None:
+    """Return the momentum of the rotors of members at (k,) times, (m or 1, k, 3); None where there are none."""
+    if not ensemble.load.rotors:
+        return None
+    momenta: Array = ensemble.load_scale[:, None, None] * ensemble.load.rotor_momentum(times)
+    return momenta
 
 
 def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:

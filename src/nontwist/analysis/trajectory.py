@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,7 +17,7 @@ from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from ..loads.kinds import rotors_of, wheels_of
+from ..loads.kinds import is_rotor, rotors_of
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
@@ -25,8 +25,9 @@ from .variables import (
     EVENTS,
     NODES,
     ROTORS,
+    WHEELS,
     Described,
-    WheelStates,
+    Wheels,
     assembled,
     coordinates,
     described,
@@ -67,7 +68,8 @@ class Trajectory:
     load : list of dict, the load as data
     time : (n+1,) array, s
     states : States
-        The stored states as a tuple of arrays: quaternions and W. Some integrators add N, the symmetric part of the
+        The stored states as a tuple of arrays: quaternions and W; `internal`, the internal states of loads with memory,
+        None where there are none. Some integrators add N, the symmetric part of the
         director velocities in the body (11, 22, 33, 23, 13, 12), or the directors themselves, which leave SO(3) by the
         error of the integrator.
     multipliers : (n, m) array, N m
@@ -95,8 +97,6 @@ class Trajectory:
         The last internal state of the integrator, from which `start=` continues bit for bit.
     potentials : Load
         The potentials of the load, from which `potential_energy` is computed.
-    wheels : (k,) array, kg m² s⁻¹, or None where the load has no wheels
-        The axial momenta of the wheels at the first time.
     events : Events, or None where none were asked for
         `names` of the event functions; `number` of the function, `time` (s), `quaternion` and `velocity` of each event.
 
@@ -133,7 +133,6 @@ class Trajectory:
     warning: str | None = None
     events: Events | None = None
     potentials: Load | None = None
-    wheels: Array | None = None
 
     @property
     def t_events(self) -> list[Array]:
@@ -214,22 +213,19 @@ class Trajectory:
 
     @property
     def rotor_momentum(self) -> Array | None:
-        """Momentum of the rotors relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None without rotors."""
-        load, wheels = rotors_of(self.load), self._wheels
-        own = load.rotor_momentum(self.time) if load.terms else None
-        return own if wheels is None else wheels.relative_momentum[0] + (0.0 if own is None else own)
-
-    @property
-    def _wheels(self) -> WheelStates | None:
-        if self.wheels is None:
-            return None
-        return WheelStates.of_one(wheels_of(self.load), self.wheels, self.time, self.material_angular_velocity)
+        """Momentum of rotors and wheels relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None: none."""
+        has_rotors = any(map(is_rotor, self.load))
+        return self.observables("rotor_momentum")["rotor_momentum"] if has_rotors else None
 
     @property
     def wheel_momentum(self) -> Array:
-        """Axial momentum of each wheel, (n+1, k), kg m² s⁻¹."""
-        found: Array = np.empty((len(self.time), 0)) if self._wheels is None else self._wheels.momenta[0]
-        return found
+        """Axial momentum of each wheel of the load in space, (n+1, k), kg m² s⁻¹."""
+        return self.observables("wheel_momentum")["wheel_momentum"]
+
+    @property
+    def _rotor_momentum(self) -> Array | None:
+        load = rotors_of(self.load)
+        return load.rotor_momentum(self.time) if load.terms else None
 
     def observables(self, variables: str | Iterable[str]) -> dict[str, Array]:
         """Return variables of the stored states by name, without a dataset.
@@ -251,7 +247,8 @@ class Trajectory:
         """
         names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
         held = None if self.potentials is None else potentials_of(self.potentials, self.time)
-        return observables_of_one(names, self.system, self.states, self.rotor_momentum, held, wheels_of(self.load))
+        wheels = Wheels.of(self.load)
+        return observables_of_one(names, self.system, self.states, self._rotor_momentum, held, wheels)
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
@@ -261,13 +258,13 @@ class Trajectory:
         self, more: dict[str, Array], coordinates_of: dict[str, Any], beside: dict[str, Described]
     ) -> xarray.Dataset:
         """Return the run as a dataset with `more` variables, and the coordinates that these need (`coordinates`)."""
-        has_rotors = any("rotor" in term for term in self.load) or self.wheels is not None
-        variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
+        variables: dict[str, Any] = self.observables(nodes_of(self.load))
+        if self.states.internal is not None:
+            variables["internal_state"] = self.states.internal
         variables |= {"moment": self.moment, "load_work": self.load_work}
         along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
-        if (wheels := self._wheels) is not None:
-            variables |= {name: array[0] for name, array in wheels.variables(variables["kinetic_energy"]).items()}
-            along["wheel"] = np.arange(1, len(wheels.wheels) + 1)
+        if "wheel_speed" in variables:
+            along["wheel"] = np.arange(1, 1 + variables["wheel_speed"].shape[1])
         if count := self.multipliers.shape[1]:
             variables["multipliers"] = self.multipliers
             along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
@@ -358,17 +355,19 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **packages}
 
 
-def state_dataset(
-    system: DirectorSystem, load: Load, time: Array, states: States, wheels: Array | None = None
-) -> xarray.Dataset:
-    """Return all observables of states of a body under a load on `time`; `wheels` are their momenta at the first."""
-    held, names = potentials_of(load, time), (*NODES, *ROTORS) if load.rotors else NODES
-    along: dict[str, Any] = {"time": time}
-    rotors = load.without_wheels.rotor_momentum(time)
-    of_wheels = None if wheels is None else WheelStates.of_one(load.wheels, wheels, time, states.velocity)
-    if of_wheels is not None:
-        rotors, along["wheel"] = rotors + of_wheels.relative_momentum[0], np.arange(1, 1 + len(load.wheels))
-    found = observables_of_one(names, system, states, rotors, held, load.wheels)
-    if of_wheels is not None:
-        found |= {name: array[0] for name, array in of_wheels.variables(found["kinetic_energy"]).items()}
+def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
+    """Return all observables of states of a body under a load on `time`."""
+    held, records, along = potentials_of(load, time), load.description, dict[str, Any](time=time)
+    rotors, wheels = load.rotor_momentum(time) if load.rotors else None, Wheels.of(records)
+    found = observables_of_one(nodes_of(records), system, states, rotors, held, wheels)
+    if states.internal is not None:
+        found["internal_state"] = states.internal
+    if wheels is not None:
+        along["wheel"] = np.arange(1, 1 + len(wheels.axes))
     return assembled(described(found), coordinates((*along, *COORDINATES), **along), {})
+
+
+def nodes_of(records: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the names of the variables of states that a run under the load of these records has."""
+    rotors = ROTORS if any(map(is_rotor, records)) else ()
+    return (*NODES, *rotors, *(WHEELS if any("wheel" in one for one in records) else ()))

@@ -16,16 +16,14 @@ from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Sta
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
-from ..integrators.wheels import momenta as wheel_momenta
 from ..loads import Load, as_load
 from ..loads.base import of_body
-from ..loads.wheels import momenta_later
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .completion import OVERFLOW
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
-from .planning import resolve_integrator
+from .planning import internal_states, resolve_integrator
 from .starts import start_of_one
 from .states import BodyState
 
@@ -92,6 +90,7 @@ def stepper(
     if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):
         *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
         raise ValueError(f"a stepper supports the integrators {', '.join(names)} and {last}, got {scheme.name}")
+    scheme.require_memory(load)
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
@@ -105,6 +104,7 @@ class Kind(NamedTuple):
     step: float
     inertia: bytes
     axis: bytes | None
+    internal: int  # internal states of the load
 
 
 def _takes_steps(kind: type[Integrator]) -> bool:
@@ -144,6 +144,12 @@ class StepperState(BodyState):
     def steps(self) -> int:
         """Number of steps since the last reset."""
         return self._steps
+
+    @property
+    def internal_state(self) -> tuple[float, ...]:
+        """The internal states z of loads with memory but for wheels, one behind the other; none: ()."""
+        k, end = self._kind.internal - len(self._momenta), len(self._numbers) - 1
+        return self._numbers[end - 2 * k : end - k]  # the carried numbers end with z and its round-off
 
     @property
     def wheel_momentum(self) -> tuple[float, ...]:
@@ -216,7 +222,12 @@ class Stepper:
     def __init__(self, system: DirectorSystem, step: float, integrator: Compiled, load: Load) -> None:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
-        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
+        if not all(one.is_driven for one in load.wheels):
+            raise ValueError(
+                "a stepper has wheels without friction, and motors whose torque is no function: take friction off "
+                "wheel_torque, by state.wheel_speed"
+            )
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, load.internal_state.size)
         self._single, self._wheels = SingleStep(system, load, step, integrator), load.wheels
         self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
         self.reset()
@@ -266,10 +277,10 @@ class Stepper:
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
         problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
-        momenta = begin.wheels
-        if self._wheels and momenta is None:
-            momenta = wheel_momenta(systems, self.load, t, W, np.ones(1))
-        self._state = self._made(self._single.begin(problem), t, 0, () if momenta is None else momenta[0].tolist())
+        internal, count = internal_states(systems, self.load, begin, t), len(self._wheels)
+        rest = None if internal is None or internal.shape[1] == count else internal[:, count:]
+        numbers = self._single.begin(replace(problem, internal=rest))
+        self._state = self._made(numbers, t, 0, internal[0, :count].tolist() if count and internal is not None else ())
         return self._state
 
     def step(
@@ -324,7 +335,8 @@ class Stepper:
         if own.size not in (0, count):
             raise ValueError(f"wheel_torque needs a number for each wheel, {count}, got {own.size}")
         begin, h, t = np.array(now._momenta), self.step_size, now._time
-        end = momenta_later(self._wheels, begin[None], t, np.array([t + h]))[0, 0] + h * (own if own.size else 0.0)
+        change = [one.scale * float(np.diff(one.impulse(np.array([t, t + h])))[0]) for one in self._wheels]
+        end = begin + np.array(change) + h * (own if own.size else 0.0)
         axes = np.stack([one.direction for one in self._wheels])
         return tuple(end.tolist()), (begin @ axes, (end - begin) / h @ axes)
 
@@ -332,8 +344,8 @@ class Stepper:
     def state(self) -> StepperState:
         """The current state. Set it to return to an earlier state of this stepper, or of one of the same kind.
 
-        A stepper of the same kind has the same integrator, order and step, and a body of the same inertia and axis. For
-        any other state use `reset`.
+        A stepper of the same kind has the same integrator, order and step, a body of the same inertia and axis, and as
+        many internal states. For any other state use `reset`.
         """
         return self._state
 
@@ -343,7 +355,7 @@ class Stepper:
             raise ValueError(f"state must be a state of a stepper, got {shown(state)}; use reset(...) for other starts")
         if state._kind != self._kind:
             raise ValueError(
-                "state belongs to a stepper with another integrator, order, step, inertia or axis; "
+                "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "
                 "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
                 "time=state.time)"
             )

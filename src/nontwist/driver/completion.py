@@ -19,7 +19,7 @@ from ..integrators import Integrator, Status
 from ..integrators.base import Failure, Outcome, Problem
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
-from ..integrators.wheels import as_gyrostat, of_locked
+from ..integrators.wheels import as_gyrostat, of_locked, with_wheels
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
@@ -75,7 +75,10 @@ def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
 
 def between(scheme: Integrator, problem: Problem, states: States) -> States | None:
     """Return the states of one body at the times asked for, as `Integrator.between`."""
-    return scheme.between(as_gyrostat(problem) if problem.load.wheels else problem, states)
+    if not problem.load.wheels:
+        return scheme.between(problem, states)
+    found = scheme.between(as_gyrostat(problem), states)
+    return None if found is None else with_wheels(problem, found)
 
 
 def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:

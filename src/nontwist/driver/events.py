@@ -44,10 +44,10 @@ class Event(NamedTuple):
     terminal: int  # number of occurrences after which the run ends, 0: it does not
     direction: float
 
-    def value(self, t: float, p: Any, W: Any) -> float:
+    def value(self, t: float, p: Any, W: Any, z: Any = ()) -> float:
         """Return the value of the function at a state; a ValueError that names it where it fails."""
         try:
-            return float(as_number(self.function(t, body_state(t, p, W)), "its value"))
+            return float(as_number(self.function(t, body_state(t, p, W, z)), "its value"))
         except Exception as error:
             what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             raise ValueError(f"the event {self.name} fails at t = {t:.12g} s: {what}") from error
@@ -122,9 +122,7 @@ class Part(NamedTuple):
         problem, t = self.problem, float(self.times[check])
         if problem.off_grid:
             state = self.outcome.states.part(0, check)
-            one = replace(
-                problem, **started(state), t_start=t, wheels=problem.wheels_at(t), t_end=float(times[-1]), asked=times
-            )
+            one = replace(problem, **started(state), t_start=t, t_end=float(times[-1]), asked=times)
             return completion.march(self.scheme, one)
         nodes = problem.times(np.arange(problem.steps + 1))
         node = int(np.searchsorted(nodes, t, side="right")) - 1
@@ -196,10 +194,11 @@ class Search:
         """Yield the events of a part in the order of their times, up to one that ends the run."""
         found, crossed, states = list[Root](), list[Crossing](), part.outcome.states
         times, p, W = part.times.tolist(), states.quaternion[0].tolist(), states.velocity[0].tolist()
+        z: Any = [()] * len(times) if states.internal is None else states.internal[0].tolist()
         for number, event in enumerate(self.events):
             before, value = self.signs[number], 0.0
             for k, t in enumerate(times):
-                last, value = value, event.value(t, p[k], W[k])
+                last, value = value, event.value(t, p[k], W[k], z[k])
                 sign = float(np.sign(value))
                 if before * sign < 0 and event.counts(sign > 0):
                     crossed.append(Crossing(number, k - 1, (last, value)))
@@ -265,7 +264,8 @@ class Search:
         def value(t: float) -> float:
             if t not in known:
                 reached[t] = state = part.beyond(check, np.array([t])).states.part(0, 0)
-                known[t] = event.value(t, state.quaternion.tolist(), state.velocity.tolist())
+                z = () if state.internal is None else state.internal.tolist()
+                known[t] = event.value(t, state.quaternion.tolist(), state.velocity.tolist(), z)
             return known[t]
 
         longest = part.problem.t_end - part.problem.t_start if part.problem.off_grid else part.problem.grid.longest

@@ -31,7 +31,7 @@ from ..loads.derivatives import (
 )
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
-from ..loads.terms import BODY, XYZ, Momentum, Rotor, Term, chord, own_fields, parameters_of
+from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
 from ..loads.wheels import Wheel
 
 SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
@@ -159,7 +159,7 @@ class Parameters:
         terms = self.terms if one.term is None else (self.terms[one.term],)
         found = {"step"} if one.field == "duration" else set()
         for term in terms:
-            if isinstance(term, Momentum):
+            if isinstance(term, Rotor | Wheel):
                 found |= {"rotor", "rate"}
             elif term.kind in ("body", "space"):
                 found.add("moving" if term.kind == "body" else "space")

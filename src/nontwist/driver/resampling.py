@@ -26,7 +26,6 @@ from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, as_load
 from ..loads.base import of_body
 from ..loads.kinds import load_of
-from ..loads.wheels import momenta_later
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -97,7 +96,9 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
     p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
     N = states_of(q, v)[2]
     stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None)
-    wheels = run["wheel_momentum"].transpose("time", ...).values if load.wheels else None
+    if load.remembering:
+        as_dataset(run, RUN, ("internal_state",))
+        stored = stored._replace(internal=run["internal_state"].transpose("time", ...).values)
     wanted, place = np.unique(x, return_inverse=True)
     found = stored.part(np.zeros(len(wanted), dtype=np.int64))
     of = np.searchsorted(t, wanted, side="right") - 1
@@ -109,7 +110,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
         grid = stretched(t, np.ones(len(t) - 1))
         body, n = stacked(system), grid.steps
         start = Problem(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
-        start = replace(start, wheels=None if wheels is None else wheels[:1])
+        start = replace(start, internal=one.internal)
         inner = completion.between(scheme, replace(start, asked=wanted[rest]), stored)
         if inner is not None:
             _put(found, rest, inner, slice(None))
@@ -134,8 +135,8 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
             asked=asked,
             off_grid=scheme.any_times,
             normal=own.normal,
-            wheels=None if wheels is None else wheels[k : k + 1],
             stretches=grid,
+            internal=own.internal,
         )
         outcome = completion.march(scheme, problem)
         if (failure := outcome.failure()) is not None:
@@ -144,8 +145,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
         _put(found, here, outcome.states.part(0), slice(None))
     states = found.part(place)
     states = states._replace(quaternion=without_jumps(states.quaternion))
-    at = None if wheels is None else momenta_later(load.wheels, wheels[:1], t[0], x[:1])[0, 0]
-    return state_dataset(system, load, x, states, at).assign_attrs(run.attrs | {"resampled": "between stored states"})
+    return state_dataset(system, load, x, states).assign_attrs(run.attrs | {"resampled": "between stored states"})
 
 
 def _resampled_parts(

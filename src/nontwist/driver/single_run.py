@@ -318,7 +318,6 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
         twist=None if turned is None else turned[0, means],
         events=ended and ended.events,
         potentials=held_by(problem.member(0).load),
-        wheels=None if (wheels := problem.wheels_at(float(time[0]))) is None else wheels[0],
     )
     if failure is None:
         return run

@@ -1,7 +1,8 @@
 """Runs to a tolerance: the order and the step that keep the error of a run below a bound, and how that is known.
 
-The error of a run is that of its attitude, in rad, or that of W relative to the largest |W|: the larger of the two, at
-its worst over the stored states. A tolerance bounds it.
+The error of a run is that of its attitude, in rad, that of W relative to the largest |W|, or that of the internal
+states of loads with memory relative to their scale: the largest of these, at its worst over the stored states. A
+tolerance bounds it.
 
 1. A local estimate chooses the step h of each order p. A step misses the turn θ of a steady rotation by about
    ``c θ^(p+1)`` (`Integrator.lag`), so a run over the time T at the rate α misses ``T c α^(p+1) h^p``. α is that of W,
@@ -269,13 +270,16 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     good = a.done & b.done
     if not good.any():
         return 0.0
-    (p, W, *_), (q, V, *_) = a.outcome.states.part(good), b.outcome.states.part(good)
+    (p, W, *_, z), (q, V, *_, y) = a.outcome.states.part(good), b.outcome.states.part(good)
     p, q = p[:, i], q[:, k]
     p = np.where((p * q).sum(axis=2, keepdims=True) < 0, -p, p)
     angle = 4 * np.arcsin(np.minimum(np.sqrt(np.square(p - q).sum(axis=2)) / 2, 1.0))
     size = np.maximum(np.maximum(a.speeds[good], b.speeds[good]), slowest)
     gap = np.sqrt(np.square(W[:, i] - V[:, k]).sum(axis=2)).max(axis=1)
-    return float(max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max()))
+    worst = max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max())
+    if z is not None and y is not None:
+        worst = max(worst, (abs(z[:, i] - y[:, k]) / a.problem.load.internal_scale).max())
+    return float(worst)
 
 
 def moved(begin: Starts) -> Starts:
@@ -284,7 +288,8 @@ def moved(begin: Starts) -> Starts:
     a, b, c = f
     turned = x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c
     W = begin.velocity * (1 + CHANGE * np.array([1, -1, 1]))
-    return Starts(np.stack(turned, axis=1), W, None, begin.load_scale * (1 + CHANGE), begin.time)
+    scale = begin.load_scale * (1 + CHANGE)
+    return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal)
 
 
 def _within_reach(plan: Plan, floor: float) -> float:

@@ -139,6 +139,7 @@ class Integrator:
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
     together: ClassVar[float] = 0.0  # speed-up of a member of a stack over a run; 0: none
     has_derivatives: ClassVar[bool] = False  # whether its steps can be linearised (`linearised`)
+    remembers: ClassVar[bool] = False  # whether it takes loads with memory
     observes: ClassVar[bool] = False  # whether it computes statistics over its steps
     sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
     counts: ClassVar[dict[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
@@ -237,6 +238,11 @@ class Integrator:
         """Raise what `refusal` returns as a ValueError."""
         if (reason := self.refusal(problem)) is not None:
             raise ValueError(reason)
+
+    def require_memory(self, load: Load) -> None:
+        """Raise a ValueError where a load has memory, and the integrator does not solve for it."""
+        if load.memories and not self.remembers:
+            raise ValueError(f"{self.name} does not take loads with memory; use gauss, which solves for their states")
 
     def remark(self, problem: Problem) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""

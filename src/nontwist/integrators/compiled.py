@@ -36,6 +36,7 @@ class Needs(NamedTuple):
     within: Array | None = None  # c, b, polynomials, for guesses of substeps
     carried: int = 0  # numbers of a member beside `State`
     scratch: tuple[int, int] = (0, 0)  # numbers beside the workspace: of each body in lanes, of all
+    remembered: int = 0  # numbers for each internal state of loads with memory; 0: takes none
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,8 @@ class Compiled(Integrator):
         return between(self, problem, states)
 
     def can_prepare(self, load: Load) -> bool:
-        """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
-        return type(self).march is Compiled.march and load.is_compiled
+        """Whether `prepared` lays out problems under this load: no function in Python is called, nor has it memory."""
+        return type(self).march is Compiled.march and load.is_compiled and not load.memories
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""

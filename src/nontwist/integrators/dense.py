@@ -23,6 +23,7 @@ from ..loads import Load
 from ..loads.base import with_moments
 from ..loads.potentials import Potential
 from ..loads.terms import Damping, Momentum
+from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
@@ -218,6 +219,7 @@ def can_expand(systems: SystemStack, load: Load) -> bool:
     return (systems.spin is None or systems.spin.is_constant) and all(
         term.kind in ("body", "space")
         or isinstance(term, Damping | Momentum)
+        or (isinstance(term, Wheel) and term.is_driven)
         or (isinstance(term, Potential) and term.dead_force is not None)
         for term in with_moments(load).terms
     )

@@ -291,7 +291,7 @@ def _gyrostat(problem: Problem) -> Outcome:
     c = problem.load.rotor_momentum(times[:1])[0]
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
     start = problem.quaternion
-    p, velocity, _, _ = out.states
+    p, velocity, *_ = out.states
     p[0, place:], velocity[0, place:] = product(start, turn), W
     p[0] = without_jumps(np.concatenate([start, p[0]]))[1:]
     if not problem.intervals:

@@ -110,6 +110,7 @@ from .base import Problem
 from .compiled import ONCE, Compiled, Needs, velocity_of
 from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
+from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve
 from .gauss_stages import (
     CHECKED,
@@ -158,6 +159,7 @@ class Gauss(Compiled):
     """
 
     name: ClassVar[str] = "gauss"
+    remembers: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
     substep_ns: ClassVar[float] = 500.0
     sources: ClassVar[Mapping[str, str]] = {
@@ -241,7 +243,7 @@ class Gauss(Compiled):
         """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
         m, increments = 3 * WIDTH, COMPONENTS * self.nodes
         scratch = size_of(Stage) * WIDTH, m * (4 * m + 5) + WIDTH
-        return Needs(STAGE, table(self.order), within(self.order), increments, scratch)
+        return Needs(STAGE, table(self.order), within(self.order), increments, scratch, 3 * WIDTH)
 
 
 def unresolved(problem: Problem, s: int) -> str | None:
@@ -290,15 +292,18 @@ def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bo
 def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
     """Take a step: its stages, the turn, and what the interval gets of it."""
     parts, body, h, P, s = acting.parts, acting.body, acting.h, state.s, y.number
-    e, k, zero = Equations(motion, acting, y, P), body.k, 0.0 * P[0]
+    memory = Memory(acting, y) if parts.memory else None
+    e, k, zero = Equations(motion, acting, y, P, memory), body.k, 0.0 * P[0]
     e.sample()
     if e.has_rows:
         y.put(e.names[1:], [ZEROS] * 3)
+    if memory:
+        memory.clear()
     is_eager = s > DITHERED and not e.has_rows
     unchecked = state.auxiliary[0] if is_eager else 0.0
     level = LEVEL * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
     for_newton, used = iterated(
-        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation
+        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation, memory
     )
     v = Variables(for_newton=for_newton, used=used, residual=zero)
     for _ in when(any_of(for_newton)):
@@ -342,7 +347,7 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
     """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
     acting, parts, R = e.acting, e.parts, e.acting.R
     has_dead = parts.dead and parts.is_constrained and motion in ("heavy", "rows")
-    has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor))
+    has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor or parts.memory))
     has_push = e.has_rows and (parts.space or parts.calls)
     if motion in ("free", "heavy") and (has_dead or parts.observes):
         rows_of_turn(y, acting, alive)

@@ -35,6 +35,7 @@ from ..kernels.memory import View, scratch, size_of
 from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
+from .gauss_memory import Memory
 from .gauss_stages import EPS, OVERFLOW, ROUND_OFF, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, drawn, rows_of
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
@@ -149,19 +150,22 @@ class Residuals:
             P = stages.collocated("dp", e.P, i)
             stage.P, stage.W = P, e.k * P
             stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
+        if e.memory:
+            e.memory.place()
         if e.start:
             vectors_of_space(stages, self.turns, self.h, e.start, "V", e.names[1:], e.k)
 
     def differentiate(self, v: Variables) -> None:
         """Set residuals and slopes at the stages, while all numbers are fine."""
         e, stages, m, h = self.equations, self.stages, self.m, self.h
+        v.remembered = 0.0 * h
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called, of_potentials = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
+            called, held, remembered = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None,) * 3
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, of_potentials, drawn_of_duals).rate
+                rate = e.now(stage, P, [turned(c) for c in g], called, held, remembered, drawn_of_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
@@ -175,9 +179,9 @@ class Residuals:
                     row[m], stiff = rest[c], stiff + taxicab(H)
                 self.stiffness[i] = stiff
 
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Vector, Any]:
+    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Any, Any, Any]:
         """Return what functions say, with their derivatives as differences; one call stands in the code."""
-        e, W, found = self.equations, stage.W, scratch(7 * 6)
+        e, W, found = self.equations, stage.W, scratch(7 * 9)
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
         change = DIFFERENCE * taxicab(W)
         change = select(change > 0.0, change, DIFFERENCE)
@@ -185,24 +189,31 @@ class Residuals:
             w = Vector(*(x + select(q == j + 1, change, 0.0) for j, x in enumerate(W)))
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
-            f, of_potentials = e.called(i, rows, rows @ w)
-            for j, x in enumerate((*f, *(of_potentials or ()))):
-                found[6 * q + j] = x
-            is_sound = (q > 0) | (taxicab(f) + taxicab(of_potentials or ZEROS) <= OVERFLOW)
+            given = [x or ZEROS for x in e.called(i, rows, w)]
+            for j, x in enumerate(y for vector in given for y in vector):
+                found[9 * q + j] = x
+            is_sound = (q > 0) | (sum(map(taxicab, given), 0.0) <= OVERFLOW)
+            if e.memory:
+                for _ in when(q == 0):
+                    v.remembered = larger(v.remembered, e.memory.follow(i, stage))
             note_call(e, is_sound)
             v.is_fine = v.is_fine & is_sound
 
         def dual(j: int, by_velocity: bool) -> Dual:
-            d = [found[6 * q + j] - found[j] for q in range(1, 7)]
+            d = [found[9 * q + j] - found[j] for q in range(1, 7)]
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
         stage.called = Vector(found[0], found[1], found[2])
         called = Vector(*(dual(j, True) for j in range(3)))
-        if not e.parts.generalised:
-            return called, None
-        stage.of_potentials = Vector(found[3], found[4], found[5])
-        return called, Vector(*(dual(j + 3, False) for j in range(3)))
+        of_potentials, remembered = None, None
+        if e.parts.generalised:
+            stage.of_potentials = Vector(found[3], found[4], found[5])
+            of_potentials = Vector(*(dual(j + 3, False) for j in range(3)))
+        if e.memory:
+            stage.remembered = Vector(found[6], found[7], found[8])
+            remembered = Vector(*(dual(j + 6, True) for j in range(3)))
+        return called, of_potentials, remembered
 
     def turn(self, i: Any, q: Any) -> Vector:
         """Return the turn at a stage by a momentum."""
@@ -219,7 +230,7 @@ class Residuals:
         That is relative to the velocity and what a turn by one radian would add to it. Infinite if one is lost.
         """
         e, m, k = self.equations, self.m, self.equations.k
-        v.worst, v.left, fastest = 0.0 * self.h, 0.0 * self.h, larger(larger(k[0], k[1]), k[2])
+        v.worst, v.left, fastest = v.remembered, v.remembered, larger(larger(k[0], k[1]), k[2])
         for i in loop(self.stages.number, whilst=lambda: v.is_fine):
             stage, n = self.stages.one(i), m + 1
             x = Variables(change=0.0 * e.P, turn=0.0 * e.P)
@@ -257,7 +268,8 @@ def newton(
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
     acting = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
     acting.begin(node, x.state.p)
-    e = Equations(motion, acting, stages, x.state.s)
+    memory_of_loads = Memory(acting, stages) if parts.memory else None
+    e = Equations(motion, acting, stages, x.state.s, memory_of_loads)
     r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
     v.before = zero + OVERFLOW
@@ -305,7 +317,7 @@ def solve(acting: Nodes, y: Stages, state: State, motion: str, for_newton: Any, 
     for k in range(3):
         found.store(k * n, 0.0, n)
     for l in lanes_where(for_newton, n):
-        x, memory = acting.x.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * n)
+        x, memory = acting.x.lane(l), acting.memory.shifted((size_of(Stage) + 3 * acting.parts.memory) * WIDTH * n)
         where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
         is_found, count, residual = newton(motion, acting.parts, *where)
         found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual

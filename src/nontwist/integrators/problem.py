@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
-from ..loads.wheels import momenta_later
 from ..models.stack import SystemStack, part_of, stacked
 from ..models.system import DirectorSystem
 from .time_grid import OnGrid, Stretches
@@ -91,8 +90,8 @@ class Problem(OnGrid):
     observed: bool = False  # whether statistics over all steps are computed
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
-    wheels: Array | None = None  # (m, k) axial momenta of the wheels of the load at t_start
     stretches: Stretches | None = None
+    internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
 
     def __len__(self) -> int:
         return len(self.quaternion)
@@ -117,13 +116,6 @@ class Problem(OnGrid):
         """Director velocities of a problem of one at t_start, rows of (3, 3)."""
         return director_velocities(self.directors, self.velocity[0], None if self.normal is None else self.normal[0])
 
-    def wheels_at(self, time: Any) -> Array | None:
-        """Return the axial momenta of the wheels at a time, (m, wheels), or at (k,) times, (m, k, wheels)."""
-        if self.wheels is None:
-            return None
-        found = momenta_later(self.load.wheels, self.wheels, self.t_start, np.atleast_1d(time), self.load_scale)
-        return found if np.ndim(time) else found[:, 0]
-
     def member(self, i: int) -> Problem:
         """Return the problem of one member; its load is scaled."""
         scale = float(self.load_scale[i if len(self.load_scale) > 1 else 0])
@@ -139,7 +131,7 @@ class Problem(OnGrid):
         return self._of(own, part_of(self.systems, first, last), load_scale=scale[own] if len(scale) > 1 else scale)
 
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> Problem:
-        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "wheels")}
+        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
         return replace(self, systems=systems, progress=None, **parts, **changes)
 
@@ -237,7 +229,9 @@ def scratch(problem: Problem) -> Outcome:
 def started(state: States) -> dict[str, Any]:
     """Return the fields of a problem of one body that starts with a state."""
     normal = None if state.normal is None else state.normal[None]
-    return {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal, "memory": None}
+    internal = None if state.internal is None else state.internal[None]
+    known = {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal}
+    return known | {"memory": None, "internal": internal}
 
 
 def onward(problem: Problem, first: int, last: int, state: States | None = None) -> Problem:
@@ -258,5 +252,4 @@ def onward(problem: Problem, first: int, last: int, state: States | None = None)
         "stretches": problem.grid.after(first),
     }
     start = {} if state is None else started(state)
-    grid["wheels"] = problem.wheels_at(t_start)
     return replace(problem, t_start=t_start, t_end=t_end, asked=None, progress=None, **grid, **start)

@@ -23,6 +23,7 @@ from numpy.polynomial.legendre import legvander
 
 from ..geometry.arrays import Array
 from ..loads import Load
+from ..loads.wheels import Driven
 
 
 def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array, unit: float) -> Array:
@@ -35,7 +36,7 @@ def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array
     found, h = np.empty((len(begin), len(middles), 6)), length[:, None, None]
     found[:, :, :3] = first[:, None] + middles[:, None] * change[:, None]
     found[:, :, 3:] = (change / length[:, None])[:, None]
-    if len(middles) > 1 and load.wheels:
+    if len(middles) > 1 and any(isinstance(one, Driven) for one in load.rotors):
         times = begin[:, None] + middles * length[:, None]
         rate = load.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape)
         A, b = coefficients(tuple(middles.tolist()))

@@ -47,7 +47,7 @@ class SingleStep:
             system, load = carrier(system, load), load.without_wheels
         self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
-        has_rotors = bool(self.load.rotors)
+        has_rotors = bool(self.load.rotors or self.load.wheels)
         march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors)
         (parts,) = march.groups
         march.sample(parts, 0, 1)

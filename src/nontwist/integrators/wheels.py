@@ -1,31 +1,47 @@
-"""Bodies with wheels, integrated as gyrostats (`loads.wheels`): by every scheme, since h is known beforehand.
+"""Bodies with wheels, integrated as gyrostats (`loads.wheels`): by every scheme, where h is known beforehand.
 
-A problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h. Its constraints and
-their multipliers are the same. What is said of its intervals becomes again what is said of the body with its wheels
-locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the mean moment of the
-load has beside that on the carrier the change of Λz, its work that of ½ W·z.
+A problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h, or loads with memory
+h. Its constraints and their multipliers are the same. What is said of its intervals becomes again what is said of the
+body with its wheels locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the
+mean moment of the load has beside that on the carrier the change of Λz, its work that of ½ W·z.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.attitudes import attitudes
+from ..geometry.attitudes import States, attitudes
 from ..loads import Load
-from ..loads.wheels import Wheel
+from ..loads.wheels import Driven, Wheel
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .problem import Outcome, Problem
 
 
-def momenta(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
-    """Return the axial momenta h of the wheels of members whose wheels have their first speeds, (m, wheels)."""
+def internal_states(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
+    """Return the internal states at the start of runs that continue none, (m, k), given W, (m, 3)."""
+    found = np.tile(load.internal_state, (len(velocity), 1))
     W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
-    found = [one.inertia * (scale * one.scale * one.speed + W @ one.direction) for one in load.wheels]
-    return np.stack(found, axis=1)
+    for wheel, column in places(load):
+        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + W @ wheel.direction)
+    return found
+
+
+def places(load: Load) -> Iterator[tuple[Wheel, int]]:
+    """Yield each wheel, and the column of its h among the internal states."""
+    column = 0
+    for wheel in load.wheels:
+        yield wheel, column
+        column += wheel.state0.size
+
+
+def driven_columns(load: Load) -> list[int]:
+    """Return the columns of h of the wheels of which it is known beforehand."""
+    return [column for wheel, column in places(load) if wheel.is_driven]
 
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
@@ -40,22 +56,48 @@ def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
 
 
 def as_gyrostat(problem: Problem) -> Problem:
-    """Return a problem of one body, with wheels, as that of their carrier with rotors."""
+    """Return a problem of one body, with wheels, as that of their carrier."""
     one = problem.member(0)
-    assert one.wheels is not None
-    h, t = iter(one.wheels[0].tolist()), one.t_start
-    load = Load(tuple(term.begun(t, next(h)) if isinstance(term, Wheel) else term for term in one.load.terms))
-    return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, wheels=None)
+    assert one.internal is not None
+    z, t, columns = one.internal[0], one.t_start, iter(places(one.load))
+
+    def term_of(wheel: Wheel) -> Driven | Wheel:
+        _, column = next(columns)
+        own = wheel.of_factor()
+        return (
+            Driven(own, t, float(z[column]), breakpoints=own.breakpoints, resolution=own.resolution)
+            if wheel.is_driven
+            else own
+        )
+
+    load = Load(tuple(term_of(term) if isinstance(term, Wheel) else term for term in one.load.terms))
+    internal = np.delete(one.internal, driven_columns(one.load), axis=1) if load.memories else None
+    return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, internal=internal)
+
+
+def with_wheels(problem: Problem, states: States) -> States:
+    """Return the states of `as_gyrostat` at the times of output, with all internal states of the problem."""
+    assert problem.internal is not None
+    at, driven, first = np.append(problem.t_start, problem.output), driven_columns(problem.load), problem.internal
+    shape = states.velocity.shape[:-1]  # of one body, or of several
+    internal = np.empty((*shape, first.shape[1]))
+    if states.internal is not None:
+        internal[..., np.delete(np.arange(first.shape[1]), driven)] = states.internal
+    for wheel, column in places(problem.load):
+        if wheel.is_driven:
+            change = wheel.scale * (wheel.impulse(at)[1:] - wheel.impulse(at)[0])
+            momenta = first[:, column, None] + problem.load_scale[:, None] * change
+            internal[..., column] = momenta if len(shape) > 1 else momenta[0]
+    return states._replace(internal=internal)
 
 
 def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
-    """Return the outcome of `as_gyrostat` with the moments and the work on the body with its wheels locked."""
+    """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
+    outcome = outcome._replace(states=with_wheels(problem, outcome.states))
     if outcome.intervals is None:
         return outcome
-    p, W = outcome.states.quaternion, outcome.states.velocity
-    z = W @ sum(one.locked for one in problem.load.wheels)
-    kept, length = outcome.intervals, np.diff(problem.output)
+    p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
+    z, kept, length = W @ locked, outcome.intervals, np.diff(problem.output)
     moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
     work = np.diff((W * z).sum(axis=-1), axis=1) / 2
-    intervals = kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work)
-    return outcome._replace(intervals=intervals)
+    return outcome._replace(intervals=kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work))

@@ -1,10 +1,11 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment, wheel
+from .catalogue import body_moment, damping, memory_load, moment, pulse, rotor, sine, space_moment, wheel
 from .forces import DirectorForces
 from .generalised import dipole, director_forces, gravity_gradient, potential, spring
 from .kinds import LOADS
+from .memory import Memory
 from .potentials import Potential
 from .terms import Term
 
@@ -12,6 +13,7 @@ __all__ = [
     "LOADS",
     "DirectorForces",
     "Load",
+    "Memory",
     "Potential",
     "Term",
     "as_load",
@@ -20,6 +22,7 @@ __all__ = [
     "dipole",
     "director_forces",
     "gravity_gradient",
+    "memory_load",
     "moment",
     "potential",
     "pulse",

@@ -30,9 +30,10 @@ from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
 from .kinds import LOADS, load_in_words
+from .memory import Memory
 from .potentials import GravityGradient, Potential
 from .terms import Damping, ForceTerm, Momentum, Table, Term
-from .wheels import Wheel
+from .wheels import Driven, Wheel
 
 MOST = 4  # terms that a repr names
 
@@ -78,7 +79,7 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        if unknown := [type(term).__name__ for term in self.terms if not isinstance(term, tuple(LOADS.values()))]:
+        if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, (*LOADS.values(), Driven))]:
             raise ValueError(
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
@@ -200,12 +201,35 @@ class Load:
     @property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
-        return all(term.c_function is not None for term in (*self.called.terms, *self.functions))
+        return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))
 
     @property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
         return tuple(term for term in self.terms if isinstance(term, ForceTerm) and not term.in_kernels)
+
+    @cached_property
+    def memories(self) -> tuple[Memory, ...]:
+        """The terms with memory, wheels first; wheels of which it is known beforehand are none."""
+        return tuple(term for term in self.remembering if not (isinstance(term, Wheel) and term.is_driven))
+
+    @cached_property
+    def remembering(self) -> tuple[Memory, ...]:
+        """The terms with internal states: wheels, then others."""
+        return (
+            *self.wheels,
+            *(term for term in self.terms if isinstance(term, Memory) and not isinstance(term, Wheel)),
+        )
+
+    @property
+    def internal_state(self) -> Array:
+        """The internal states z of the terms with memory at the start of a run, one behind the other, (k,)."""
+        return np.concatenate([np.zeros(0), *(term.state0 for term in self.remembering)])
+
+    @property
+    def internal_scale(self) -> Array:
+        """How large they become, (k,)."""
+        return np.concatenate([np.zeros(0), *(term.state_scale for term in self.remembering)])
 
     @property
     def potentials(self) -> tuple[Potential, ...]:
@@ -322,7 +346,7 @@ class Load:
 
 def is_called(term: Term) -> bool:
     """Whether a term depends on the state, and is nothing that kernels know: damping, a rotor, a dead force."""
-    if term.kind in ("body", "space") or isinstance(term, Damping | Momentum):
+    if term.kind in ("body", "space") or isinstance(term, Damping | Momentum | Wheel):
         return False
     return not isinstance(term, Potential) or term.dead_force is None
 

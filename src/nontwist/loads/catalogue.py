@@ -13,6 +13,7 @@ from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
+from .memory import MemoryFunction
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
 from .wheels import Wheel
 
@@ -154,6 +155,77 @@ def moment(
     function = as_c_function(function) if is_c else as_function(function, "function")
     own = None if derivative is None else as_function(derivative, "derivative")
     return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled or is_c)
+
+
+def memory_load(
+    derivative: Callable[..., ArrayLike],
+    moment: Callable[..., ArrayLike],
+    state0: ArrayLike,
+    *,
+    scale: ArrayLike = 1.0,
+    frame: Literal["body", "space"] = "space",
+    breakpoints: Sequence[float] = (),
+    compiled: bool = False,
+) -> Load:
+    """Return a moment with memory: it depends on internal states z of its own, with equations of their own.
+
+    An actuator that lags, liquid in a tank, the hysteresis of a magnetic rod. `gauss`, which alone accepts such loads,
+    solves for z in the same step as for the body, to its order. A run has z as ``internal_state``.
+
+    Parameters
+    ----------
+    derivative, moment : callable
+        ``derivative(t, z, directors, angular_velocity) -> (k,)`` is z', and
+        ``moment(t, z, directors, angular_velocity) -> (3,)`` the moment, N m. Directors are rows of a (3, 3) array, at
+        the stages of a step a little shorter or longer than one.
+    state0 : float or (k,) array
+        z at the start.
+    scale : float or (k,) array
+        How large z becomes: its error counts relative to this, as that of the attitude in radians does.
+    frame : "space" or "body"
+        What moment and angular velocity are components along: fixed axes, or the moving directors. What is exchanged
+        between the body and a part that turns in it is kept to round-off with "body".
+    breakpoints : sequence of float, s
+        Times at which a function or its derivatives jump.
+    compiled : bool
+        Compile both functions, as in `nontwist.moment`.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        `state0` is empty or not a list of real numbers, `scale` is not positive, `frame` is unknown, or a function
+        cannot be compiled.
+
+    Examples
+    --------
+    A motor that gets a moment of 2 N m at once reaches it with a lag of 0.5 s:
+
+    >>> from nontwist import memory_load, simulate, standard
+    >>> def derivative(t, z, directors, angular_velocity):
+    ...     return (2 - z) / 0.5
+    >>> def moment(t, z, directors, angular_velocity):
+    ...     return z[0], 0.0, 0.0
+    >>> motor = memory_load(derivative, moment, state0=0, compiled=True)
+    >>> run = simulate(standard([1, 2, 3]), t_end=1, step=0.1, load=motor)
+    >>> run.internal_state.values[-1].round(9)  # 2 (1 - exp(-2))
+    array([1.72932943])
+    """
+    z = as_floats(state0, "state0", 1)
+    scales = as_floats(scale, "scale")
+    return of_function(
+        MemoryFunction,
+        as_function(derivative, "derivative"),
+        as_function(moment, "moment"),
+        z,
+        np.full(z.shape, scales) if scales.ndim == 0 else scales,
+        frame,
+        breakpoints=breakpoints,
+        compiled=compiled,
+    )
 
 
 def damping(coefficient: ArrayLike) -> Load:
@@ -308,7 +380,16 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     return load_of(Rotor, axis, [0.0], as_array(h, "momentum", ())[None])
 
 
-def wheel(axis: ArrayLike, inertia: float, speed: float = 0.0, torque: Any = None) -> Load:
+def wheel(
+    axis: ArrayLike,
+    inertia: float,
+    speed: float = 0.0,
+    torque: Any = None,
+    viscous: float = 0.0,
+    friction: Callable[[float], float] | None = None,
+    *,
+    compiled: bool = True,
+) -> Load:
     """Return a wheel that the body carries, driven by a motor or free.
 
     The wheel is symmetric about its axis n, which passes through its centre of mass. The inertia J of the body includes
@@ -324,8 +405,14 @@ def wheel(axis: ArrayLike, inertia: float, speed: float = 0.0, torque: Any = Non
         Moment of inertia of the wheel about its axis.
     speed : float, rad/s
         Ω at the start of a run. A run that continues another has the speeds of that.
-    torque : float, N m; or (times, values), s and N m, optional
+    torque : float, N m; (times, values), s and N m; or a function ``f(t, speed) -> float``, optional
         Torque of the motor on the wheel, about its axis; of a table linear between the times and zero outside.
+    viscous : float, N m s
+        Friction in the bearing per unit of Ω.
+    friction : function ``f(speed) -> float``, N m, optional
+        Friction of the sign of Ω, which is taken off the torque.
+    compiled : bool
+        Compile the functions, as in `nontwist.moment`.
 
     Returns
     -------
@@ -335,8 +422,9 @@ def wheel(axis: ArrayLike, inertia: float, speed: float = 0.0, torque: Any = Non
     Raises
     ------
     ValueError
-        The axis has length 0, `inertia` is not positive, times do not increase, or a number is not finite; of a run:
-        ``J - Σ inertia n nᵀ``, what carries the wheels, is not positive definite.
+        The axis has length 0, `inertia` is not positive, times do not increase, friction adds energy, or a number is
+        not finite; of a run: ``J - Σ inertia n nᵀ``, what carries the wheels, is not positive definite; or the
+        integrator is not `gauss`, which alone solves for wheels with friction or a torque that is a function.
 
     See Also
     --------
@@ -354,11 +442,13 @@ def wheel(axis: ArrayLike, inertia: float, speed: float = 0.0, torque: Any = Non
     >>> run.total_momentum.values[[0, -1], 2].round(9)
     array([2., 2.])
     """
-    if np.ndim(torque) == 0 and not isinstance(torque, (tuple, list)):
-        return load_of(Wheel, axis, inertia, speed, 0.0 if torque is None else torque)
-    if len(torque) != 2:
-        raise ValueError(f"torque must be a number, or (times, values), got {shown(torque)}")
-    return load_of(Wheel, axis, inertia, speed, 0.0, *torque)
+    is_table = isinstance(torque, (tuple, list))
+    if (is_table and len(torque) != 2) or (np.ndim(torque) > 0 and not is_table):
+        raise ValueError(f"torque must be a number, (times, values) or a function, got {shown(torque)}")
+    number, motor = (0.0, torque) if callable(torque) else (torque, None)
+    table = torque if is_table else ((), ())
+    given = axis, inertia, speed, 0.0 if is_table or number is None else number, *table, viscous, friction, motor
+    return of_function(Wheel, *given, compiled=compiled and bool(motor or friction))
 
 
 def _moment_of_time(frame: str, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:

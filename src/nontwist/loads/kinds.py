@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
+from .memory import MemoryFunction
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
 from .wheels import Wheel
@@ -42,6 +43,7 @@ LOADS.update(
         "damping": Damping,
         "rotor": Rotor,
         "wheel": Wheel,
+        "memory": MemoryFunction,
         "director_forces": ForceTable,
         "function of director forces": ForceFunction,
         "potential": Quadratic,
@@ -50,7 +52,14 @@ LOADS.update(
         "function of a potential": PotentialFunction,
     }
 )
-FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record that name a function
+FUNCTIONS = (
+    "function",
+    "director_forces",
+    "potential",
+    "memory",
+    "friction",
+    "motor",
+)  # fields of a record that name a function
 
 
 def class_of(record: Record) -> type[Term] | str:
@@ -100,8 +109,3 @@ def is_rotor(record: Record) -> bool:
 def rotors_of(records: Iterable[Record]) -> Load:
     """Return the rotors of the load that `Load.description` has recorded."""
     return load_of(record for record in records if "rotor" in record)
-
-
-def wheels_of(records: Iterable[Record]) -> tuple[Wheel, ...]:
-    """Return the wheels of the load that `Load.description` has recorded."""
-    return load_of(record for record in records if "wheel" in record).wheels

@@ -184,7 +184,7 @@ class Members:
                 self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
-        rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]), ends.velocity)
+        rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
         held = potentials_of(problem.load, problem.output[-1:], problem.load_scale)
         for name, found in observables(self._states, problem.systems, ends, rotors, held).items():
             last = found[:, 0]

@@ -132,8 +132,8 @@ def driven_wheel() -> Iterator[Check]:
     inertia, speed = 0.159155, 628.0
     load = wheel("z", inertia, speed=speed, torque=([5, 10], [0.2, 0.2]))
     for scheme in ("gauss", "lie-midpoint", "energy-momentum"):
-        how = {"angular_velocity": (0, 0, 0.35), "load": load, "integrator": scheme}
-        run = integrate(standard([2, 2, 2 + inertia]), t_end=10, step=0.5, **how)
+        body = standard([2, 2, 2 + inertia])
+        run = integrate(body, t_end=10, step=0.5, angular_velocity=(0, 0, 0.35), load=load, integrator=scheme)
         gap = [run.material_angular_velocity[-1, 2] + 0.15, run.wheel_momentum[-1, 0] - inertia * (speed + 0.35) - 1]
         yield error(f"driven wheel, {scheme}: W₃ of the hub, momentum", gap, 1e-12, GYROSTAT, "closed form")
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..loads.kinds import rotors_of, wheels_of
+from ..loads.kinds import rotors_of
+from ..loads.wheels import columns_of
 
 if TYPE_CHECKING:
     import xarray
@@ -90,6 +91,5 @@ def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
     rotors = [(one.direction, one.scale * one.history(times)[0]) for one in rotors_of(records).rotors]
     if "wheel_speed" not in run:
         return rotors
-    speeds = run["wheel_speed"].transpose("wheel", "time").values
-    wheels = zip(wheels_of(records), speeds, strict=True)
-    return rotors + [(one.direction, one.inertia * speed) for one, speed in wheels]
+    speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, columns_of(records)
+    return rotors + [(axis, inertia * speed) for (axis, inertia, _, _), speed in zip(wheels, speeds, strict=True)]

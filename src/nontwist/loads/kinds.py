@@ -52,14 +52,8 @@ LOADS.update(
         "function of a potential": PotentialFunction,
     }
 )
-FUNCTIONS = (
-    "function",
-    "director_forces",
-    "potential",
-    "memory",
-    "friction",
-    "motor",
-)  # fields of a record that name a function
+# Fields of a record that name a function.
+FUNCTIONS = ("function", "director_forces", "potential", "memory", "friction", "motor")
 
 
 def class_of(record: Record) -> type[Term] | str:

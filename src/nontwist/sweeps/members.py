@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from ..analysis import ensemble_dataset, statistics
-from ..analysis.variables import SIZES, VARIABLES, observables, potentials_of
+from ..analysis.variables import SIZES, VARIABLES, Wheels, observables, potentials_of
 from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.planning import known_body
@@ -186,7 +186,8 @@ class Members:
         ends = outcome.states.part(slice(None), slice(-1, None))
         rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
         held = potentials_of(problem.load, problem.output[-1:], problem.load_scale)
-        for name, found in observables(self._states, problem.systems, ends, rotors, held).items():
+        wheels = Wheels.of(problem.load.description)
+        for name, found in observables(self._states, problem.systems, ends, rotors, held, wheels).items():
             last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
         if outcome.observed is not None:

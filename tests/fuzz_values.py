@@ -193,6 +193,14 @@ def spring(t, directors, angular_velocity):
     return 2 * y, -2 * x, 0.0
 
 
+def fading(t, z, directors, angular_velocity):
+    return -z
+
+
+def remembered(t, z, directors, angular_velocity):
+    return z[0], -z[1], 0.0
+
+
 def steady(t):
     return 0.1, 0.2, 0.0
 
@@ -450,6 +458,10 @@ VALUES = {
     "load_scale": number(0.5, 2),
     "frame_along.function": one_of(circling),
     "moment.function": one_of(spring),
+    "memory_load.derivative": one_of(fading),
+    "memory_load.moment": one_of(remembered),
+    "memory_load.state0": lambda r, given: r.normal(size=2),
+    "memory_load.scale": number(0.5, 2),
     "EnergyMomentum.moments": one_of("paper", "exact"),
     "compiled": lambda r, given: bool(r.random() < 0.02),
     "order": one_of(2, 4),

@@ -23,6 +23,7 @@ from nontwist import (
     gravity_gradient,
     heavy_top,
     integrate,
+    memory_load,
     moment,
     nontwisting,
     potential,
@@ -208,6 +209,7 @@ LOADS = {
     "linear potential of the space vector (0, 1, 0)": dipole((0, 0, 1), (0, 1, 0)),
     "quadratic potential of the space vector (0, 0, 2)": potential((0, 0, 2), quadratic=np.eye(3)),
     "gravity gradient on a circular orbit, mean motion 0.001 rad/s": gravity_gradient(1e-3),
+    "2 × function builtins.abs with memory builtins.abs, 1 internal state": 2 * memory_load(abs, abs, 0),
     "none": 0 * CASES[1].load(),
 }
 

@@ -157,7 +157,8 @@ def simulate_ensemble(
     if plan.is_controlled and grid is None:
         scheme, grid = first_grid(plan, begin)
     if grid is None:
-        grid = automatic_grid(systems, begin.velocity, plan.paced, t0, t1, begin.load_scale, is_bound=True)
+        how = (systems, begin.velocity, plan.paced, t0, t1, begin.load_scale)
+        grid = automatic_grid(*how, is_bound=True, is_a_stable=scheme.is_a_stable)
     problem = replace(plan.problem(begin, grid), observed=bool(requested))
     count = len(problem.output)
     _require_memory(names, m, count)

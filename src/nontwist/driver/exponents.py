@@ -210,8 +210,8 @@ def lyapunov_ensemble(
         scheme, problem, *_ = controlled(plan, begin, workers)
         grid = problem.grid
     if grid is None:
-        W, scale = begin.velocity, begin.load_scale
-        grid = automatic_grid(systems, W, plan.paced, plan.t_start, plan.t_end, scale, is_bound=True)
+        how = (systems, begin.velocity, plan.paced, plan.t_start, plan.t_end, begin.load_scale)
+        grid = automatic_grid(*how, is_bound=True, is_a_stable=scheme.is_a_stable)
     problem = plan._replace(scheme=scheme).problem(begin._replace(grid=None), grid)
     warn_of_grid(plan.load, systems, plan.t_start, plan.t_end, grid)
     warn_of_step(scheme, problem)

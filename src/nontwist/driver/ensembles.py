@@ -17,7 +17,7 @@ from ..geometry.values import as_whole
 from ..integrators import DEFAULT, Integrator, Status
 from ..integrators.base import Outcome, Problem
 from ..integrators.time_grid import stretched
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -45,7 +45,7 @@ def simulate_ensemble(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     load_scale: ArrayLike = 1.0,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,

@@ -12,7 +12,7 @@ from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -97,7 +97,7 @@ class Plan(NamedTuple):
 
 def planned(
     system: DirectorSystem | SystemStack,
-    load: Load | None,
+    load: Load | Term | None,
     integrator: str | Integrator,
     order: int | None,
     t_start: float | None,

@@ -16,7 +16,7 @@ from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Sta
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
@@ -39,7 +39,7 @@ def stepper(
     *,
     integrator: str | Integrator = "lie-midpoint",
     order: int | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
 ) -> Stepper:
     """Return a body that is integrated step by step, under moments chosen at every step: for closed loops.
 

@@ -13,7 +13,7 @@ from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
 from ..integrators.wheels import internal_states as first_states
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -99,7 +99,7 @@ class Plan(NamedTuple):
 
 def planned(
     system: DirectorSystem | SystemStack,
-    load: Load | None,
+    load: Load | Term | None,
     integrator: str | Integrator,
     order: int | None,
     t_start: float | None,

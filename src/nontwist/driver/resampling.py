@@ -23,7 +23,7 @@ from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
 from ..integrators.time_grid import FIT, Stretches, stretched
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..loads.kinds import load_of
 from ..models.stack import stacked
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 NEEDED = "time", "quaternion", "directors", "director_velocities", "material_angular_velocity"
 
 
-def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) -> xarray.Dataset:
+def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = None) -> xarray.Dataset:
     """Return the states of a run at other times, as its integrator finds them between the stored states.
 
     Parameters
@@ -85,7 +85,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     return _resampled(run, x, load, float(t[-1]))
 
 
-def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -> xarray.Dataset:
+def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: float) -> xarray.Dataset:
     """Return a run with one load at times from its first stored state to `t_end`, after its last one perhaps."""
     t = run["time"].values
     until = np.append(t, t_end)
@@ -149,7 +149,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
 
 
 def _resampled_parts(
-    run: xarray.Dataset, parts: list[dict[str, Any]], times: Array, load: Load | None
+    run: xarray.Dataset, parts: list[dict[str, Any]], times: Array, load: Load | Term | None
 ) -> xarray.Dataset:
     """Return a run of several parts at other times, with the load, the integrator and the steps of each part."""
     import xarray

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
 from ..integrators import DEFAULT, Integrator, SimulationInterrupt
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.system import DirectorSystem, as_system
 from .events import as_events
 from .planning import planned
@@ -37,7 +37,7 @@ def simulate(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,
@@ -202,7 +202,7 @@ def integrate(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,

@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_number
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
 from .free_kernels import turns
@@ -159,7 +159,12 @@ def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
 
 
 def loaded_momentum(
-    inertia: ArrayLike, material_angular_velocity: ArrayLike, load: Load, times: ArrayLike, *, t_start: float = 0.0
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    load: Load | Term,
+    times: ArrayLike,
+    *,
+    t_start: float = 0.0,
 ) -> Array:
     """Return the material momentum Π_⊥ of the non-twisting body under moments in the moving frame (eq-nonholonomic).
 
@@ -201,7 +206,7 @@ def loaded_momentum(
 def loaded_nontwisting(
     inertia: ArrayLike,
     material_angular_velocity: ArrayLike,
-    load: Load,
+    load: Load | Term,
     times: ArrayLike,
     rotation: Any = None,
     *,
@@ -248,7 +253,7 @@ def loaded_nontwisting(
     return turns(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
 
 
-def _pieces(load: Load, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
+def _pieces(load: Load | Term, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
     load, t, t0 = as_load(load), checked_times(times), as_number(t_start, "t_start")
     if t.min(initial=t0) < t0:
         raise ValueError(f"times contains {t.min():g} s, before the start at {t0:g} s")

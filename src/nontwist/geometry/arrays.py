@@ -167,6 +167,13 @@ def increasing(times: Array, name: str = "", table: str = "a table") -> float:
     return float(gaps.min())
 
 
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """Return what `np.unique` does of values that are all numbers, without the import of `numpy.ma`, 15 ms, by it."""
+    found = np.sort(values)
+    unlike: NDArray[Any] = found[np.append(True, found[1:] != found[:-1])]
+    return unlike
+
+
 def largest_size(vectors: Array) -> float:
     """Return the length of the longest of vectors (..., n) that are numbers; 0 without any."""
     return float(np.sqrt(np.fmax.reduce(np.einsum("...i,...i", vectors, vectors), axis=None, initial=0.0)))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 from ..geometry.arrays import Array
 from ..geometry.values import among, shown
-from .costs import Cost, steps_cost
+from .costs import Cost, steps_cost, unresolved
 from .members import one_by_one, outcome_of
 from .problem import Failure, March, Outcome, Problem, Status
 
@@ -134,6 +134,7 @@ class Integrator:
     removed: ClassVar[Mapping[int, str]] = {}  # orders of earlier versions: what to take instead
     controlled_orders: ClassVar[tuple[int, ...]] = ()  # from which a tolerance chooses; none: all from 4 on
     is_exact_without_load: ClassVar[bool] = False  # whether free bodies are moved by closed solutions
+    is_a_stable: ClassVar[bool] = False  # whether damped modes of any rate decay in steps of any length
     any_times: ClassVar[bool] = False  # whether it takes no steps of the grid, and so stops anywhere by itself
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
@@ -246,7 +247,7 @@ class Integrator:
 
     def remark(self, problem: Problem) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
-        return None
+        return unresolved(problem, max(getattr(self, "order", 2), 2)) if self.is_a_stable else None
 
     @property
     def automatic(self) -> float | None:

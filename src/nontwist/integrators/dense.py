@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..engine.layout import put, side_by_side, spans, views
 from ..engine.records import BODY, SUMS, Parts
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
@@ -52,8 +52,9 @@ class Dense:
         node, since = np.append(0, outputs.node), np.append(0.0, outputs.since)
         is_inside, self._times = since > 0, np.append(problem.t_start, outputs.times)
         number, t = node[is_inside], since[is_inside]
-        step, first = np.unique(number, return_index=True)
-        nodes = np.unique(np.concatenate([[0, problem.steps], step, step + 1, node]))
+        first = np.flatnonzero(np.diff(number, prepend=-1))
+        step = number[first]
+        nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
         march = self.march = StackMarch(replace(problem, asked=None, stored=nodes), scheme)
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))

@@ -59,7 +59,8 @@ The quaternion is only the store, p ← p ⊗ q(C), compensated and normalised: 
 discrete solution, which loses the vertical momentum and the impulse.
 
 Gauss collocation is not L-stable: |R(-1000)| = 0.80 ... 0.996. Drag with h λ > 2s, λ the largest eigenvalue of
-J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run says so (`unresolved`).
+J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run says so (`costs.unresolved`), unless short
+steps have let them decay before, as those of a tolerance do.
 
 Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
 iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
@@ -106,9 +107,7 @@ from ..kernels.vectors import (
 )
 from ..loads import Load
 from ..models.stack import SystemStack
-from .base import Problem
 from .compiled import ONCE, Compiled, Needs, velocity_of
-from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve
@@ -161,6 +160,7 @@ class Gauss(Compiled):
     name: ClassVar[str] = "gauss"
     remembers: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
+    is_a_stable: ClassVar[bool] = True
     substep_ns: ClassVar[float] = 500.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "Hairer, Lubich & Wanner, II.1.3",
@@ -196,10 +196,6 @@ class Gauss(Compiled):
         from .dense import can_expand
 
         return self.order > 2 and can_expand(systems, load)
-
-    def remark(self, problem: Problem) -> str | None:
-        """Return the warning about damped modes that the step does not resolve."""
-        return unresolved(problem, self.order // 2)
 
     def lag(self, theta: float) -> float:
         """Return the error of a step for the turn `theta` of a steady rotation, rad, where it integrates rows.
@@ -244,17 +240,6 @@ class Gauss(Compiled):
         m, increments = 3 * WIDTH, COMPONENTS * self.nodes
         scratch = size_of(Stage) * WIDTH, m * (4 * m + 5) + WIDTH
         return Needs(STAGE, table(self.order), within(self.order), increments, scratch, 3 * WIDTH)
-
-
-def unresolved(problem: Problem, s: int) -> str | None:
-    """Return what to say where a damped mode decays at a rate λ with h λ > 2s: it is solved, and not resolved."""
-    rate, h = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid.longest
-    if not h * rate > 2 * s:
-        return None
-    return (
-        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {h:.6g} s does not resolve: "
-        f"energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
-    )
 
 
 # The step.

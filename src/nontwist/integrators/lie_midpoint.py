@@ -122,6 +122,7 @@ class LieMidpoint(Dissipative):
         order: f"its higher orders are gone, gauss keeps the same invariants: integrator='gauss', order={order}"
         for order in (4, 6, 8)
     }
+    is_a_stable: ClassVar[bool] = True
     substep_ns: ClassVar[float] = 300.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "Hairer, Lubich & Wanner, II.3",

@@ -130,6 +130,7 @@ def step_problems(step: float | None, integrator: type[Integrator], prepared: Pr
     accepted = "a step, s, which all members take"
     with suppress(ValueError):  # too many steps
         if prepared is not None:
+            prepared = prepared.on_grid  # members store the states at their steps
             order = getattr(prepared.scheme, "order", None)
             at = f" with integrator.order = {order}" if order else ""
             accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep], and "

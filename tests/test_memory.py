@@ -142,6 +142,9 @@ def test_states_between_nodes():
     at = simulate(standard(J), **{k: x for k, x in HOW.items() if k != "t_end"}, times=times, load=load())
     again = nt.resample(run, times, load=load())
     assert again.internal_state.values == pytest.approx(at.internal_state.values, abs=1e-14)
+    half = simulate(standard(J), **HOW | {"t_end": 2}, load=load())
+    joined = nt.join_runs(half, simulate(standard(J), start=half, t_end=4, step=0.1, load=load()))
+    assert nt.resample(joined, times, load=load()).internal_state.equals(again.internal_state)
     known = [reference(lags, t)[12:] for t in times]
     assert at.internal_state.values == pytest.approx(np.array(known), abs=1e-8)
 
@@ -183,6 +186,29 @@ def test_a_sum_of_loads_with_memory():
 def test_python_is_the_same():
     found = [simulate(standard(J), **HOW, load=load(compiled=compiled)) for compiled in (True, False)]
     assert found[0].internal_state.values == pytest.approx(found[1].internal_state.values, abs=1e-13)
+
+
+@pytest.mark.parametrize("order", [2, 8])
+def test_a_state_that_is_faster_than_the_steps(order):
+    """Newton's iteration: z follows a slow motion, and drives it, with a lag of a thousandth of the step."""
+
+    def fast(t, z, directors, W):
+        return (np.array([np.sin(t), W[1]]) - z) / 1e-4 - np.array([0, z[1] ** 3])
+
+    def weak(t, z, directors, W):
+        return 0.1 * z[0], -0.3 * z[1], 0.0
+
+    start = np.array([0.0, START[1]])
+    run = integrate(
+        standard(J), **HOW, load=memory_load(fast, weak, start, frame="body", compiled=True), integrator=Gauss(order)
+    )
+
+    def rates(t, W):
+        return (np.array([0.1 * np.sin(t), -0.3 * W[1], 0.0]) - np.cross(W, J * W)) / J
+
+    W = solve_ivp(rates, (0, 4), START, rtol=1e-10, atol=1e-12).y[:, -1]
+    assert run.material_angular_velocity[-1] == pytest.approx(W, abs=2e-3)  # as the lag, and the step at order 2
+    assert run.states.internal[-1] == pytest.approx([np.sin(4), W[1]], abs=2e-3)
 
 
 @pytest.mark.parametrize("how", [{}, {"tolerance": 1e-6}])

@@ -159,6 +159,7 @@ def _resampled_parts(
             "the parts of the run have different loads: leave load= out, or resample each before join_runs"
         )
     t, found = run["time"].values, []
+    needed = [name for name in (*NEEDED[1:], "internal_state") if name in run]
     seam: Any = None
     of = np.searchsorted([part["t_end"] for part in parts[:-1]], times)  # at a seam the earlier one
     spans = [(max(part["t_start"], t[0]), min(part["t_end"], t[-1])) for part in parts]
@@ -168,13 +169,13 @@ def _resampled_parts(
         part, (first, last) = parts[k], spans[k]
         attrs = {name: json.dumps(part[name]) for name in ("load", "integrator")}
         attrs |= {name: part[name] for name in ("step", "stretches") if name in part}
-        own = run[list(NEEDED[1:])].isel(time=(t >= first) & (t <= last))
+        own = run[needed].isel(time=(t >= first) & (t <= last))
         if own["time"][:1].values != [first]:  # the state at the seam is not stored
             own = xarray.concat([seam, own], "time", data_vars="minimal", join="override", combine_attrs="override")
         own.attrs = {"system": run.attrs["system"], **attrs}
         asked = times[of == k]
         ended = _resampled(own, np.append(asked, last), load, last)
-        seam = ended[list(NEEDED[1:])].isel(time=slice(-1, None))
+        seam = ended[needed].isel(time=slice(-1, None))
         found.append((np.flatnonzero(of == k), ended.isel(time=slice(0, len(asked)))))
     names = [name for name in found[0][1].data_vars if all(name in one for _, one in found)]
     whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -35,8 +36,8 @@ class Needs(NamedTuple):
     table: Array | None = None  # coefficients
     within: Array | None = None  # c, b, polynomials, for guesses of substeps
     carried: int = 0  # numbers of a member beside `State`
-    scratch: tuple[int, int] = (0, 0)  # numbers beside the workspace: of each body in lanes, of all
-    remembered: int = 0  # numbers for each internal state of loads with memory; 0: takes none
+    # Numbers beside the workspace, for so many internal states: of each body in lanes, of all.
+    scratch: Callable[[int], tuple[int, int]] = lambda internal: (0, 0)
 
 
 @dataclass(frozen=True)

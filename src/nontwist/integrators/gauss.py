@@ -110,7 +110,7 @@ from ..models.stack import SystemStack
 from .compiled import ONCE, Compiled, Needs, velocity_of
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_memory import Memory
-from .gauss_newton import lanes_where, rows_by_elimination, solve
+from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
 from .gauss_stages import (
     CHECKED,
     DITHERED,
@@ -237,9 +237,14 @@ class Gauss(Compiled):
     @property
     def needs(self) -> Needs:
         """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
-        m, increments = 3 * WIDTH, COMPONENTS * self.nodes
-        scratch = size_of(Stage) * WIDTH, m * (4 * m + 5) + WIDTH
-        return Needs(STAGE, table(self.order), within(self.order), increments, scratch, 3 * WIDTH)
+        return Needs(STAGE, table(self.order), within(self.order), COMPONENTS * self.nodes, scratch_of)
+
+
+def scratch_of(internal: int) -> tuple[int, int]:
+    """Return the numbers of stages of a body with so many internal states, and of Newton's iteration."""
+    side, m = 3 * WIDTH, unknowns(internal) * WIDTH
+    newton = side * (2 * side + 3) + 2 * m * (m + 1) + WIDTH + (7 + internal) * (9 + internal)
+    return (size_of(Stage) + 3 * internal) * WIDTH, newton
 
 
 # The step.

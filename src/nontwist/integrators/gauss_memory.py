@@ -13,15 +13,19 @@ system, of order 2s. So a bilinear function of the rows, P and z does along a st
 Λ (P + n z), of both together, is kept to round-off. This needs the W of the stage, which ``Λᵀ w`` is not where the rows
 are not orthonormal. So what acts along the moving frame gets W.
 
-The increments ``h b_j f_j`` follow by fixed points like those of the rows; they converge where h |∂f/∂z| is below some
-2s. Changes count relative to the scale of z, or to z where it is larger.
+The increments ``h b_j f_j`` follow by fixed points like those of the rows, where h |∂f/∂z| is below some 2s, otherwise
+by Newton's iteration together with P (`gauss_newton`). Changes count relative to the scale of z, or to z where it is
+larger.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from ..engine.sampling import Nodes
+from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop
 from ..kernels.elements import fma, larger, select
 from ..kernels.memory import View, call, put, scratch, size_of, vector_at
@@ -45,11 +49,40 @@ class Memory:
         self.h, first = acting.h / acting.rate, size_of(Stage)
         self._increment, self._z, self._rate = (first + k * self.count for k in range(3))
 
+    def increment(self, stage: View, c: Any) -> Any:
+        """Return the increment of the number c of z at a stage."""
+        return stage.number(self._increment + c)
+
+    def put_increment(self, stage: View, c: Any, x: Any) -> None:
+        """Set it."""
+        stage.set_number(self._increment + c, x)
+
+    def rate(self, stage: View, c: Any) -> Any:
+        """Return the last z' at a stage."""
+        return stage.number(self._rate + c)
+
+    def size(self, stage: View, c: Any) -> Any:
+        """Return what changes count relative to: z at a stage, at least its scale."""
+        return larger(abs(stage.number(self._z + c)), self.scales[c])
+
+    def change(self, stage: View, c: Any) -> Any:
+        """Return the difference of z of Newton's iteration."""
+        return DIFFERENCE * self.size(stage, c)
+
+    @contextmanager
+    def changed(self, stage: View, c: Any) -> Iterator[None]:
+        """Change the number c of z at a stage by its difference; none if c < 0."""
+        k = larger(c, 0)
+        z = stage.number(self._z + k)
+        stage.set_number(self._z + k, z + select(c >= 0, self.change(stage, k), 0.0))
+        yield
+        stage.set_number(self._z + k, z)
+
     def clear(self) -> None:
         """Begin with increments of zero."""
         for _, stage in self.stages.each():
             for c in loop(self.count):
-                stage.set_number(self._increment + c, 0.0 * stage.axial)
+                self.put_increment(stage, c, 0.0 * stage.axial)
 
     def place(self, matrix: Any = TABLE.mu) -> None:
         """Set z at all stages from the increments."""
@@ -58,7 +91,7 @@ class Memory:
             for c in loop(self.count):
                 sums = [0.0 * self.h, 0.0 * self.h]
                 for j in range(stages.number):
-                    a, dz = stages.coefficient(matrix + WIDTH * j, i), stages.one(j).number(self._increment + c)
+                    a, dz = stages.coefficient(matrix + WIDTH * j, i), self.increment(stages.one(j), c)
                     sums[j % 2] = fma(a, dz, sums[j % 2])
                 stage.set_number(self._z + c, self.start[c] + (sums[0] + sums[1]))
 
@@ -81,14 +114,14 @@ class Memory:
         b = self.h * self.stages.coefficient(TABLE.weights, i)
         v = Variables(change=0.0 * b)
         for c in loop(self.count):
-            before, after, scale = stage.number(self._increment + c), b * stage.number(self._rate + c), self.scales[c]
-            d = abs(after - before) / larger(abs(stage.number(self._z + c)), scale)
+            after = b * self.rate(stage, c)
+            d = abs(after - self.increment(stage, c)) / self.size(stage, c)
             v.change = larger(v.change, select(d <= OVERFLOW, d, INFINITE))
-            stage.set_number(self._increment + c, after)
+            self.put_increment(stage, c, after)
         return self.stages.largest(v.change)
 
     def end(self) -> None:
         """Set the change in the step."""
         for c in loop(self.count):
-            dz = [self.stages.one(j).number(self._increment + c) for j in range(self.stages.number)]
+            dz = [self.increment(self.stages.one(j), c) for j in range(self.stages.number)]
             self.start[2 * self.count + c] = sum(dz[1:], dz[0])

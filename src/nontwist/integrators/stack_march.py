@@ -324,8 +324,8 @@ class StackMarch:
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
-        each, shared = self.needs.scratch
-        each += self.parts.room + self.needs.remembered * self.parts.memory
+        each, shared = self.needs.scratch(self.parts.memory)
+        each += self.parts.room
         workspace = aligned(width * (WORK.size + each) + shared)
         put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)

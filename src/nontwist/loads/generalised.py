@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats
-from ..geometry.values import as_function
+from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import is_c_function
@@ -149,7 +149,11 @@ def potential(
         lines, Q = _of_each(linear, "linear", (k, 3)), _of_each(quadratic, "quadratic", (k, 3, 3))
         return Load(tuple(Quadratic(linear=lines[i], quadratic=Q[i], vector=a[i]) for i in range(k)))
     if function is None or gradient is None:
-        raise ValueError("potential needs both: function= gives V, gradient= its derivatives by γ")
+        given = f"; {shown(function)} is no function" if function is not None and not callable(function) else ""
+        raise ValueError(
+            f"potential needs both: function= gives V, gradient= its derivatives by γ{given}; coefficients are "
+            "given by name, linear= and quadratic="
+        )
     functions = as_function(function, "function"), as_function(gradient, "gradient")
     _require_gradient(PotentialFunction(*functions, a, single, compiled=False))
     return of_function(PotentialFunction, *functions, a, single, compiled=compiled)

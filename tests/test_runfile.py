@@ -208,8 +208,9 @@ ONE_LINE = {
     "triangle": (
         BODY.replace("2.5", "5") + TIME,
         "body.inertia: [1.0, 2.0, 5.0] (inertia violates the triangle inequality: principal moments 1, 2, 5, but "
-        "5 > 1 + 2; no distribution of mass has such moments) -> inertia about the fixed point, kg m²: 3 principal "
-        "values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }",
+        "5 > 1 + 2; no distribution of mass has such moments, body.physical = false accepts them) -> inertia about the "
+        "fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, "
+        "lengths = [0.1, 0.2, 0.3] } }",
     ),
     "no axis": (
         BODY.replace("standard", "suslov") + TIME,

@@ -208,6 +208,7 @@ LOADS = {
     "linear potential of the space vector (0, 1, 0)": dipole((0, 0, 1), (0, 1, 0)),
     "quadratic potential of the space vector (0, 0, 2)": potential((0, 0, 2), quadratic=np.eye(3)),
     "gravity gradient on a circular orbit, mean motion 0.001 rad/s": gravity_gradient(1e-3),
+    "gravity gradient on an orbit of eccentricity 0.1, mean motion 0.2 rad/s": gravity_gradient(0.2, eccentricity=0.1),
     "none": 0 * CASES[1].load(),
 }
 

@@ -199,17 +199,17 @@ name = "gauss"
 
 def test_run_files_and_sweeps(tmp_path):
     path = tmp_path / "top.toml"
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     run = read_run_file(path).simulate()
     top = heavy_top([5, 5, 1], 20, (0, 0, 1), (0, 0, -1), physical=False)
     alone = simulate(top, t_end=1, step=0.1, material_angular_velocity=(0.1, 0, 5))
     assert np.array_equal(run.directors.values, alone.directors.values)
-    path.write_text(FILE.replace("physical = false\n", ""))
+    path.write_text(FILE.replace("physical = false\n", ""), encoding="utf-8")
     with pytest.raises(RunFileError, match=r"inertia is too small.*body\.physical = false accepts"):
         read_run_file(path)
     free = ['body={kind="standard", inertia=[1.0, 2.0, 2.5], physical=false}']
     over = '[[sweep.over]]\nkey = "body.inertia.2"\nkind = "list"\nvalues = [2.5, 6.0]\n'
-    path.write_text(FILE + over)
+    path.write_text(FILE + over, encoding="utf-8")
     found = sweep(read_run_file(path, free), tmp_path / "store", workers=1)
     last = simulate(standard([1, 2, 6], physical=False), t_end=1, step=0.1, material_angular_velocity=(0.1, 0, 5))
     assert abs(found.quaternion.values[1] @ last.quaternion.values[-1]) == pytest.approx(1, abs=1e-14)

@@ -154,7 +154,7 @@ eccentricity = 0.4
 
 def test_run_files_and_ensembles(tmp_path):
     path = tmp_path / "orbit.toml"
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     run = read_run_file(path).simulate()
     load, W = gravity_gradient(1.0, eccentricity=0.4), (0.1, 0, 1.2)
     body, how = standard([1, 1.3, 1.4]), {"t_end": 2, "step": 0.05, "load": load}
@@ -162,7 +162,7 @@ def test_run_files_and_ensembles(tmp_path):
     assert np.array_equal(run.directors.values, alone.directors.values)
     many = simulate_ensemble(body, material_angular_velocity=[W, W], **how)
     assert abs(many.quaternion.values[1, -1] @ alone.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
-    path.write_text(FILE.replace("0.4", "1.0"))
+    path.write_text(FILE.replace("0.4", "1.0"), encoding="utf-8")
     with pytest.raises(RunFileError, match=r"load\.0\.eccentricity: 1\.0 .*from 0 and below 1"):
         read_run_file(path)
 

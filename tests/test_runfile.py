@@ -94,7 +94,7 @@ def lines(write, text, *overrides):
 
 VALUES = 'TOML, with numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
-VECTOR = "3 numbers, rad/s: components along the directors"
+VECTOR = "3 numbers, rad/s, or in the stated unit: components along the directors"
 ONE_LINE = {
     "JSON": ('{"body": {}}', f"line 1: this looks like JSON -> {TOML}"),
     "comma": ("[body]\nmass = 0,5\n", "line 2: mass = 0,5 -> a decimal point: mass = 0.5"),

@@ -15,6 +15,7 @@ from nontwist import (
     exact,
     heavy_top,
     inertia_of_points,
+    least_effort,
     moment,
     nontwisting,
     potential,
@@ -30,6 +31,7 @@ from nontwist import (
 from nontwist.runfile import RunFileError, read_run_file
 
 TILT = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
+TILTED = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
 W0 = np.array([0.4, -0.3, 0.6])
 FREE = {
     "Hairer, Lubich and Wanner": ([2, 1, 2 / 3], [np.cos(1.1) / 2, 0, 1.5 * np.sin(1.1)]),
@@ -140,6 +142,18 @@ def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(scheme, body):
 
         end = solve_ivp(sphere, (0, 2), [*x0, *v0], method="DOP853", rtol=1e-13, atol=1e-14).y[:3, -1]
         assert np.allclose(run.directors.values[-1, 2], end, atol=tolerance)
+
+
+@pytest.mark.filterwarnings("error")
+def test_steps_and_moments_are_chosen_for_a_point_too():
+    body, how = with_gravity(nontwisting([1, 1, 0]), 1, (0, 0, -1)), {"t_end": 1, "rotation": TILTED}
+    fine = simulate(body, step=1e-3, order=8, **how).directors.values[-1]
+    for chosen in ({}, {"tolerance": 1e-9}):
+        assert abs(simulate(body, **how, **chosen).directors.values[-1] - fine).max() < 1e-7
+    turn, like = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]]), nontwisting([1, 1, 1])
+    for body in (nontwisting([1, 1, 0]), nontwisting([1, 1, 3], physical=False)):
+        found, other = (least_effort(one, np.eye(3), turn, t_end=1.0) for one in (body, like))
+        assert found.length == pytest.approx(other.length, rel=1e-8)
 
 
 def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():

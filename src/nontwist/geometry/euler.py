@@ -58,7 +58,7 @@ def euler_angles(quaternion: Array, W: Array, letters: str) -> tuple[Array, Arra
     from scipy.spatial.transform import Rotation
 
     require_sequence(letters)
-    is_known: NDArray[np.bool_] = np.isfinite(quaternion).all(axis=1)
+    is_known: NDArray[np.bool_] = np.asarray(np.isfinite(quaternion).all(axis=1))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Gimbal lock")
         turned = Rotation.from_quat(np.where(is_known[:, None], quaternion, [0.0, 0.0, 0.0, 1.0]))

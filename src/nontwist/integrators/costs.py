@@ -148,7 +148,8 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     """Return about the fastest rate at which gravity and potentials make a member swing, rad/s, however slow it is."""
     basis, moments = _axes(systems)
     pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
-    return float(np.sqrt((pulls / moments)[:, _turning(systems)]).max())
+    turning = _turning(systems)
+    return float(np.sqrt(pulls[:, turning] / moments[:, turning]).max())
 
 
 def _axes(systems: SystemStack) -> Axes:

@@ -387,6 +387,8 @@ VALUES = {
     "dipole.moment": lambda r, given: r.normal(size=3),
     "dipole.field": lambda r, given: r.normal(size=3),
     "mean_motion": number(0.001, 0.1),
+    "eccentricity": number(0, 0.9),
+    "perigee_time": lambda r, given: None if given.get("start") else float(r.normal()),
     "radial": one_of((1, 0, 0), (0, 2, 0)),
     "normal": one_of((0, 0, 1), (0, 0, -3.0)),
     "gravity_gradient.start": number(-1, 1),

@@ -94,7 +94,7 @@ def lines(write, text, *overrides):
 
 VALUES = 'TOML, with numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
-VECTOR = "3 numbers, rad/s: components along the directors"
+VECTOR = "3 numbers, rad/s, or in the stated unit: components along the directors"
 ONE_LINE = {
     "JSON": ('{"body": {}}', f"line 1: this looks like JSON -> {TOML}"),
     "comma": ("[body]\nmass = 0,5\n", "line 2: mass = 0,5 -> a decimal point: mass = 0.5"),
@@ -208,8 +208,9 @@ ONE_LINE = {
     "triangle": (
         BODY.replace("2.5", "5") + TIME,
         "body.inertia: [1.0, 2.0, 5.0] (inertia violates the triangle inequality: principal moments 1, 2, 5, but "
-        "5 > 1 + 2; no distribution of mass has such moments) -> inertia about the fixed point, kg m²: 3 principal "
-        "values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }",
+        "5 > 1 + 2; no distribution of mass has such moments, body.physical = false accepts them) -> inertia about the "
+        "fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, "
+        "lengths = [0.1, 0.2, 0.3] } }",
     ),
     "no axis": (
         BODY.replace("standard", "suslov") + TIME,

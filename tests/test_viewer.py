@@ -210,6 +210,7 @@ LOADS = {
     "quadratic potential of the space vector (0, 0, 2)": potential((0, 0, 2), quadratic=np.eye(3)),
     "gravity gradient on a circular orbit, mean motion 0.001 rad/s": gravity_gradient(1e-3),
     "2 × function builtins.abs with memory builtins.abs, 1 internal state": 2 * memory_load(abs, abs, 0),
+    "gravity gradient on an orbit of eccentricity 0.1, mean motion 0.2 rad/s": gravity_gradient(0.2, eccentricity=0.1),
     "none": 0 * CASES[1].load(),
 }
 

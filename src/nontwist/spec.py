@@ -30,6 +30,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 BOUNDS: dict[str, Any] = {
     "positive": (lambda x: x <= 0, "must be positive"),
     "not negative": (lambda x: x < 0, "must not be negative"),
+    "from 0 and below 1": (lambda x: (x < 0) | (x >= 1), "must be from 0 and below 1"),
 }
 SYMMETRIC = 1e-12  # of a matrix, relative
 WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number", Sequence: "a list of texts"}
@@ -41,8 +42,8 @@ class Spec:
 
     Sentences name options as those of messages do: ``{option[rate]}``. Of a field that is a number or an array, `shape`
     says which, a name in it being the length of another field, and `rule` what else holds: "positive", "not negative",
-    "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its name for callers, if it
-    has another. One that `is_fixed` is no parameter of derivatives.
+    "from 0 and below 1", "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its
+    name for callers, if it has another. One that `is_fixed` is no parameter of derivatives.
     """
 
     text: str

@@ -145,7 +145,12 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
     systems, heavy = stacked(system), bool(system.dead_force.any() or held)
     found: dict[str, Invariant] = {}
     if orbit is not None:
-        alone = len(held) == 1 and system.axis is None and not (system.dead_force.any() or dissipates)
+        alone = (
+            len(held) == 1
+            and not orbit.get("eccentricity")
+            and system.axis is None
+            and not (system.dead_force.any() or dissipates)
+        )
         if alone and (gyrostat or not loaded):
             symbol = "K+V−A−n o·(π+Λh)" if loaded else "K+V−n o·π"
             found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit), loaded)

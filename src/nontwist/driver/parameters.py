@@ -200,6 +200,7 @@ class Parameters:
         value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
         units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)
         size = float(abs(value).max()) or 1.0
+        size = min(size, 1 - size) if one.field == "eccentricity" else size
         return [[(term, changed(make, value, unit, size))] for unit in units]
 
     @property

@@ -77,7 +77,8 @@ def simulate(
         step or none given, and from T to 2 T after a run from 0 to T. Otherwise, and for other integrators, they agree
         to round-off, or to the tolerance where steps are chosen for one.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
-        Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms.
+        Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms; Euler angles
+        are ``Rotation.from_euler("ZXZ", angles)`` of SciPy, modified Rodrigues parameters ``Rotation.from_mrp(p)``.
     scalar_first : bool, optional
         Order of a quaternion given as a plain array.
     material_angular_velocity : (3,) array, rad/s, optional

@@ -209,6 +209,7 @@ def numbers_of(term: Term) -> Array:
     vectors = term.vectors
     if isinstance(term, GravityGradient):
         found[TERM.stiffness], found[TERM.rest] = term.mean_motion, term.start
+        found[TERM.square] = term.eccentricity
         vectors = np.array([term.radial, np.cross(term.normal, term.radial)])
     if isinstance(term, Quadratic):
         found[TERM.linear : TERM.quadratic] = term.linear

@@ -165,6 +165,7 @@ def loaded_momentum(
     times: ArrayLike,
     *,
     t_start: float = 0.0,
+    physical: bool = True,
 ) -> Array:
     """Return the material momentum Π_⊥ of the non-twisting body under moments in the moving frame (eq-nonholonomic).
 
@@ -179,6 +180,8 @@ def loaded_momentum(
     times : (k,) array, s
         Not before `t_start`, in any order.
     t_start : float, s
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -197,7 +200,7 @@ def loaded_momentum(
     >>> exact.loaded_momentum([3, 4, 5], (0, 0, 0), triangle, [0.5, 1, 2])[:, 0].round(9)
     array([1., 2., 2.])
     """
-    J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
+    J, W = planar_inertia(inertia, physical), without_spin(checked_velocity(material_angular_velocity), D3)
     pieces, place = _pieces(load, times, t_start)
     Pi: Array = momenta(J @ W, pieces)[0][place(pieces)]
     return Pi
@@ -211,12 +214,13 @@ def loaded_nontwisting(
     rotation: Any = None,
     *,
     t_start: float = 0.0,
+    physical: bool = True,
 ) -> Motion:
     """Return the motion of the non-twisting body under moments that turn it about one axis fixed in the body.
 
     Parameters
     ----------
-    inertia, material_angular_velocity, load, times, t_start
+    inertia, material_angular_velocity, load, times, t_start, physical
         As in `loaded_momentum`.
     rotation : (3, 3) array or scipy Rotation, optional
         Λ at `t_start`, body to space; the identity by default.
@@ -241,7 +245,7 @@ def loaded_nontwisting(
     >>> rotation(attitude).magnitude().round(9)
     array([0. , 0.5, 1.5])
     """
-    J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
+    J, W = planar_inertia(inertia, physical), without_spin(checked_velocity(material_angular_velocity), D3)
     R = checked_attitude(rotation)
     pieces, place = _pieces(load, times, t_start)
     motion = turning(J, J @ W, pieces)

@@ -124,6 +124,8 @@ def as_tensor(value: ArrayLike, name: str, accepted: str) -> Array:
 
     A wrong shape is refused with what is `accepted`, in words.
     """
+    if callable(value):
+        raise ValueError(f"{name} must be {accepted}, got {shown(value)}")
     array = as_floats(value, name)
     if array.shape == (3,):
         return np.diag(as_array(array, name, (3,)))

@@ -204,7 +204,8 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     """
     basis, moments = _axes(systems)
     pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
-    squares = (pulls / moments)[:, _turning(systems)]
+    turning = _turning(systems)
+    squares = pulls[:, turning] / moments[:, turning]
     half = slowest_damping(systems, load, scale)[:, None] / 2
     rates = np.where(half**2 > squares, half + np.sqrt(np.maximum(half**2 - squares, 0.0)), np.sqrt(squares))
     return float(np.divide(squares, rates, out=np.zeros_like(squares), where=squares > 0).max())

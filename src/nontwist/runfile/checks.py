@@ -101,7 +101,8 @@ def _system(body: Body, folder: Folder, problems: list[Problem]) -> DirectorSyst
         try:
             return folder.system(body)
         except ValueError as error:
-            problems.append(_about("body.inertia", body.inertia, error, Body))
+            worded = ValueError(str(error).replace("physical=False", "body.physical = false"))
+            problems.append(_about("body.inertia", body.inertia, worded, Body))
     return None
 
 
@@ -115,6 +116,10 @@ def _body(body: Body) -> Iterator[Problem]:
         able = [f'"{name}"' for name, kind in BODIES.items() if "axis" in kind.takes]
         words = f"{' and '.join(able)} take{'s' * (len(able) == 1)} an axis"
         yield Problem("body.axis", shown(body.axis), f'left out for kind = "{body.kind}"; {words}')
+    if "physical" not in body.takes and body.physical is not None:
+        yield Problem(
+            "body.physical", shown(body.physical), f'left out for kind = "{body.kind}", which does not take it'
+        )
     if "spin" not in body.takes and body.spin is not None:
         spun = " and ".join(f'"{name}"' for name, kind in BODIES.items() if "spin" in kind.takes)
         yield Problem("body.spin", shown(body.spin), f'left out for kind = "{body.kind}"; {spun} takes a spin')

@@ -283,7 +283,9 @@ def accepted(form: Any, spec: Spec) -> str:
             words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
         elif words != "numbers" and spec.rule != "increasing":
             words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
-    words += ", not negative" * (spec.rule == "not negative") + f", {spec.unit}" * bool(spec.unit)
+    words += f", {spec.rule}" * (spec.rule in ("not negative", "from 0 and below 1")) + f", {spec.unit}" * bool(
+        spec.unit
+    )
     return words + f": {spec.text}" * bool(spec.text)
 
 

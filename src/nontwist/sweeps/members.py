@@ -37,6 +37,7 @@ from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
 from ..runfile.toml_data import parsed
+from ..units import RATE
 from .bodies import InvalidMembersError, components, stack, with_values
 from .draws import Values
 
@@ -216,8 +217,9 @@ class Members:
             plan = plan._replace(load=file.load[0].unscaled(Place(self.folder, plan.t_start, plan.t_end)))
         plan = plan._replace(load=known_body(plan.load, plan.systems))
         velocity = file.start.angular_velocity
-        (frame,) = type(velocity).model_fields
+        frame = next(iter(type(velocity).model_fields))
         given = components(getattr(velocity, frame), frame, _below("start.angular_velocity.", values), m)
+        given *= RATE[velocity.unit]
         W, w = (given, None) if frame == "body" else (None, given)
         rotation = self._rotations(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales

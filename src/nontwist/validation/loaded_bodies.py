@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from .. import exact
@@ -25,8 +26,8 @@ from ..analysis.trajectory import Trajectory
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, pulse, sine
-from ..models.catalogue import with_gravity
+from ..loads import Load, body_moment, gravity_gradient, pulse, sine
+from ..models.catalogue import standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.cases import CASES
 from .checks import Check
@@ -34,6 +35,7 @@ from .measures import error, slope
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
 
 BODY = SAMPLES["nontwisting"]
+ELLIPSE = "loads.orbits"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -83,6 +85,25 @@ def integrators() -> Iterator[Check]:
         yield error(f"case 3 at 5 s: Λ by {scheme} {k}", attitude(run)[-1] - end, 1e-11, "sec-results", "independent")
 
 
+def orbit() -> Iterator[Check]:
+    """Let a body tumble on an ellipse: the orbit by Newton's law of gravity beside Euler's equations, by DOP853."""
+    n, e, J, W0 = 1.0, 0.3, np.array([3.0, 4.0, 5.0]), np.array([0.1, 0.2, 1.2])
+
+    def rates(t: float, y: Array) -> Array:
+        q, W, r, v = y[:9].reshape(3, 3), y[9:12], y[12:15], y[15:]
+        size = np.sqrt(r @ r)
+        c = q @ r / size
+        moment = 3 * n**2 / size**3 * np.cross(c, J * c)
+        return np.concatenate([np.cross(W @ q, q).ravel(), (np.cross(J * W, W) + moment) / J, v, -(n**2) * r / size**3])
+
+    fastest = n * np.sqrt((1 + e) / (1 - e))
+    start = np.concatenate([np.eye(3).ravel(), W0, [1 - e, 0, 0], [0, fastest, 0]])
+    end = solve_ivp(rates, (0, 10), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:9, -1].reshape(3, 3).T
+    how: Arguments = {"material_angular_velocity": W0, "load": gravity_gradient(n, eccentricity=e)}
+    run = integrate(standard(J), t_end=10, step=0.02, integrator="gauss", order=8, **how)
+    yield error("tumbling on an ellipse: Λ after 10 s", attitude(run)[-1] - end, 1e-10, ELLIPSE, "independent")
+
+
 MOTIONS: dict[str, tuple[DirectorSystem, tuple[float, float, float], Load]] = {
     "case 2 of the paper": (BODY, CASES[2].angular_velocity, CASES[2].load()),
     "case 3 of the paper": (BODY, CASES[3].angular_velocity, CASES[3].load()),
@@ -123,4 +144,4 @@ def multipliers() -> Iterator[Check]:
             yield Check(title, 2, slope(COUNTS, errors, 2), 0.1, f"{SPLIT}; eq-discrete-nonholonomic", "order")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers)
+CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit)

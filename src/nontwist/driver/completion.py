@@ -45,7 +45,12 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    outcome = scheme.march(problem, threads)
+    if problem.load.frictions:
+        from . import friction  # it marches the parts of a run by this function
+
+        outcome = friction.march(scheme, problem, threads)
+    else:
+        outcome = scheme.march(problem, threads)
     reasons = dict(outcome.reasons)
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good

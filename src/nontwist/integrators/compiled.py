@@ -109,7 +109,7 @@ class Compiled(Integrator):
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
-        return type(self).march is Compiled.march and load.is_compiled
+        return type(self).march is Compiled.march and load.is_compiled and not load.frictions
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""

@@ -122,7 +122,9 @@ def largest_velocity(
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     energy = root**2 + 4 * _pull(systems, load, scale)
     reached = np.sqrt(energy / smallest)
-    if systems.axis is None and not (by_energy or load.potentials or load.rotors or load.called.terms):
+    if systems.axis is None and not (
+        by_energy or load.potentials or load.rotors or load.called.terms or load.frictions
+    ):
         reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))
 

@@ -158,6 +158,7 @@ class Gauss(Compiled):
     """
 
     name: ClassVar[str] = "gauss"
+    splits_steps: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
     substep_ns: ClassVar[float] = 500.0
     sources: ClassVar[Mapping[str, str]] = {

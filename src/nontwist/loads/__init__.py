@@ -1,7 +1,7 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment
+from .catalogue import body_moment, damping, dry_friction, moment, pulse, rotor, sine, space_moment
 from .forces import DirectorForces
 from .generalised import dipole, director_forces, gravity_gradient, potential, spring
 from .kinds import LOADS
@@ -19,6 +19,7 @@ __all__ = [
     "damping",
     "dipole",
     "director_forces",
+    "dry_friction",
     "gravity_gradient",
     "moment",
     "potential",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
+from .friction import DryFriction
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
 
@@ -40,6 +41,7 @@ LOADS.update(
         "function": Function,
         "damping": Damping,
         "rotor": Rotor,
+        "dry_friction": DryFriction,
         "director_forces": ForceTable,
         "function of director forces": ForceFunction,
         "potential": Quadratic,

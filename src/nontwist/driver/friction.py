@@ -35,12 +35,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
 from ..integrators.base import Failure, Integrator, Outcome, Problem, Status
 from ..integrators.members import one_by_one
@@ -76,7 +77,7 @@ Modes = dict[int, int]  # of each contact: the sign of its rate while it slides,
 
 
 class Change(NamedTuple):
-    """What ends a mode: a function of the state that falls to zero; how its contact slides then, 0: its rate is zero."""
+    """What ends a mode: a function that falls to zero; how its contact slides then, 0: its rate is zero."""
 
     contact: int
     sign: int
@@ -128,14 +129,17 @@ class Rubbed:
     def __init__(self, scheme: Integrator, problem: Problem) -> None:
         self.scheme, self.problem, self.body = scheme, problem, problem.system
         own, self.load = problem.load.frictions, problem.load.without_frictions
-        self.limits, self.axes = [term.limit for term in own], [term.axis for term in own]
+        self.limits = [term.limit for term in own]
+        self.axes: list[Array] = [np.zeros(3) if term.axis is None else term.axis for term in own]
         self.is_central = own[0].axis is None  # then there is one
         self.J, n = self.body.convected_inertia, self.body.axis
         self.inverse, self.axis = np.linalg.inv(self.J), np.empty((0, 3)) if n is None else n[None]
         self.t, self.state = problem.t_start, States(problem.quaternion[0].copy(), problem.velocity[0].copy())
         self.modes, self.pieces = Modes(), list[Piece]()
         self.direction: Array = np.zeros(3)  # of W in plane motion, without an axis
-        self.is_plane, self.failure = True, None
+        self.is_plane = True
+        self.failure: Failure | None = None
+        self._gains = dict[tuple[int, ...], tuple[Array, Array]]()
         self.nodes = problem.times(np.arange(problem.steps + 1))
         self.is_alone = all(term in self.load.potentials for term in self.load.terms)
 
@@ -143,16 +147,22 @@ class Rubbed:
 
     def torque(self, t: float, q: Array, W: Array) -> Array:
         """Return M + J W × W in the body, without friction; q: directors as rows."""
-        f = self.body.dead_force
-        m = moment_at(self.load, t, q, W @ q) + np.cross(q, f).sum(axis=0)
-        found: Array = q @ m + np.cross(self.J @ W, W)
+        m = moment_at(self.load, t, q, W @ q) + cross(q, self.body.dead_force).sum(axis=0)
+        found: Array = q @ m + cross(self.J @ W, W)
         return found
 
-    def acceleration(self, M: Array, held: Sequence[Array]) -> tuple[Array, Array]:
-        """Return W' under M and the moments λ that keep rates about `held` axes, and the constrained one, at zero."""
-        B = np.concatenate([np.reshape(held, (-1, 3)), self.axis])
-        lam = np.linalg.pinv(B @ self.inverse @ B.T) @ (B @ self.inverse @ M)
-        return self.inverse @ (M - lam @ B), lam[: len(held)]
+    def acceleration(self, M: Array, held: Sequence[int] = ()) -> tuple[Array, Array]:
+        """Return W' under M, and the moments λ and μ that hold contacts and the constrained axis."""
+        B, gain = self._held(tuple(held))
+        lam = gain @ (self.inverse @ M)
+        return self.inverse @ (M - lam @ B), lam
+
+    def _held(self, contacts: tuple[int, ...]) -> tuple[Array, Array]:
+        """Return the axes that are held, rows of B, and the least solution ``(B J⁻¹ Bᵀ)⁺ B``."""
+        if contacts not in self._gains:
+            B = np.concatenate([np.reshape([self.axes[k] for k in contacts], (-1, 3)), self.axis])
+            self._gains[contacts] = B, np.linalg.pinv(B @ self.inverse @ B.T) @ B
+        return self._gains[contacts]
 
     def sliding(self, modes: Modes) -> Array:
         """Return the moment of the contacts that slide, along the frame."""
@@ -178,16 +188,16 @@ class Rubbed:
             if np.linalg.norm(M) > self.limits[0] or forced:
                 self.modes, self.direction = {0: 1}, self._started(M)
             return
-        B = np.concatenate([np.reshape([self.axes[k] for k in zero], (-1, 3)), self.axis])
-        W -= self.inverse @ B.T @ np.linalg.pinv(B @ self.inverse @ B.T) @ (B @ W)
+        B, gain = self._held(tuple(zero))
+        W -= self.inverse @ (B.T @ (gain @ W))
         if abs(W).max() <= TINY:
             W[:] = 0.0
         M, free = self.torque(self.t, q, W), [k for k in zero if k not in forced]
         for signs in product((0, 1, -1), repeat=len(free)):
             modes = self.modes | forced | dict(zip(free, signs, strict=True))
             held = [k for k in free if not modes[k]]
-            rate, lam = self.acceleration(M + self.sliding(modes), [self.axes[k] for k in held])
-            holds = all(abs(x) <= self.limits[k] for k, x in zip(held, lam, strict=True))
+            rate, lam = self.acceleration(M + self.sliding(modes), held)
+            holds = all(abs(x) <= self.limits[k] for k, x in zip(held, lam, strict=False))
             if holds and all(modes[k] * (self.axes[k] @ rate) > 0 for k in free if modes[k]):
                 self.modes = modes
                 return
@@ -219,12 +229,12 @@ class Rubbed:
     def march(self) -> Outcome:
         """March to the end, or to a failure."""
         W, end, last, count = self.state.velocity, self.problem.t_end, self.t, 0
-        size = np.linalg.norm(W)
-        zero = [k for k, a in enumerate(self.axes) if abs(size if a is None else a @ W) <= ROUND_OFF * size]
-        if self.is_central and not zero:
-            self.modes, self.direction = {0: 1}, W / size
-        elif not self.is_central:
-            self.modes = {k: int(np.sign(a @ W)) for k, a in enumerate(self.axes) if k not in zero}
+        size = float(np.linalg.norm(W))
+        rates = [size] if self.is_central else [float(a @ W) for a in self.axes]
+        self.modes = {k: 1 if rate > 0 else -1 for k, rate in enumerate(rates) if abs(rate) > ROUND_OFF * size}
+        if self.is_central and size:
+            self.direction = W / size
+        zero = [k for k in range(len(rates)) if k not in self.modes]
         if zero:
             self.settle(zero, {})
         while self.t < end and self.failure is None:
@@ -248,7 +258,7 @@ class Rubbed:
             return
         system = self.body
         if stuck:
-            if np.linalg.matrix_rank(np.concatenate([[self.axes[k] for k in stuck], self.axis])) > 1:
+            if np.linalg.matrix_rank(self._held(tuple(stuck))[0]) > 1:
                 self.failure = Failure(Status.LOAD, self._number(), np.nan, np.nan, HELD)
                 return
             system = DirectorSystem(self.body.euler_inertia, self.axes[stuck[0]], self.body.dead_force)
@@ -267,11 +277,13 @@ class Rubbed:
         if sign:
             x, y, z = (sign * a).tolist()
             return [Change(k, 0, lambda t, s: _along(x, y, z, s.material_angular_velocity))]
-        own, place, sliding = [self.axes[i] for i in stuck], stuck.index(k), self.sliding(self.modes)
+        place, sliding, known = stuck.index(k), self.sliding(self.modes), dict[Any, float]()
 
         def held(t: float, s: Any) -> float:
-            M = self.torque(t, s.directors, np.array(s.material_angular_velocity)) + sliding
-            return float(self.acceleration(M, own)[1][place])
+            if s._numbers not in known:  # both functions ask for it
+                M = self.torque(t, s.directors, np.array(s.material_angular_velocity)) + sliding
+                known[s._numbers] = float(self.acceleration(M, stuck)[1][place])
+            return known[s._numbers]
 
         return [Change(k, 1, lambda t, s: c - held(t, s)), Change(k, -1, lambda t, s: c + held(t, s))]
 
@@ -301,7 +313,7 @@ class Rubbed:
         def time_left(t: float, s: Any) -> float:
             w = np.array(s.material_angular_velocity)
             size = np.linalg.norm(w)
-            rate = self.acceleration(self.torque(t, s.directors, w) - c * w / size, [])[0]
+            rate = self.acceleration(self.torque(t, s.directors, w) - c * w / size)[0]
             return float(QUARTER * size / np.linalg.norm(rate)) if rate.any() else np.inf
 
         left = time_left(self.t, body_state(self.t, *(x.tolist() for x in self.state[:2])))
@@ -320,19 +332,18 @@ class Rubbed:
     # ---- at rest
 
     def _rest(self, stuck: list[int]) -> bool:
-        """Let the body rest up to the last node to which it does, or where it starts; return whether it rests at all."""
+        """Let the body rest, up to the node after which it does not, or to where it starts; return whether it rests."""
         one, q, still = self._until(STEPS), directors(self.state.quaternion), np.zeros(3)
-        own = [self.axes[k] for k in stuck]
 
         def needed(t: float) -> tuple[float, bool, float]:
             """Return what is left to the limits, whether nothing accelerates the body, and μ."""
             M = self.torque(t, q, still)
             if self.is_central:
                 return self.limits[0] - float(np.linalg.norm(self._across(M))), True, float((self.axis @ M).sum())
-            rate, lam = self.acceleration(M, own)
-            left = min(self.limits[k] - abs(x) for k, x in zip(stuck, lam, strict=True))
+            rate, lam = self.acceleration(M, stuck)
+            left = min(self.limits[k] - abs(x) for k, x in zip(stuck, lam, strict=False))
             is_still = bool(abs(rate).max() <= STILL * abs(self.inverse @ M).max())
-            return float(left), is_still, float((self.axis @ (M - lam @ np.reshape(own, (-1, 3)))).sum())
+            return float(left), is_still, float(lam[len(stuck) :].sum())
 
         nodes, fails = one.times(np.arange(one.steps + 1)), None
         for k, t in enumerate(nodes.tolist() if self._varies() else nodes[:1].tolist()):
@@ -360,12 +371,10 @@ class Rubbed:
             self._keep(self._at_rest(piece, q, lambda t: needed(t)[2]))
         if is_root:
             M = self.torque(self.t, q, still)
-            lam = np.zeros(1) if self.is_central else self.acceleration(M, own)[1]
-            worst = int(np.argmin([self.limits[k] - abs(x) for k, x in zip(stuck, lam, strict=True)]))
+            lam = np.zeros(1) if self.is_central else self.acceleration(M, stuck)[1]
+            worst = int(np.argmin([self.limits[k] - abs(x) for k, x in zip(stuck, lam, strict=False)]))
             first, self.modes = stuck[worst], {k: sign for k, sign in self.modes.items() if sign}
-            self.settle(
-                stuck if self.is_central else [k for k in stuck if k != first], {first: int(np.sign(lam[worst])) or 1}
-            )
+            self.settle([k for k in stuck if k != first], {first: -1 if lam[worst] < 0 else 1})
         return True
 
     def _varies(self) -> bool:
@@ -378,7 +387,7 @@ class Rubbed:
         times, none = piece.times, piece.means
         assert none is not None
         p, count = self.state.quaternion, len(times)
-        middles, dead = (times[1:] + times[:-1]) / 2, np.cross(q, self.body.dead_force).sum(axis=0)
+        middles, dead = (times[1:] + times[:-1]) / 2, cross(q, self.body.dead_force).sum(axis=0)
         held, is_linear = [], True
         for t in middles.tolist():
             held.append(sum((term.scale * term.moment_at(t, q, np.zeros(3)) for term in self.load.potentials), dead))
@@ -422,24 +431,24 @@ class Rubbed:
         """March a problem without friction to its end or to the first change, and move there."""
         known = self.problem.output
         inner = known[(known > one.t_start) & (known < one.t_end)]
-        ends = (
-            one.times(np.arange(one.steps + 1)) if at_nodes or not self.is_alone else np.array([one.t_start, one.t_end])
-        )
+        ends = one.times(np.arange(one.steps + 1) if at_nodes or not self.is_alone else np.array([0, one.steps]))
         one = replace(one, asked=np.union1d(inner, ends), intervals=True)
-        if not changes:
-            outcome, times, numbers = completion.march(self.scheme, one), one.output, []
+        numbers = list[int]()
+        if changes:
+            begin = one.t_start
+            events = tuple(Event(_positive(each.value, begin), "friction", 1, -1.0) for each in changes)
+            times, outcome, found, message = event_runs.march(self.scheme, one, events)
+            numbers = found.number[-1:].tolist() if message else []
         else:
-            started_at = one.t_start
-            events = tuple(Event(_positive(each.value, started_at), "friction", 1, -1.0) for each in changes)
-            _, outcome, found, message = event_runs.march(self.scheme, one, events)
-            times, numbers = _, found.number[-1:].tolist() if message else []
+            times, outcome = one.output, completion.march(self.scheme, one)
         n, failure = int(outcome.good[0]), outcome.failure()
         if failure is not None:
             self.failure = failure._replace(step=failure.step + self._number())
         states = States(outcome.states.quaternion[0, :n].copy(), outcome.states.velocity[0, :n].copy())
         means = outcome.intervals
         if means is not None:
-            means = Intervals(*(None if x is None else x[:, : max(n - 1, 0)] for x in means))
+            cut: Any = (None if x is None else x[:, : max(n - 1, 0)] for x in means)
+            means = Intervals(*cut)
         times = times[:n].copy()
         if numbers and n:
             times[-1] = self._at_node(float(times[-1]))
@@ -490,7 +499,7 @@ class Rubbed:
         if not any(self.modes.values()):
             return np.zeros(means.load_work.shape)
         power, rate = np.zeros((2, len(times)))
-        held = [self.axes[k] for k, sign in self.modes.items() if not sign]
+        held = [k for k, sign in self.modes.items() if not sign]
         for i, (t, p, W) in enumerate(zip(times.tolist(), *states[:2], strict=True)):
             if self.is_central and not self.is_plane:
                 self.direction = W / np.linalg.norm(W)
@@ -513,13 +522,13 @@ class Rubbed:
         count = int(np.searchsorted(output, times[-1], side="right"))
         places = np.searchsorted(times, output[:count], side="right") - 1
         failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
-        reasons = {} if failure is None else {0: failure.reason}
+        reasons: dict[int, str] = {} if failure is None else {0: failure.reason}
         states = scratch(self.problem).states
         states.quaternion[0, :count], states.velocity[0, :count] = p[places], W[places]
         found = Outcome(states, np.array([count]), failures, reasons)
         return found._replace(intervals=self._means(places)) if self.problem.intervals and known else found
 
-    def _means(self, places: Array) -> Intervals:
+    def _means(self, places: NDArray[np.int64]) -> Intervals:
         """Return the means over the intervals between the times of these numbers, of all; NaN beyond the last."""
         parts = [piece.means for piece in self.pieces if piece.means is not None]
         integrals = np.concatenate(
@@ -531,11 +540,11 @@ class Rubbed:
         lengths[:n] = np.diff(self.problem.output[: len(places)])
         most = np.zeros((1, missing), dtype=np.int64)
         used = [part.newton_iterations for part in parts]
-        for k, (a, b) in enumerate(zip(places[:-1], places[1:], strict=True)):
+        for k, (a, b) in enumerate(pairwise(places.tolist())):
             sums[k] = integrals[a:b].sum(axis=0)
         counts = None if any(x is None for x in used) else np.concatenate([x[0] for x in used if x is not None])
         if counts is not None:
-            most[0, :n] = [counts[a:b].max() for a, b in zip(places[:-1], places[1:], strict=True)]
+            most[0, :n] = [counts[a:b].max() for a, b in pairwise(places.tolist())]
         return parts[0].of_integrals(sums[None], lengths, None if counts is None else most)
 
 

@@ -312,9 +312,9 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
     """Return dry (Coulomb) friction, about an axis of the body or against w: a set-valued law, without a smoothing.
 
     About an axis a the moment is ``-limit sign(a·W) Λa``; while a·W = 0 it is what keeps a·W at 0, as long as that is
-    at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks, w = 0 exactly.
-    `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it. A run has the
-    variables `sticking` and `dissipated_energy`.
+    at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks: w = 0
+    exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it. A run
+    has the variables `sticking` and `dissipated_energy`.
 
     Parameters
     ----------

@@ -52,6 +52,14 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
     else:
         outcome = scheme.march(problem, threads)
     reasons = dict(outcome.reasons)
+    for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
+        from . import jumps
+
+        stall = outcome.failure(i)
+        assert stall is not None
+        failure = jumps.named(scheme, problem.member(i), stall)
+        if failure is not stall:
+            outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good
         if outcome.failures[i, 0] == Status.OK:

@@ -239,7 +239,7 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
 
 def linearised_by(plan: Plan) -> Compiled:
     """Return what linearises the steps of a plan."""
-    return scheme_of(plan.scheme)
+    return scheme_of(plan.scheme, plan.load)
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:

@@ -146,10 +146,8 @@ class Rubbed:
     # ---- what accelerates the body
 
     def torque(self, t: float, q: Array, W: Array) -> Array:
-        """Return M + J W × W in the body, without friction; q: directors as rows."""
-        m = moment_at(self.load, t, q, W @ q) + cross(q, self.body.dead_force).sum(axis=0)
-        found: Array = q @ m + cross(self.J @ W, W)
-        return found
+        """Return M + J W × W without friction."""
+        return torque(self.body, self.load, t, q, W)
 
     def acceleration(self, M: Array, held: Sequence[int] = ()) -> tuple[Array, Array]:
         """Return W' under M, and the moments λ and μ that hold contacts and the constrained axis."""
@@ -546,6 +544,13 @@ class Rubbed:
         if counts is not None:
             most[0, :n] = [counts[a:b].max() for a, b in pairwise(places.tolist())]
         return parts[0].of_integrals(sums[None], lengths, None if counts is None else most)
+
+
+def torque(body: DirectorSystem, load: Load, t: float, q: Array, W: Array) -> Array:
+    """Return J W' of a body without constraint under a load: M + J W × W; q: directors as rows."""
+    m = moment_at(load, t, q, W @ q) + cross(q, body.dead_force).sum(axis=0)
+    found: Array = q @ m + cross(body.convected_inertia @ W, W)
+    return found
 
 
 def _along(x: float, y: float, z: float, W: tuple[float, float, float]) -> float:

@@ -237,7 +237,7 @@ class Integrator:
     def require(self, problem: Problem) -> None:
         """Raise what `refusal` returns as a ValueError; it takes dry friction nowhere but in a run."""
         if problem.load.frictions:
-            raise ValueError("dry_friction acts in runs and ensembles alone: simulate, integrate, simulate_ensemble")
+            raise ValueError("dry_friction acts in runs and ensembles alone; use simulate, or simulate_ensemble")
         if (reason := self.refusal(problem)) is not None:
             raise ValueError(reason)
 

@@ -50,10 +50,15 @@ def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bo
     return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
-def scheme_of(integrator: Integrator) -> Compiled:
-    """Return an integrator that has derivatives; a ValueError where it has none."""
+def scheme_of(integrator: Integrator, load: Load) -> Compiled:
+    """Return an integrator that has derivatives; a ValueError where it has none, or its runs under a load."""
     from . import INTEGRATORS
 
+    if load.frictions:
+        raise ValueError(
+            "runs under dry_friction have no derivatives: they jump where a body begins to stick; leave it out, or "
+            "difference two runs"
+        )
     if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
@@ -86,7 +91,7 @@ class Linearised:
     def __init__(
         self, problem: Problem, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
     ) -> None:
-        self.problem, scheme = problem, scheme_of(integrator)
+        self.problem, scheme = problem, scheme_of(integrator, problem.load)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
         bodies = rows_of(systems, self.load, 1.0, problem.load_scale)

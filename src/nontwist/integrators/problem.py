@@ -58,6 +58,7 @@ class Status(IntEnum):
     INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM, SIGHUP
     NOT_FINITE = 7  #: a number of the result is infinite or NaN
     INCOMPLETE = 8  #: the integrator returned without an error and without all states
+    JUMP = 9  #: a load jumps with the state, and a step has no solution
 
 
 class Failure(NamedTuple):

@@ -221,7 +221,7 @@ class Trajectory:
 
     @property
     def sticking(self) -> NDArray[np.int64]:
-        """How many dry frictions of the load stick at the stored times, (n+1,): their rates are zero."""
+        """The number of dry frictions of the load whose rates are zero at the stored times, (n+1,)."""
         own, W = load_of(one for one in self.load if "dry_friction" in one).frictions, self.material_angular_velocity
         zero = ROUND_OFF * np.linalg.norm(W, axis=1)
         found: NDArray[np.int64] = sum((abs(term.rates(W)) <= zero for term in own), np.zeros(len(W), dtype=np.int64))

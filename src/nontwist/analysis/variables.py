@@ -63,7 +63,7 @@ ROTORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose lo
     "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
 }
 FRICTION: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs under dry friction
-    "sticking": (_NODE, "1", "number of dry frictions that stick", "s"),
+    "sticking": (_NODE, "1", "number of dry frictions whose rates are zero", "s"),
     "dissipated_energy": (_MID, "J", "energy that dry friction takes over the interval", "D"),
 }
 DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensitivities`

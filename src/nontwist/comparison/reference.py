@@ -6,10 +6,11 @@ more accurate.
 
 Else the reference is gauss of order 8 at h/8, with h the automatic step, and the error bar its distance from
 the same at h/4; breakpoints of the load are nodes of both. SciPy's DOP853 checks it independently, at the tolerances
-1e-13 and 1e-12: where its run at 1e-13 is farther from the reference than from its run at 1e-12, that distance is the
-error bar; under dry friction it cannot be run. Round-off that h/4 and h/8 share is in neither distance: N steps of a rounded h end at N h (1 ± ε/2), the
-same time for both. The bar is therefore not smaller than the effect of the change above and of times that are longer
-by half a unit of round-off, together; nor than one unit of round-off.
+1e-13 and 1e-12, but not under dry friction, which it does not take: where its run at 1e-13 is farther from the
+reference than from its run at 1e-12, that distance is the error bar. Round-off that h/4 and h/8 share is in neither
+distance: N steps of a rounded h end at N h (1 ± ε/2), the same time for both. The bar is therefore not smaller than the
+effect of the change above and of times that are longer by half a unit of round-off, together; nor than one unit of
+round-off.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Loads that jump with the state: why the iteration of a step stalls, found and named.
 
 Where the moment of a function of the state jumps on the way of a step, its equations may have no solution, at any
-length: on one side of the jump the load pushes the body to the other. A stall is looked into once: from the beginning of
-the step, W changes at its rate there, and the moment is followed over two steps. The largest change between two of many
-times is halved again and again; that of a smooth function is halved with it, and a jump stays.
+length: on either side of the jump the load pushes the body to the other. A stall is looked into once: from the
+beginning of the step, W changes at its rate there, and the moment is followed over two steps. The interval of its
+largest change is halved again and again: the change of a smooth function becomes small with it, and a jump stays.
 """
 
 from __future__ import annotations

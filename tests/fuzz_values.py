@@ -378,6 +378,8 @@ VALUES = {
     "spring.rest_length": number(0, 1),
     "dipole.moment": lambda r, given: r.normal(size=3),
     "dipole.field": lambda r, given: r.normal(size=3),
+    "dry_friction.limit": number(0, 1),
+    "dry_friction.axis": one_of(None, "x", (0, 0, 3.0)),
     "mean_motion": number(0.001, 0.1),
     "radial": one_of((1, 0, 0), (0, 2, 0)),
     "normal": one_of((0, 0, 1), (0, 0, -3.0)),

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from .. import exact
@@ -25,8 +26,8 @@ from ..analysis.trajectory import Trajectory
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, pulse, sine
-from ..models.catalogue import with_gravity
+from ..loads import Load, body_moment, dry_friction, pulse, sine
+from ..models.catalogue import heavy_top, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.cases import CASES
 from .checks import Check
@@ -34,6 +35,7 @@ from .measures import error, slope
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
 
 BODY = SAMPLES["nontwisting"]
+FRICTION = "nontwist.driver.friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -123,4 +125,23 @@ def multipliers() -> Iterator[Check]:
             yield Check(title, 2, slope(COUNTS, errors, 2), 0.1, f"{SPLIT}; eq-discrete-nonholonomic", "order")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers)
+def friction() -> Iterator[Check]:
+    """Let a pendulum with dry friction swing to rest: by its energy each swing ends where weight has done the work."""
+    weight, c, angle = 9.81, 1.0, -1.0
+    while abs(weight * np.sin(angle)) > c:
+        start, side = angle, np.sign(angle)
+
+        def gained(x: float, start: float = start, side: float = side) -> float:
+            return float(weight * (np.cos(x) - np.cos(start)) - c * side * (start - x))
+
+        angle = brentq(gained, -start, start - 1e-3 * side)
+    pendulum, tilted = heavy_top([1.01, 1.01, 0.01], 1, (0, 0, 1)), Rotation.from_euler("x", np.pi - 1)
+    for axis in ("x", None):
+        run = integrate(pendulum, t_end=6, step=0.02, load=dry_friction(c, axis), rotation=tilted)
+        at = np.arctan2(run.directors[-1, 2, 1], -run.directors[-1, 2, 2])
+        about = f"about {axis}" if axis else "against w"
+        gaps = np.append(run.material_angular_velocity[-1], at - angle)
+        yield error(f"pendulum under dry friction {about}: W and angle at rest", gaps, 1e-12, FRICTION, "closed form")
+
+
+CHECKS = (fixed_axis, quadratures, integrators, multipliers, friction)

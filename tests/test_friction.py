@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from nontwist import (
+    LieMidpoint,
     SimulationError,
     Status,
     body_moment,
@@ -246,6 +247,7 @@ def test_run_files_and_comparisons(tmp_path):
         (lambda: under(standard(J), integrator="continuous"), "gauss or lie-midpoint; continuous does not"),
         (lambda: under(nontwisting(J, spin=1)), "whose spin is prescribed"),
         (lambda: under(nontwisting(J), axis="z"), "about the constrained axis does nothing"),
+        (lambda: under(standard(J), integrator=LieMidpoint(dissipation=1)), "dissipation= is not possible"),
         (lambda: stepper(standard(J), 0.1, load=dry_friction(1)), "use simulate"),
         (lambda: sensitivities(standard(J), t_end=1, load=dry_friction(1)), "have no derivatives"),
         (lambda: gradient(standard(J), t_end=1, load=dry_friction(1)), "have no derivatives"),

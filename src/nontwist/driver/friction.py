@@ -22,7 +22,8 @@ combination. Without an axis, W' = α u with |u| = 1 and α > 0 has ``(α J + c)
 
 The modes of a contact change at the root of a function of the state, found as events are (`events`): of σ a·W while it
 slides, of c ± λ while it sticks. The step ends there, a·W is set to 0 by an impulse along a, which takes energy, of the
-size of round-off, and the rest of the step follows in the new modes.
+size of round-off, and the rest of the step follows in the new modes. As of events, two changes of sign between two of
+the times at which functions are evaluated are missed.
 
 Without an axis the moment has no limit as W → 0 but along a line, which is so in plane motion: there the direction u of
 W is that of an axis. Otherwise W turns faster and faster as it vanishes, in the time s/|W'| or so, s = |W|, along a
@@ -72,6 +73,7 @@ HELD = (
     "dry friction sticks and leaves the body one axis to turn about, which is not supported; "
     "choose a body without a constrained axis and one dry_friction, or dry_friction without an axis"
 )
+DISSIPATION = "dry_friction sticks by a constraint, under which dissipation= is not possible; leave it out"
 RESTLESS = "dry friction changes between sticking and sliding without end"
 Modes = dict[int, int]  # of each contact: the sign of its rate while it slides, 0 while it sticks
 
@@ -101,6 +103,8 @@ def refusal(scheme: Integrator, problem: Problem) -> str | None:
     systems = problem.systems
     if systems.spin is not None:
         return SPIN
+    if getattr(scheme, "dissipation", 0.0):
+        return DISSIPATION
     if systems.axis is not None:
         across = [abs(np.cross(term.axis, systems.axis)).max(axis=1).min() for term in own if term.axis is not None]
         if min(across, default=1.0) <= STILL:
@@ -124,7 +128,15 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
 
 
 class Rubbed:
-    """A body under dry friction, from the start of a problem of one to its end."""
+    """A body under dry friction, from the start of a problem of one to its end.
+
+    Attributes
+    ----------
+    limits, axes : of each contact c, N m, and a; without an axis there is one, and a is 0
+    modes : dict
+    direction : (3,) array
+        Without an axis, that of W in plane motion.
+    """
 
     def __init__(self, scheme: Integrator, problem: Problem) -> None:
         self.scheme, self.problem, self.body = scheme, problem, problem.system

@@ -386,6 +386,8 @@ VALUES = {
     "spring.rest_length": number(0, 1),
     "dipole.moment": lambda r, given: r.normal(size=3),
     "dipole.field": lambda r, given: r.normal(size=3),
+    "dry_friction.limit": number(0, 1),
+    "dry_friction.axis": one_of(None, "x", (0, 0, 3.0)),
     "mean_motion": number(0.001, 0.1),
     "eccentricity": number(0, 0.9),
     "perigee_time": lambda r, given: None if given.get("start") else float(r.normal()),

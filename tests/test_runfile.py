@@ -57,8 +57,8 @@ from runfile_documents import documents
 A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
 
 KINDS_OF_LOADS = (
-    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "wheel", "director_forces", '
-    '"potential", "spring", "gravity_gradient"'
+    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "dry_friction", "wheel", '
+    '"director_forces", "potential", "spring", "gravity_gradient"'
 )
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 PLACE = Path(__file__).parents[1]

@@ -64,6 +64,7 @@ from .loads import body_moment as body_moment
 from .loads import damping as damping
 from .loads import dipole as dipole
 from .loads import director_forces as director_forces
+from .loads import dry_friction as dry_friction
 from .loads import gravity_gradient as gravity_gradient
 from .loads import memory_load as memory_load
 from .loads import moment as moment

@@ -74,6 +74,8 @@ def as_specified(record: Any, name: str) -> Any:
             known = " or ".join(map(repr, words)) if len(words) == 2 else f"one of {', '.join(words)}"
             raise ValueError(f"{name} must be {known}, got {shown(value)}")
         return value
+    if value is None and specs(kind_of_record)[name][1] is None:
+        return None
     if spec.rule.startswith("direction in "):
         return as_direction(value, name, spec.rule.removeprefix("direction in "))
     array = as_array(value, name, tuple(np.size(getattr(record, n)) if isinstance(n, str) else n for n in spec.shape))

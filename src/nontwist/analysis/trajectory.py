@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
+from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from ..loads.kinds import is_rotor, rotors_of
+from ..loads.friction import ROUND_OFF
+from ..loads.kinds import is_rotor, load_of, rotors_of
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 FORMAT_VERSION = 1
-READ_LATER = {"states", "multipliers", "moment", "load_work", "newton_iterations", "memory", "dead_moment", "twist"}
+READ_LATER = {"states", "memory", *Intervals._fields}
 
 
 class Events(NamedTuple):
@@ -93,6 +95,8 @@ class Trajectory:
         each interval; for other bodies 0. Under other potentials it is not known.
     twist : (n,) array, rad, or None where the integrator does not count it
         Twist over each interval, about the constrained axis or E3, from the stages of the steps.
+    dissipated_energy : (n,) array, J, or None without dry friction
+        What dry friction takes over each interval.
     memory : array, or None
         The last internal state of the integrator, from which `start=` continues bit for bit.
     potentials : Load
@@ -128,6 +132,7 @@ class Trajectory:
     memory: Array | None = field(default_factory=lambda: None)  # no class attribute: see __getattr__
     dead_moment: Array | None = field(default_factory=lambda: None)
     twist: Array | None = field(default_factory=lambda: None)
+    dissipated_energy: Array | None = field(default_factory=lambda: None)
     tolerance: float | None = None
     error_estimate: float | None = None
     warning: str | None = None
@@ -227,6 +232,14 @@ class Trajectory:
         load = rotors_of(self.load)
         return load.rotor_momentum(self.time) if load.terms else None
 
+    @property
+    def sticking(self) -> NDArray[np.int64]:
+        """The number of dry frictions of the load whose rates are zero at the stored times, (n+1,)."""
+        own, W = load_of(one for one in self.load if "dry_friction" in one).frictions, self.material_angular_velocity
+        zero = ROUND_OFF * np.linalg.norm(W, axis=1)
+        found: NDArray[np.int64] = sum((abs(term.rates(W)) <= zero for term in own), np.zeros(len(W), dtype=np.int64))
+        return found
+
     def observables(self, variables: str | Iterable[str]) -> dict[str, Array]:
         """Return variables of the stored states by name, without a dataset.
 
@@ -273,6 +286,8 @@ class Trajectory:
             if self.dead_moment is not None:
                 rate = np.diff(variables["spatial_momentum"], axis=0) / np.diff(self.time)[:, None]
                 variables["spatial_reaction_moment"] = rate - self.moment - self.dead_moment
+        if self.dissipated_energy is not None:
+            variables |= {"dissipated_energy": self.dissipated_energy, "sticking": self.sticking}
         if self.twist is not None:
             variables["mean_twist_rate"] = self.twist / np.diff(self.time)
         if self.newton_iterations is not None:

@@ -63,6 +63,10 @@ ROTORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose lo
     "rotor_momentum": (_BODY, "kg m2 s-1", "momentum of the rotors relative to the body, material", "Σ h a"),
     "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
 }
+FRICTION: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs under dry friction
+    "sticking": (_NODE, "1", "number of dry frictions whose rates are zero", "s"),
+    "dissipated_energy": (_MID, "J", "energy that dry friction takes over the interval", "D"),
+}
 DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensitivities`
     "d_rotation": (
         ("time", "axis", "parameter"),
@@ -88,7 +92,7 @@ WHEELS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose lo
 INTERNAL: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have memory
     "internal_state": (("time", "internal"), "1", "internal states of the loads with memory", "z"),
 }
-VARIABLES |= ROTORS | WHEELS | DERIVATIVES | INTERNAL
+VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
 STATE = ("quaternion", "material_angular_velocity")

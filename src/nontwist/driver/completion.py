@@ -48,8 +48,21 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    outcome = _march(scheme, problem, threads)
+    if problem.load.frictions:
+        from . import friction  # it marches the parts of a run by this function
+
+        outcome = friction.march(scheme, problem, threads)
+    else:
+        outcome = _march(scheme, problem, threads)
     reasons = dict(outcome.reasons)
+    for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
+        from . import jumps
+
+        stall = outcome.failure(i)
+        assert stall is not None
+        failure = jumps.named(scheme, problem.member(i), stall)
+        if failure is not stall:
+            outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good
         if outcome.failures[i, 0] == Status.OK:

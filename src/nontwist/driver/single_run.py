@@ -310,7 +310,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
     if known is None:
         unknown = np.broadcast_to(np.nan, (1, problem.output.size - 1, 3))
         known = Intervals(unknown[:, :, :0], unknown, unknown[:, :, 0], None)
-    multipliers, moment, work, iterations, dead, turned = known
+    multipliers, moment, work, iterations, dead, turned, taken = known
     means = slice(max(good - 1, 0))
     run = Trajectory(
         problem.system,
@@ -328,6 +328,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
         None if outcome.memory is None else outcome.memory[0],
         dead_moment=None if dead is None else dead[0, means],
         twist=None if turned is None else turned[0, means],
+        dissipated_energy=None if taken is None else taken[0, means],
         events=ended and ended.events,
         potentials=held_by(problem.member(0).load),
     )

@@ -132,7 +132,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
-        if coarse.has(Status.INTERRUPTED):
+        if coarse.has(Status.INTERRUPTED, Status.JUMP):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
         if floor is None and not coarse.has(*COARSE):
             other = run(scheme, coarse.grid, _ends(coarse.grid), moved(begin))
@@ -148,7 +148,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
                 grid = _grid(plan, begin, scheme, h)
                 continue
         fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
-        if fine.has(Status.INTERRUPTED):
+        if fine.has(Status.INTERRUPTED, Status.JUMP):
             return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None

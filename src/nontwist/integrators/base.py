@@ -142,6 +142,7 @@ class Integrator:
     has_derivatives: ClassVar[bool] = False  # whether its steps can be linearised (`linearised`)
     remembers: ClassVar[bool] = False  # whether it takes loads with memory
     observes: ClassVar[bool] = False  # whether it computes statistics over its steps
+    splits_steps: ClassVar[bool] = False  # whether steps are split where dry friction changes between its modes
     sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
     counts: ClassVar[dict[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
         1: (256, 512, 1024),
@@ -236,7 +237,9 @@ class Integrator:
         return None
 
     def require(self, problem: Problem) -> None:
-        """Raise what `refusal` returns as a ValueError."""
+        """Raise what `refusal` returns as a ValueError; it takes dry friction nowhere but in a run."""
+        if problem.load.frictions:
+            raise ValueError("dry_friction acts in runs and ensembles alone; use simulate, or simulate_ensemble")
         if (reason := self.refusal(problem)) is not None:
             raise ValueError(reason)
 

@@ -110,8 +110,9 @@ class Compiled(Integrator):
         return between(self, problem, states)
 
     def can_prepare(self, load: Load) -> bool:
-        """Whether `prepared` lays out problems under this load: no function in Python is called, nor has it memory."""
-        return type(self).march is Compiled.march and load.is_compiled and not load.memories
+        """Whether `prepared` lays out problems under this load: no functions in Python, memory, or dry friction."""
+        is_plain = load.is_compiled and not (load.memories or load.frictions)
+        return type(self).march is Compiled.march and is_plain
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""

@@ -159,6 +159,7 @@ class Gauss(Compiled):
 
     name: ClassVar[str] = "gauss"
     remembers: ClassVar[bool] = True
+    splits_steps: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
     is_a_stable: ClassVar[bool] = True
     substep_ns: ClassVar[float] = 500.0

@@ -117,6 +117,7 @@ class LieMidpoint(Dissipative):
     """
 
     name: ClassVar[str] = "lie-midpoint"
+    splits_steps: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     removed: ClassVar[Mapping[int, str]] = {
         order: f"its higher orders are gone, gauss keeps the same invariants: integrator='gauss', order={order}"

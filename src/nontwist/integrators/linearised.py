@@ -52,9 +52,14 @@ def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bo
 
 
 def scheme_of(integrator: Integrator, load: Load) -> Compiled:
-    """Return an integrator that has derivatives; a ValueError where it has none, or the load has memory."""
+    """Return an integrator that has derivatives; a ValueError where it has none, or its runs under a load."""
     from . import INTEGRATORS
 
+    if load.frictions:
+        raise ValueError(
+            "runs under dry_friction have no derivatives: they jump where a body begins to stick; leave it out, or "
+            "difference two runs"
+        )
     if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")

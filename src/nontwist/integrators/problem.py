@@ -58,6 +58,7 @@ class Status(IntEnum):
     INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM, SIGHUP
     NOT_FINITE = 7  #: a number of the result is infinite or NaN
     INCOMPLETE = 8  #: the integrator returned without an error and without all states
+    JUMP = 9  #: a load jumps with the state, and a step has no solution
 
 
 class Failure(NamedTuple):
@@ -177,6 +178,7 @@ class Intervals(NamedTuple):
     newton_iterations: NDArray[np.int64] | None  # (m, n)
     dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
     twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
+    dissipated_energy: Array | None = None  # (m, n) J, what dry friction takes
 
     @property
     def of_one(self) -> dict[str, Any]:
@@ -188,16 +190,18 @@ class Intervals(NamedTuple):
         n, by = len(lengths), lengths[:, None]
         dead = () if self.dead_moment is None else (by * self.dead_moment[:, :n],)
         twist = () if self.twist is None else (self.twist[:, :n, None],)
+        taken = () if self.dissipated_energy is None else (self.dissipated_energy[:, :n, None],)
         own = by * self.multipliers[:, :n], by * self.moment[:, :n], self.load_work[:, :n, None]
-        return np.concatenate([*own, *dead, *twist], axis=2)
+        return np.concatenate([*own, *dead, *twist, *taken], axis=2)
 
     def of_integrals(self, integrals: Array, lengths: Array, iterations: NDArray[np.int64] | None) -> Intervals:
         """Return other intervals from columns as `integrals` returns them, and iterations (m, n)."""
         c, by = self.multipliers.shape[2], lengths[:, None]
         dead = None if self.dead_moment is None else integrals[..., c + 4 : c + 7] / by
-        twist = None if self.twist is None else integrals[..., -1]
+        taken = None if self.dissipated_energy is None else integrals[..., -1]
+        twist = None if self.twist is None else integrals[..., -1 if taken is None else -2]
         means = integrals[..., :c] / by, integrals[..., c : c + 3] / by, integrals[..., c + 3]
-        return Intervals(*means, iterations, dead, twist)
+        return Intervals(*means, iterations, dead, twist, taken)
 
 
 class Outcome(NamedTuple):

@@ -1,7 +1,7 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, memory_load, moment, pulse, rotor, sine, space_moment, wheel
+from .catalogue import body_moment, damping, dry_friction, memory_load, moment, pulse, rotor, sine, space_moment, wheel
 from .forces import DirectorForces
 from .generalised import dipole, director_forces, gravity_gradient, potential, spring
 from .kinds import LOADS
@@ -21,6 +21,7 @@ __all__ = [
     "damping",
     "dipole",
     "director_forces",
+    "dry_friction",
     "gravity_gradient",
     "memory_load",
     "moment",

@@ -29,6 +29,7 @@ from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
+from .friction import DryFriction, require_apart
 from .kinds import LOADS, load_in_words
 from .memory import Memory
 from .potentials import GravityGradient, Potential
@@ -84,6 +85,7 @@ class Load:
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
             )
+        require_apart(self.terms)
 
     def __repr__(self) -> str:
         more = len(self.terms) - MOST
@@ -154,10 +156,18 @@ class Load:
 
     @property
     def called(self) -> Load:
-        """The terms called with the state during the integration: of kind "state", except damping and rotors."""
-        return Load(
-            tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping | Momentum))
-        )
+        """The terms called with the state during the integration: of kind "state", and not known to the kernels."""
+        return Load(tuple(term for term in self.terms if term.kind == "state" and not term.in_kernels))
+
+    @property
+    def frictions(self) -> tuple[DryFriction, ...]:
+        """The terms that are dry friction."""
+        return tuple(term for term in self.terms if isinstance(term, DryFriction))
+
+    @property
+    def without_frictions(self) -> Load:
+        """The load without its dry friction."""
+        return Load(tuple(term for term in self.terms if not isinstance(term, DryFriction)))
 
     @property
     def rotors(self) -> tuple[Momentum, ...]:

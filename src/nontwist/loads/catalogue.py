@@ -13,6 +13,7 @@ from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
+from .friction import DryFriction
 from .memory import MemoryFunction
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
 from .wheels import Wheel
@@ -378,6 +379,44 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     if h.ndim:
         raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
     return load_of(Rotor, axis, [0.0], as_array(h, "momentum", ())[None])
+
+
+def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
+    """Return dry (Coulomb) friction, about an axis of the body or against w: a set-valued law, without a smoothing.
+
+    About an axis a the moment is ``-limit sign(a·W) Λa``; while a·W = 0 it is what keeps a·W at 0, as long as that is
+    at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks: w = 0
+    exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it. A run
+    has the variables `sticking` and `dissipated_energy`.
+
+    Parameters
+    ----------
+    limit : float, N m
+        The largest moment.
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
+        The direction a in body components, any length but zero.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        `limit` is negative, or the axis has length 0; in a sum, two act about one axis.
+
+    Examples
+    --------
+    A wheel slows down from 2 rad/s by 0.5 rad/s², and stands after 4 s:
+
+    >>> from nontwist import dry_friction, simulate, standard
+    >>> run = simulate(standard([2, 2, 2]), t_end=6, angular_velocity=(0, 0, 2), load=dry_friction(1))
+    >>> run.angular_velocity.sel(axis="z").interp(time=[2, 5]).values.round(9)
+    array([1., 0.])
+    >>> bool(run.sticking[-1]), run.dissipated_energy.sum().item()
+    (True, 4.0)
+    """
+    return load_of(DryFriction, limit, axis)
 
 
 def wheel(

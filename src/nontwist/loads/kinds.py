@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
+from .friction import DryFriction
 from .memory import MemoryFunction
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
@@ -42,6 +43,7 @@ LOADS.update(
         "function": Function,
         "damping": Damping,
         "rotor": Rotor,
+        "dry_friction": DryFriction,
         "wheel": Wheel,
         "memory": MemoryFunction,
         "director_forces": ForceTable,

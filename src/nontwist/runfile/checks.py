@@ -66,7 +66,7 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     load = Load()
     for k, one in tables.get("load", {}).items():
         if place is not None or not one.needs_times:
-            load += _load(f"load.{k}", one, place or Place(folder, 0.0, 1.0), problems)
+            load = _with_load(load, f"load.{k}", one, place or Place(folder, 0.0, 1.0), problems)
     problems += wrong
     if "integrator" in tables:
         scheme = _scheme(tables["integrator"], problems)
@@ -179,14 +179,14 @@ def _begin(
         return None
 
 
-def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) -> Load:
+def _with_load(others: Load, key: str, load: LoadSection, place: Place, problems: list[Problem]) -> Load:
     try:
-        return load.load(place)
+        return others + load.load(place)
     except ValueError as error:
         if not any(problem.key.startswith(f"{key}.") for problem in problems):  # else it follows from what is reported
             wrong = _named(error, load, load.wrong_key)
             problems.append(_about(f"{key}.{wrong}", getattr(load, wrong), error, type(load)))
-        return Load()
+        return others
 
 
 def _steps(time: Time, problems: list[Problem]) -> int | None:

@@ -21,6 +21,7 @@ from ..loads import (
     body_moment,
     damping,
     director_forces,
+    dry_friction,
     gravity_gradient,
     memory_load,
     potential,
@@ -106,6 +107,7 @@ OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS i
     "function": body_moment(lambda t: (t, 0, 1)),
     "damping": damping([0.1, 0.2, 0.3]),
     "rotor": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5]),
+    "dry_friction": dry_friction(2.0),
     "wheel": wheel((1, 2, 0), 0.5, speed=3, torque=([0, 1, 2], [0.5, -1, 0.2])),
     "director_forces": director_forces([0, 2], [FORCES, -FORCES]),
     "function of director forces": director_forces(lambda t, d, w: FORCES * t + d, frame="body"),
@@ -117,8 +119,9 @@ OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS i
     ),
     "memory": memory_load(friction, reaction, 0.4, frame="body"),
 }
-# K + V changes with time on an orbit; wheels are not stretched with the directors; memory is for `gauss` alone.
-APART = ("gravity_gradient", "wheel", "memory")
+# K + V changes with time on an orbit; wheels are not stretched with the directors; memory is for `gauss` alone, and dry
+# friction splits steps.
+APART = ("gravity_gradient", "wheel", "memory", "dry_friction")
 
 
 BALANCE: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True}

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from .. import exact
@@ -26,8 +27,8 @@ from ..analysis.trajectory import Trajectory
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, gravity_gradient, pulse, sine
-from ..models.catalogue import standard, with_gravity
+from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine
+from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.cases import CASES
 from .checks import Check
@@ -36,6 +37,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentu
 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "loads.orbits"
+FRICTION = "nontwist.driver.friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -144,4 +146,23 @@ def multipliers() -> Iterator[Check]:
             yield Check(title, 2, slope(COUNTS, errors, 2), 0.1, f"{SPLIT}; eq-discrete-nonholonomic", "order")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit)
+def friction() -> Iterator[Check]:
+    """Let a pendulum with dry friction swing to rest: by its energy each swing ends where weight has done the work."""
+    weight, c, angle = 9.81, 1.0, -1.0
+    while abs(weight * np.sin(angle)) > c:
+        start, side = angle, np.sign(angle)
+
+        def gained(x: float, start: float = start, side: float = side) -> float:
+            return float(weight * (np.cos(x) - np.cos(start)) - c * side * (start - x))
+
+        angle = brentq(gained, -start, start - 1e-3 * side)
+    pendulum, tilted = heavy_top([1.01, 1.01, 0.01], 1, (0, 0, 1)), Rotation.from_euler("x", np.pi - 1)
+    for axis in ("x", None):
+        run = integrate(pendulum, t_end=6, step=0.02, load=dry_friction(c, axis), rotation=tilted)
+        at = np.arctan2(run.directors[-1, 2, 1], -run.directors[-1, 2, 2])
+        about = f"about {axis}" if axis else "against w"
+        gaps = np.append(run.material_angular_velocity[-1], at - angle)
+        yield error(f"pendulum under dry friction {about}: W and angle at rest", gaps, 1e-12, FRICTION, "closed form")
+
+
+CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction)

@@ -61,7 +61,9 @@ def written(tmp_path, monkeypatch):
     return write
 
 
-FREE = 'body = { kind = "standard", inertia = [3, 4, 5] }\nstart.angular_velocity.body = [0.1, 2, 0]\ntime.t_end = 10\n'
+AUTOMATIC = (
+    'body = { kind = "standard", inertia = [3, 4, 5] }\nstart.angular_velocity.body = [0.1, 2, 0]\ntime.t_end = 10\n'
+)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +79,7 @@ FREE = 'body = { kind = "standard", inertia = [3, 4, 5] }\nstart.angular_velocit
     ],
 )
 def test_check_forecasts_the_steps_and_about_the_states_of_the_run(tmp_path, more):
-    (tmp_path / "run.toml").write_text(FREE + more, encoding="utf-8")
+    (tmp_path / "run.toml").write_text(AUTOMATIC + more, encoding="utf-8")
     file = read_run_file(tmp_path / "run.toml")
     expected, run = forecast(file), file.prepared.run()
     assert run.stretches.steps == expected.steps

@@ -10,7 +10,7 @@ import pytest
 import nontwist as nt
 import texts_rule
 from nontwist.integrators import gauss_newton
-from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
+from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
 from test_marching import START, loaded, on_floats
 
 __all__ = ["on_floats"]
@@ -98,13 +98,13 @@ def test_rows_that_turn_with_the_body():
     C, f, df = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=(3, 6))
     rows = Matrix(*(turned(Vector(*row)) for row in C))
     given = Vector(*(Dual(x, list(row)) for x, row in zip(f, df, strict=True)))
-    found, e = drawn_of_duals(rows, given), 1e-6
+    found, e = pulled_back_duals(rows, given), 1e-6
     for j in range(6):
         changes = []
         for sign in (1, -1):
             axis = np.eye(3)[j - 3] if j > 2 else np.zeros(3)
             turned_rows = C + sign * e * np.cross(C, axis)
-            changes.append(drawn(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
+            changes.append(pulled_back(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
         slope = [(a - b) / (2 * e) for a, b in zip(*changes, strict=True)]
         assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
 

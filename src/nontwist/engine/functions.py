@@ -136,7 +136,7 @@ class Varied(Called):
 
             def table(t: float, first: Any, second: Any) -> Array:
                 x, speed = (
-                    np.array([*given(term, t, first, second), *term.numbers]),
+                    np.array([*arguments(term, t, first, second), *term.numbers]),
                     second[3] if term.counts[1] else 0.0,
                 )
                 if (key := (x.tobytes(), speed)) not in known:
@@ -174,7 +174,7 @@ class PythonFunction(NamedTuple):
     size: int
 
 
-def given(term: Term, t: float, first: Any, second: Any) -> Array:
+def arguments(term: Term, t: float, first: Any, second: Any) -> Array:
     """Return what a function in Python is called with: directors, velocity, time; γ of a potential."""
     n, m = term.counts
     return np.array([*first[:n], *second[:m], t] if m else first[:n])
@@ -187,7 +187,7 @@ def count_of(term: Term) -> int:
 
 def evaluated(term: Term) -> PythonFunction:
     """Return the function of a term, without its factor, in Python: forces, a moment, or V and its gradient."""
-    return PythonFunction(lambda t, first, second: value_of(term, given(term, t, first, second)), count_of(term))
+    return PythonFunction(lambda t, first, second: value_of(term, arguments(term, t, first, second)), count_of(term))
 
 
 def kind_of(term: Term) -> int:

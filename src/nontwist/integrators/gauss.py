@@ -331,10 +331,10 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         mu = mu - (body.off[0] * k[0] * dP[0] + body.off[1] * k[1] * dP[1])
     if parts.spin:
         mu = mu - dP[2]
-    return given(e, y, alive, motion, found._replace(mu=mu / h, twist=body.axis @ turn), work)
+    return with_means(e, y, alive, motion, found._replace(mu=mu / h, twist=body.axis @ turn), work)
 
 
-def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
+def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
     """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
     acting, parts, R = e.acting, e.parts, e.acting.R
     has_dead = parts.dead and parts.is_constrained and motion in ("heavy", "rows")

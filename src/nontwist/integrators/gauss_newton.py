@@ -37,7 +37,20 @@ from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import EPS, OVERFLOW, ROUND_OFF, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, drawn, rows_of
+from .gauss_stages import (
+    EPS,
+    OVERFLOW,
+    ROUND_OFF,
+    TINY,
+    TURN,
+    VECTOR,
+    ZEROS,
+    Equations,
+    Stage,
+    Stages,
+    pulled_back,
+    rows_of,
+)
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -49,13 +62,13 @@ def turned(v: Vector) -> Vector:
     return Vector(*(Dual(a, [0.0, 0.0, 0.0, *turns]) for a, turns in zip(v, tangents, strict=True)))
 
 
-def drawn_of_duals(C: Any, f: Vector) -> Vector:
+def pulled_back_duals(C: Any, f: Vector) -> Vector:
     """Return ``C⁻¹ f`` of rows that turn with the body, which therefore turns like a vector of space."""
     C = plain(Matrix(*C))
-    v = turned(drawn(C, plain(f)))
+    v = turned(pulled_back(C, plain(f)))
     if not isinstance(f[0], Dual):
         return v
-    changes = [drawn(C, tangent(f, j)) for j in range(6)]
+    changes = [pulled_back(C, tangent(f, j)) for j in range(6)]
     return Vector(
         *(Dual(x.value, [t + d[i] for t, d in zip(x.tangents, changes, strict=True)]) for i, x in enumerate(v))
     )
@@ -179,7 +192,7 @@ class Residuals:
             called, held, remembered = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None,) * 3
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, held, remembered, drawn_of_duals).rate
+                rate = e.now(stage, P, [turned(c) for c in g], called, held, remembered, pulled_back_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)

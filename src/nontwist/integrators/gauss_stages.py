@@ -159,7 +159,7 @@ def rows_of(stage: View) -> Matrix:
     return Matrix(stage.g0, stage.g1, stage.g2)
 
 
-def drawn(C: Matrix, f: Vector) -> Vector:
+def pulled_back(C: Matrix, f: Vector) -> Vector:
     """Return ``C⁻¹ f``."""
     n = cross(C[1], C[2])
     inner = fma(f[1], cross(C[2], C[0]), f[2] * cross(C[0], C[1]))
@@ -237,7 +237,7 @@ class Equations:
         called: Any = None,
         of_potentials: Any = None,
         remembered: Any = None,
-        inverse: Any = drawn,
+        inverse: Any = pulled_back,
     ) -> Now:
         """Return what the equations say at P and g; on dual numbers as well.
 

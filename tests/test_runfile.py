@@ -298,8 +298,8 @@ ONE_LINE = {
     ),
     "automatic step": (
         f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
-        "time.step: missing (the automatic step would take 2e+10 steps of at most 0.05 rad, more than 1e+07; choose a "
-        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
+        "time.step: missing (the automatic step would take 1.39e+09 steps, more than 1e+07; choose a step) ->"
+        " a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most",
     ),
     "store": (

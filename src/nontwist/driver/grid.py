@@ -337,7 +337,7 @@ def automatic_grid(
 
 def _too_many(steps: float, decay: float) -> str:
     return (
-        f"the automatic step would take {steps:.3g} steps of at most {TURN} rad, more than {MOST:.0e}; choose a step"
+        f"the automatic step would take {steps:.3g} steps, more than {MOST:.0e}; choose a step"
         + ", or the integrator gauss, which takes damped modes in long steps" * (decay > 0)
     )
 

@@ -224,7 +224,7 @@ class Residuals:
         for c in loop(self.k):
             f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)
             space, along = (Vector(*(f * (after[j + d] - found[j + d]) for d in range(3))) for j in (0, 6))
-            slope = along + drawn(C, space)
+            slope = along + pulled_back(C, space)
             third = e.acting.body.free * slope[2] if e.parts.is_constrained else slope[2]
             for d, x in enumerate((slope[0], slope[1], third)):
                 self.slopes[(n * i + d) * (self.m + 1) + n * i + 3 + c] = x

@@ -138,6 +138,11 @@ def planned(
     grid = None if steps is None else stretched((t0, t1), (steps,))
     load = known_body(as_load(load), systems)
     scheme.require_memory(load)
+    if load.frictions and load.remembering:
+        raise ValueError(
+            "dry_friction does not act beside wheels and loads with memory; friction of a wheel is "
+            "wheel(viscous=..., friction=...)"
+        )
     return Plan(
         scheme,
         systems,

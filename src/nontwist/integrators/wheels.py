@@ -52,7 +52,7 @@ def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
         )
-    return replace(system, euler_inertia=np.trace(J) / 2 * np.eye(3) - J)
+    return replace(system, euler_inertia=np.trace(J) / 2 * np.eye(3) - J, physical=False)
 
 
 def as_gyrostat(problem: Problem) -> Problem:
@@ -98,6 +98,7 @@ def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
         return outcome
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
     z, kept, length = W @ locked, outcome.intervals, np.diff(problem.output)
-    moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
+    with np.errstate(all="ignore"):  # states behind a failure are undefined
+        moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
     work = np.diff((W * z).sum(axis=-1), axis=1) / 2
     return outcome._replace(intervals=kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -10,10 +12,13 @@ from scipy.integrate import solve_ivp
 
 import nontwist as nt
 from nontwist import Gauss, integrate, memory_load, simulate, standard
+from nontwist.loads import LOADS, Memory
+from nontwist.spec import Spec
 
 J, FIELD, START = np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.2, 1.0]), np.array([0.5, 1.2, -0.4])
 AXIS, H0, Z0 = np.array([0.6, 0.0, 0.8]), 0.4, [0.1, -0.2]
 HC, SLOPE = 0.4, 2.0
+RUN = {"t_end": 1, "step": 0.1}
 HOW = {"t_end": 4, "step": 0.1, "material_angular_velocity": START}
 
 
@@ -183,6 +188,29 @@ def test_a_sum_of_loads_with_memory():
     assert np.ptp(both.internal_state.values[:, 2]) > 0.1
 
 
+@dataclass(frozen=True, eq=False)
+class Motor(Memory):
+    """A moment that is reached with a lag."""
+
+    lag: Annotated[float, Spec("", unit="s", rule="positive")]
+    frame = "body"
+    state0 = np.zeros(1)
+    state_scale = np.ones(1)
+
+    def response(self, t, z, directors, angular_velocity):
+        return np.array([z[0], 0.0, 0.0, (2 - z[0]) / self.lag])
+
+
+def test_a_class_of_ones_own(monkeypatch):
+    monkeypatch.setitem(LOADS, "motor", Motor)
+    run = simulate(standard(J), **RUN, load=3 * Motor(0.5) + nt.pulse((0, 0, 1), 0.2, 0.47))  # several stretches
+    assert run.internal_state.values[:, 0] == pytest.approx(2 - 2 * np.exp(-2 * run.time.values), abs=1e-12)
+    run = simulate(standard(J), **RUN, load=3 * Motor(0.5))
+    assert run.spatial_momentum.values[-1, 0] == pytest.approx(3 * (2 - (1 - np.exp(-2))), abs=1e-12)
+    again = nt.resample(run, [0.55])  # the record has all of it
+    assert again.internal_state.item() == pytest.approx(2 - 2 * np.exp(-1.1), abs=1e-12)
+
+
 def test_python_is_the_same():
     found = [simulate(standard(J), **HOW, load=load(compiled=compiled)) for compiled in (True, False)]
     assert found[0].internal_state.values == pytest.approx(found[1].internal_state.values, abs=1e-13)
@@ -227,9 +255,6 @@ def test_tolerance_resolves_a_fast_state_of_a_slow_body(how):
     error = abs(run.internal_state.values[:, 0] - exact).max() / scale
     assert error < how.get("tolerance", 1e-8)
     assert run.error_estimate >= error
-
-
-RUN = {"t_end": 1, "step": 0.1}
 
 
 @pytest.mark.parametrize(

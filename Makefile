@@ -22,7 +22,7 @@ test-long: .venv/all
 	$(BIN)/python -m pytest --durations=10
 
 # The quick suite on one core, on a busy machine, as another user, without HOME, ...: up to an hour; ONLY="loaded nobody"
-# runs these settings alone. Puts the results into CONTRIBUTING.md.
+# runs these settings alone.
 test-settings: .venv/all
 	$(BIN)/python tests/settings.py $(ONLY)
 

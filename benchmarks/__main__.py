@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from .page import PAGE, page_of
+from .page import PAGE, page_of, write_rows
 from .rows import Row, Table
 from .topics import TOPICS, measured
 
@@ -35,6 +35,7 @@ def main(names: list[str]) -> None:
                 show(console, table)
     if page:
         PAGE.write_text(page_of(all_found), encoding="utf-8")
+        write_rows(all_found, PAGE.with_suffix("") / "measured.csv")
         console.print("written: docs/performance.md")
 
 

@@ -1,13 +1,7 @@
-"""Derivatives: ten directions compared with the run without them, a gradient by 1002 numbers, a Jacobian of one step.
+"""Ten directions compared with the run without them, a gradient by 1002 numbers, a Jacobian of one step.
 
 The directions are the start (six), the principal moments of inertia and the duration, over 1000 steps. A propagator is
 prepared and returns the end; `sensitivities` and `simulate` return datasets of all states.
-
-Why goals are missed: they are met relative to `simulate`, but not relative to a propagator, which returns only the end
-of a run. A step of order 2 then takes little more time than the product of ten directions with six rows, or the twelve
-of energy-momentum, and the matrices of the step come on top. For gauss with s stages these are linear systems of 3s
-unknowns, after the stages have been solved again from the states, whereas the run uses fixed-point iterations. The
-goals come from a prototype whose run solved such a system itself.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Result files compared with bare h5py: a run of 10^6 stored steps, written, and read with its checksum verified.
 
-"bare" is `h5py.File` and one `create_dataset` for each array of numbers: by default, flushed to the disk as a result
-is, or with Fletcher-32, HDF5's own checksum of arrays. The goal compares files that are equally safe in a power cut; a
-bare write that is not flushed is a copy into the system's memory, faster than any checksum.
+"bare" is `h5py.File` and one `create_dataset` for each array: by default, flushed to the disk as a result is, or with
+HDF5's checksum Fletcher-32.
 """
 
 from __future__ import annotations

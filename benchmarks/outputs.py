@@ -1,12 +1,7 @@
 """1001 outputs of each motion, to an error of 1e-9 at the end, compared with heyoka.py by ratios of times.
 
-The package runs through propagators with ``times=``: `exact` for free bodies, otherwise the integrator, order and
-number of steps that reach the error soonest. heyoka.py writes its outputs by dense output, at the loosest tolerance
-that reaches the error.
-
-An output of `gauss` between two steps comes from power series at both nodes, one of `exact` is one more closed-form
-solution. Both conserve energy and momenta, and satisfy the constraints, to round-off. heyoka.py evaluates a polynomial,
-which does not.
+Outputs of `gauss` come from power series at the nodes, those of `exact` from its solution, those of heyoka.py from
+polynomials at the loosest tolerance that reaches the error.
 """
 
 from __future__ import annotations

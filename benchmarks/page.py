@@ -1,13 +1,14 @@
-"""docs/performance.md: who is faster at what, in three sentences and a figure; all tables; the goals at the end."""
+"""docs/performance.md: who is faster at what, in three sentences and a figure, and one table a topic."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable
+from itertools import takewhile
 from pathlib import Path
 from textwrap import fill
 
 from .machine import words
-from .peers import ABSENT
 from .rows import Row, Table, digits
 from .topics import TOPICS, Measured
 
@@ -22,18 +23,13 @@ FIGURE = """
 ![Time against error for the four motions](performance/work-precision.svg)
 
 The figure shows the time to reach an error of the attitude at the end of each motion; lower is faster. Colours are
-integrators of nontwist, grey and black are other tools; diamonds are methods that are exact to round-off at any step.
-The file [work-precision.csv](performance/work-precision.csv) has all points, those of the other integrators included.
+integrators of nontwist; diamonds are methods that are exact to round-off at any step. All points are in
+[work-precision.csv](performance/work-precision.csv).
 """
 ABOUT = """
-Every number on this page is from one run of `make bench` on one machine. Times vary from run to run and from machine to
-machine. Tools are therefore compared by ratios of median times within one process, with passes in shuffled order. Each
-topic runs in a separate process.
-"""
-GOALS = """
-## Goals
-
-The goals of the authors for this version. A goal is met or missed in this run.
+All numbers are from one run of `make bench`. Times vary from run to run and from machine to machine. Tools are thus
+compared by ratios of median times within one process, with passes in shuffled order. A range covers as many figures as
+the number behind it says; [measured.csv](performance/measured.csv) has each of them.
 """
 
 
@@ -50,16 +46,52 @@ def page_of(found: dict[str, Measured]) -> str:
         ABOUT,
         words(),
     ]
-    goals = []
     for topic, about in found.items():
-        lines += ["", f"## {TOPICS[topic]}", "", about.about]
-        shown = [row for row in about.rows if row.measured is not None or row.note != ABSENT]
-        cells = [[row.name, row.note if row.measured is None else row.value] for row in shown]
-        for table in [Table("", ["what", "measured"], cells), *about.tables]:
-            lines += markdown(table)
-        goals += [[row.name, row.value, row.bound, row.verdict] for row in about.rows if row.goal is not None]
-    lines += [GOALS, *markdown(Table("", ["what", "measured", "goal", "verdict"], goals))]
+        lines += ["", f"## {TOPICS[topic]}", "", about.about, *markdown(shown(topic, about))]
     return "\n".join(lines) + "\n"
+
+
+def shown(topic: str, about: Measured) -> Table:
+    """Return the table of a topic."""
+    if topic == "workprecision":
+        motions = [{method: cells for method, *cells in table.cells} for table in about.tables]
+        methods = dict.fromkeys(method for motion in motions for method in motion)
+        cells = [[method, *(motion.get(method, NOTHING)[2] or "–" for motion in motions)] for method in methods]
+        cells = [line for line in cells if set(line[1:]) != {"–"}]
+        titles = [table.title.removesuffix(", end state") for table in about.tables]
+        return Table("", ["µs to an error of 1e-9 rad", *titles], cells)
+    if topic == "defaults":
+        return Table("", about.tables[0].header, about.tables[0].cells)
+    found: dict[tuple[str, str], list[Row]] = {}
+    for row in about.rows:
+        if row.measured is not None:
+            what = row.name.rpartition(": ")[2].partition(", grows like")[0]
+            found.setdefault((what, row.unit), []).append(row)
+    return Table("", ["what", "measured"], [together(what, rows) for (what, _), rows in found.items()])
+
+
+def together(what: str, rows: list[Row]) -> list[str]:
+    """Return one line for rows that measure the same, with the words that their names begin with, and their number."""
+    if len(rows) == 1:
+        return [rows[0].name.strip(), rows[0].value]
+    words_of_each = zip(*(row.name.rpartition(": ")[0].split() for row in rows), strict=False)
+    head = " ".join(same[0] for same in takewhile(lambda words: len({*words}) == 1, words_of_each)).strip(",:")
+    ends = dict.fromkeys(digits(end(row.measured or 0.0 for row in rows)) for end in (min, max))
+    return [f"{head}: {what.strip()}" if head else what.strip(), f"{' to '.join(ends)} {rows[0].unit} ({len(rows)})"]
+
+
+NOTHING = ["–"] * 5
+
+
+def write_rows(found: dict[str, Measured], path: Path) -> None:
+    """Write every figure of a run of all topics as CSV."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["topic", "what", "measured", "unit", "note"])
+        for topic, about in found.items():
+            for row in about.rows:
+                value = "" if row.measured is None else digits(row.measured)
+                writer.writerow([topic, row.name.strip(), value, row.unit, row.note])
 
 
 def summary(rows: dict[str, list[Row]]) -> tuple[str, str]:
@@ -75,8 +107,7 @@ def summary(rows: dict[str, list[Row]]) -> tuple[str, str]:
         "for 32,768 free bodies at once, in batches. SciPy's DOP853 takes "
         f"{plain} times as long to reach 1e-6 with the right-hand side in NumPy, and {compiled} times with one "
         f"compiled by Numba. For 1001 outputs of one run heyoka.py takes {outputs} times as long (below 1 it is "
-        "faster), because its outputs are values of a polynomial, and those of nontwist are steps that conserve energy "
-        "and momentum."
+        "faster), because its outputs are values of a polynomial; those of nontwist conserve energy and momentum."
     )
     waits = (
         f"A new process has its first result after {start['first result, gauss']}, and that of an ensemble after "

@@ -1,8 +1,7 @@
 """Pages in headless Chromium: their size, and the script time of a frame.
 
-Script time is that of the function that the browser calls for each frame: it integrates, draws both spheres and dials
-and writes the numbers. It is measured without a graphics card, at 1400 × 900 pixels, for a second of each preset of the
-playground, with a path of full length; then again with the processor slowed four times.
+The time is that of integrating, drawing and writing the numbers, without a graphics card, at 1400 × 900 pixels, for a
+second of each preset of the playground; then with the processor slowed four times.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Start-up times, each the median of new processes.
 
 "beyond NumPy" is ``import numpy, nontwist`` less ``import numpy``. The first result is 1000 steps of `integrate`, or of
-`simulate_ensemble` for 64 bodies, in a process with a read-only home: kernels are compiled in memory. The modules are
-present as bytecode, as pip installs them. Ensembles run as without the extra `sweep`, because xarray imports Dask if it
-is installed.
+`simulate_ensemble` for 64 bodies. Modules are present as bytecode; kernels are compiled in memory.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The cost of a stored step of order 2, over 1000 steps of 0.005 s, compared with the same step written by hand in C.
 
-"kernel" is the time of the compiled functions alone, called again with the same arguments; "march" is all of
-`Integrator.march`. The C step is compiled here with `cc -O3 -march=native`; it solves to round-off, stores directors,
-director velocities and multipliers as the package does, and must agree with the package.
+"kernel" is the time of the compiled functions alone, "march" all of `Integrator.march`. The C step is compiled with
+`cc -O3 -march=native`, solves to round-off, and must agree with the package.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Sweeps: the gain by threads, the cost of Dask for each block, and a forecast of the cost of 10^8 and 10^9 members.
+"""The gain by threads, and the cost of Dask for each block: case 1 with random starts, each to its end state.
 
-Case 1 with random starts, each to its end state. Costs are those of `nontwist sweep --dry-run`: seconds per member as
-measured on this machine; blocks of at most 10 s, 64 MiB and 2^18 members; for each block one file for each variable,
-one for the status and one marker.
+`nontwist sweep --dry-run` forecasts time, size and number of files of a sweep.
 """
 
 from __future__ import annotations

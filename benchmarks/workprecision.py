@@ -1,14 +1,8 @@
-"""Work and precision: the time to reach an error of the attitude at t = 5, package and other tools side by side.
+"""The time to reach an error of the attitude at t = 5, package and other tools side by side.
 
-The package runs through propagators: body, load and steps are prepared, as with other tools, and a call computes the
-end state from a start. For every method the setting (step or tolerance) is refined around each target error; the time
-to reach it is the shortest of those measured.
-
-What limits the ratios: a call of a propagator takes 4 to 8 µs in addition to its steps, to check the start, call
-compiled code once and make an object of the run. That is most of the time on A and B, half of it for `exact` on C, and
-a quarter on T; the goals come from prototypes whose call took 2 µs. On T and C each step of `gauss` takes 16 to 27
-iterations, a fifth more than in the prototypes. `continuous` is SciPy's DOP853, in Python: a cross-check that shares no
-code.
+Propagators are timed: body, load and steps are prepared, as with other tools. For every method the setting (step or
+tolerance) is refined around each target error; the time is the shortest of those measured. A call takes 4 to 8 µs in
+addition to its steps. `continuous` is SciPy's DOP853, in Python: a cross-check that shares no code.
 """
 
 from __future__ import annotations

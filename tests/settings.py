@@ -1,4 +1,4 @@
-"""`make test-settings`: the quick suite in the settings that users have; updates the table in CONTRIBUTING.md.
+"""`make test-settings`: the quick suite in the settings that users have.
 
 All settings run `make test` in one copy of the checkout and its environment, in a folder of mode 0700. Arguments name
 the settings to run, all by default. Logs go to build/settings/.
@@ -20,11 +20,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-PAGE, LOGS = ROOT / "CONTRIBUTING.md", ROOT / "build" / "settings"
+LOGS = ROOT / "build" / "settings"
 LEFT_OUT = {"build", "dist", "reproduction", ".hypothesis", ".pytest_cache"}  # of the checkout; not inside .venv
 NOBODY = 65534
 BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
-ROW = "| {} | {} | {} |"
 
 
 class Setting(NamedTuple):
@@ -91,9 +90,8 @@ def main(names: list[str]) -> int:
             setting = SETTINGS[name]
             print(f"{name}: {setting.words}", flush=True)
             code, words, minutes = run(place, name, setting)
-            print(f"  {words}", flush=True)
+            print(f"  {words}, {minutes}", flush=True)
             failed += bool(code)
-            write(setting.words, ROW.format(setting.words, words, minutes))
     return failed
 
 
@@ -148,13 +146,6 @@ def python_for_all(environment: Path) -> bool:
         )
         return True
     return False
-
-
-def write(words: str, row: str) -> None:
-    """Put the row of a setting into the table of the page, in the place of the one before."""
-    lines = PAGE.read_text(encoding="utf-8").splitlines()
-    lines[next(k for k, line in enumerate(lines) if line.startswith(f"| {words} |"))] = row
-    PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ EM = {"integrator": "energy-momentum", "order": 2}
 
 def test_every_test_that_the_page_names_exists():
     page = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
-    named, groups = re.findall(r"`(tests/\w+\.py)::(\w+)`", page), re.findall(r"validation\.md#(\w+)", page)
+    named, groups = re.findall(r"`(tests/\w+\.py)::(\w+)`", page), re.findall(r"\[validation, (\w+)\]", page)
     assert len(named) + len(groups) >= 19
     assert set(groups) <= set(GROUPS)
     for path, name in named:

@@ -29,7 +29,6 @@ TEXTS = {
 FENCE = re.compile(r"^```([\w{}-]*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NOT_RUN = {
     "docs/contributing/body.md": "test_newcomers runs it, and takes the body out again",
-    "docs/design.md": "pieces of functions, to show the style",
     "docs/gallery.md": "test_examples runs the script that made it and compares the page",
     "docs/howto/autodiff.md": "PyTorch, which is not here",
     "docs/howto/clusters.md": "SLURM, Kubernetes and hosts that are not here",

@@ -15,13 +15,14 @@ from typer.testing import CliRunner
 import exact_reference as reference
 from nontwist import validate
 from nontwist.cli import app
-from nontwist.validation import GROUPS, KINDS, REFERENCES, Check, sphere_and_rotations
+from nontwist.validation import GROUPS, KINDS, Check, sphere_and_rotations
 from nontwist.validation.free_bodies import many_digits
 from nontwist.validation.measures import drift, error, furthest, slope, turns_apart
-from nontwist.validation.report import numbers
+from nontwist.validation.report import numbers, share
 from test_labels import labels
 
 PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
+COMMITTED = json.loads(PAGE.with_suffix(".json").read_text(encoding="utf-8"))
 
 
 def nontwist(*arguments):
@@ -29,9 +30,9 @@ def nontwist(*arguments):
 
 
 def rows(page):
-    """Cells of all tables of a page."""
-    table = [line for line in page.splitlines() if line.startswith("| ") and not line.startswith(("| what", "| ---"))]
-    return [[cell.replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table]
+    """Cells of the table of a page."""
+    table = [line for line in page.splitlines() if line.startswith("| **")]
+    return [[cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table]
 
 
 def test_a_group_holds():
@@ -82,8 +83,11 @@ def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
     assert sum(" PASS " in line for line in lines) == 11
     assert "11 of 12 checks pass" in lines
     assert max(map(cell_len, lines)) <= 80
-    failing = [row for row in rows((tmp_path / "page.md").read_text(encoding="utf-8")) if row[5].strip() == "FAIL"]
-    assert [row[0].strip() for row in failing] == ["SO(3): exp against SciPy"]
+    page = (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert "**11 of 12 checks pass**" in page
+    (row,) = rows(page)
+    assert float(row[3]) > 1
+    assert row[4] == "SO(3): exp against SciPy"
 
 
 def test_nan_fails():
@@ -99,9 +103,15 @@ def test_json_and_the_page_have_every_check(tmp_path):
     assert found["holds"]
     assert set(found["versions"]) == {"python", "nontwist", "numpy", "scipy", "llvmlite", "xarray"}
     assert [check["name"] for check in found["checks"]] == [check.name for check in validate("geometry").checks]
+    assert json.loads((tmp_path / "page.json").read_text(encoding="utf-8")) == found
     page = (tmp_path / "page.md").read_text(encoding="utf-8")
-    written = [[row[0].strip(), row[1].strip(), row[5].strip(), row[6].strip()] for row in rows(page)]
-    assert written == [[check["name"], check["kind"], "PASS", check["source"]] for check in found["checks"]]
+    (row,) = rows(page)
+    shares = [abs(one["measured"] - one["expected"]) / one["tolerance"] for one in found["checks"] if one["tolerance"]]
+    assert row[0].startswith("**geometry**: ")
+    assert row[1] == "12"
+    assert sum(int(part.partition(" ")[0]) for part in row[2].split(", ")) == 12
+    assert row[3] == f"{max(shares):.1g}"
+    assert "[page.json](page.json)" in page
     assert all(f"{name} {number}" in page for name, number in found["versions"].items())
     assert "written" in result.stderr
     assert "written" not in result.stdout
@@ -135,15 +145,12 @@ def test_numbers_as_text(case):
     assert numbers(Check("", *values, "", kind)) == texts
 
 
-def test_errors_on_the_page_are_bounds():
-    def written(measured, tolerance):
-        return numbers(Check("", 0, measured, tolerance, "", "closed form"), bound=True)[1]
+def test_shares_of_the_tolerance():
+    shares = [share(Check("", 2, measured, tolerance, "", "printed")) for measured, tolerance in SHARES]
+    assert shares == [0.5, 2, 0, np.inf, np.inf]
 
-    assert written(3.21e-14, 1e-12) == "< 1e-13"
-    assert written(5.3e-5, 6e-5) == "5.3e-05"  # 1e-4 would be above the tolerance
-    assert written(0.02, 1) == "< 0.1"
-    assert written(0.0, 1) == "0"
-    assert written(2e-12, 1e-12) == "2e-12"
+
+SHARES = [(2.5, 1), (0, 1), (2, 0), (3, 0), (np.nan, 1)]
 
 
 def test_measures():
@@ -155,18 +162,18 @@ def test_measures():
 
 
 def test_the_committed_page_is_that_of_these_groups():
-    page = PAGE.read_text(encoding="utf-8")
-    assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == [*GROUPS, "References"]
-    found = rows(page)
-    assert f"**{len(found)} of {len(found)} checks pass**" in page
-    assert {row[5].strip() for row in found} == {"PASS"}
-    assert len({tuple(row[:1]) for row in found}) == len(found)  # no two rows of one name
+    page, checks = PAGE.read_text(encoding="utf-8"), COMMITTED["checks"]
+    counts = {group: str(sum(check["group"] == group for check in checks)) for group in GROUPS}
+    assert {row[0].partition("**: ")[0][2:]: row[1] for row in rows(page)} == counts
+    assert f"**{len(checks)} of {len(checks)} checks pass**" in page
+    assert all(check["holds"] for check in checks)
+    assert len({check["name"] for check in checks}) == len(checks)  # no two rows of one name
 
 
 def test_sources_exist():
     """Labels of the paper, known references, or modules; errata with the number of a section."""
     sections = re.findall(r"^## (\d+)\.", (PAGE.parent / "errata.md").read_text(encoding="utf-8"), re.MULTILINE)
-    for source in {row[6].strip() for row in rows(PAGE.read_text(encoding="utf-8"))}:
+    for source in {check["source"] for check in COMMITTED["checks"]}:
         assert source
         for part in source.split("; "):
             erratum = re.search(r" \(docs/errata.md, (\d+)\)$", part)
@@ -175,7 +182,7 @@ def test_sources_exist():
             if name.startswith("nontwist."):
                 assert find_spec(name)
             elif name not in labels():
-                assert any(name.startswith(short) for short in REFERENCES), name
+                assert any(name.startswith(short) for short in COMMITTED["references"]), name
 
 
 def test_many_digits_are_those_of_the_reference():
@@ -192,7 +199,7 @@ def test_many_digits_are_those_of_the_reference():
 
 @pytest.mark.long
 def test_everything_holds():
-    """In two processes, as the command runs it; and every row stands on the committed page."""
+    """In two processes, as the command runs it; and every row is in the committed file."""
     result = validate(workers=2)
     assert [check.name for check in result.checks if not check.holds] == []
-    assert [check.name for check in result.checks] == [row[0].strip() for row in rows(PAGE.read_text(encoding="utf-8"))]
+    assert [check.name for check in result.checks] == [check["name"] for check in COMMITTED["checks"]]

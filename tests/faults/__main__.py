@@ -5,41 +5,57 @@ from __future__ import annotations
 import inspect
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from . import FAULTS
+from . import FAULTS, MODULES
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
-HEAD = """# Fault-injection tests
+HEAD = """# Fault injection
 
-Written by `make faults`, which injects each fault and records what happened. Tests assert it (`tests/faults/`).
-
-| what was done | what happened |
-| --- | --- |
+`make faults` injects each fault and prints what happened; tests assert it (`tests/faults/`). A damaged or foreign file
+is refused with a message that names it, an interrupted run saves its completed part, and a file is written completely
+or not at all.
 """
+
+
+def page() -> str:
+    """Return the page: what is done, by the modules of the faults."""
+    lines = [HEAD]
+    for module in MODULES:
+        lines += [
+            f"**{(inspect.getdoc(module) or '').partition(chr(10))[0].removeprefix('Faults of ').rstrip('.')}**",
+            "",
+        ]
+        lines += [*(f"- {done_by(fault)}" for fault in module.FAULTS), ""]
+    return "\n".join(lines)
+
+
+def done_by(fault: Callable[[Path], str]) -> str:
+    """Return what a fault does, in one line."""
+    return " ".join((inspect.getdoc(fault) or "").split())
 
 
 def main() -> None:
     """Run all faults, print the table, write the page."""
     lines, failed = [], []
     for name, fault in track(FAULTS.items(), "faults", console=Console(stderr=True)):
-        done = " ".join(inspect.getdoc(fault).split())
         with tempfile.TemporaryDirectory() as folder:
             try:
                 happened = fault(Path(folder))
             except AssertionError as error:
                 happened = f"FAILED: {error!r}"
                 failed.append(name)
-        lines.append((done, happened))
+        lines.append((done_by(fault), happened))
     table = Table("what was done", "what happened", title="faults", title_justify="left", show_lines=True)
     for line in lines:
         table.add_row(*line)
     Console(width=None if sys.stdout.isatty() else 140).print(table)
-    PAGE.write_text(HEAD + "".join(f"| {done} | {happened} |\n" for done, happened in lines), encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8")
     if failed:
         raise SystemExit(f"faults failed: {', '.join(failed)}")
 

@@ -1,4 +1,4 @@
-"""Faults of run files: what is not TOML, what is no number, what is far too long."""
+"""Faults of run files: what is not TOML, what is not a number, what is far too long."""
 
 from __future__ import annotations
 

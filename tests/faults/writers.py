@@ -1,4 +1,4 @@
-"""Every writer of the package, commands and functions: what may stand in its way, and what it leaves then."""
+"""Faults of every writer of the package: commands and functions."""
 
 from __future__ import annotations
 

@@ -34,7 +34,8 @@ def validate_command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON with every digit instead of tables.")] = False,
     page: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Write the page of the documentation to this file (.md).")
+        Path | None,
+        typer.Option(metavar="PATH", help="Write a summary to this file (.md), and all checks beside it (.json)."),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -49,14 +50,17 @@ def validate_command(
 
     if page is not None:
         require_suffix(page, ".md", option="--page")
-        require_free(page, force=force)
+        files = page, page.with_suffix(".json")
+        for file in files:
+            require_free(file, force=force)
     errors = Console(stderr=True)
     with errors.status("starting") as status:
         result = validate(group or None, workers=WORKERS, progress=status.update)
     if page is not None:
-        with written(page, force=force) as file:
-            file.write(result.to_markdown().encode())
-        errors.print(f"written: {page}", markup=False, emoji=False)
+        for file, text in zip(files, (result.to_markdown(files[1].name), result.to_json() + "\n"), strict=True):
+            with written(file, force=force) as stream:
+                stream.write(text.encode())
+            errors.print(f"written: {file}", markup=False, emoji=False)
     if as_json:
         typer.echo(result.to_json())
     else:

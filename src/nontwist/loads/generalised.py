@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
@@ -288,10 +288,8 @@ def gravity_gradient(
     (0.85, 1.16)
     """
     if perigee_time is not None:
-        if start:
-            raise ValueError(
-                f"start = {start:g} s and perigee_time = {perigee_time:g} s are one time: give one of them"
-            )
+        if as_number(start, "start"):
+            raise ValueError("start and perigee_time are one time: give one of them")
         start = perigee_time
     return load_of(GravityGradient, mean_motion, radial, normal, start, eccentricity)
 

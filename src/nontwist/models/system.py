@@ -65,7 +65,7 @@ def convected_inertia(E: ArrayLike) -> Array:
     return J
 
 
-def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: Array | None = None) -> Array:
+def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: ArrayLike | None = None) -> Array:
     """Return the Euler inertia ``E = 1/2 tr(J) I - J`` (eq-euler-inertia) of a convected inertia.
 
     Parameters
@@ -73,8 +73,8 @@ def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: Array | None = N
     J : (3, 3) array or 3 principal values, kg m²
     physical : bool
         False: J may violate the triangle inequality; E is then indefinite.
-    axis : (3,) array, optional
-        A constrained axis, unit length, about which J may vanish.
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
+        A constrained axis, of any length but zero, about which J may vanish.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: Array | None = N
     ------
     ValueError
         J has the wrong shape, is not finite, not symmetric or not positive definite, or violates the triangle
-        inequality; or `physical` is not True or False.
+        inequality; `physical` is not True or False, or `axis` has length 0.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: Array | None = N
         ...
     ValueError: inertia violates the triangle inequality: principal moments 1, 1, 3, but 3 > 1 + 1; ...
     """
-    J = checked_inertia(J, physical, axis)
+    J = checked_inertia(J, physical, None if axis is None else as_direction(axis, "axis"))
     E = np.trace(J) / 2 * np.eye(3) - J
     return _semidefinite(E) if physical else E
 

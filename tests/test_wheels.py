@@ -164,6 +164,15 @@ def test_derivatives_are_those_of_differences(scheme, order, body):
     assert pytest.approx(np.array(rows), abs=1e-9) == found.d_material_angular_velocity.values[-1].T
 
 
+def test_events_see_the_momenta_of_wheels():
+    def full(t, state):
+        return state.internal_state[0] - 1.2
+
+    load = wheel("z", 0.5, speed=2, torque=0.05)
+    run = simulate(standard(J), t_end=9, angular_velocity=(0, 0, 0.2), load=load, events=full)
+    assert run.t_events.values == pytest.approx([(1.2 - 0.5 * 2.2) / 0.05], abs=1e-9)
+
+
 def test_exponents_of_a_free_gyrostat_sum_to_zero():
     found = lyapunov(standard(J), t_end=6, step=0.1, material_angular_velocity=W0, load=wheel("x", 0.2, speed=30))
     assert float(found.lyapunov_exponent[-1].sum()) == pytest.approx(0, abs=1e-9)

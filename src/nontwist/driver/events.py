@@ -250,7 +250,8 @@ class Search:
         values = np.empty(times.shape)
         for k, each in enumerate(crossed):
             for i, (t, x) in enumerate(zip(times[k].tolist(), states[k], strict=True)):
-                values[k, i] = self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist())
+                z = () if x.internal is None else x.internal.tolist()
+                values[k, i] = self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist(), z)
         return values, states
 
     def _between(self, part: Part, number: int, check: int, values: tuple[float, float]) -> Root:

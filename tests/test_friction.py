@@ -158,6 +158,29 @@ def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
         assert run.dissipated_energy.sum() == pytest.approx(W @ J @ W / 2, rel=1e-13)
 
 
+def test_a_body_starts_where_the_moment_exceeds_the_limit():
+    """Its direction is then that of W', and turns: SciPy's Radau, from 1e-7 s later on, W = t²/2 W''."""
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+    inertia = turn @ np.diag([1.0, 1.4, 1.9]) @ turn.T
+
+    def push(t):
+        return np.array([1.2, 0.7, -0.5]) * np.sin(t) + np.array([0, 0.3, 0.2])
+
+    def rate(t, W):
+        return np.linalg.solve(inertia, push(t) + np.cross(inertia @ W, W) - W / np.linalg.norm(W))
+
+    first = brentq(lambda t: push(t) @ push(t) - 1, 0, 1.5)
+    u = push(first)
+    slope = u @ np.array([1.2, 0.7, -0.5]) * np.cos(first) / (u @ inertia @ u)
+    times, start = np.array([0.4, 0.8, 1.2, 2.0]), first + 1e-7
+    right = solve_ivp(rate, (start, 2), u * slope * 1e-14 / 2, "Radau", times[1:], rtol=1e-10, atol=1e-22).y.T
+    for scheme, bound in {"gauss": 1e-10, "lie-midpoint": 0.05 * 0.02**2}.items():
+        how = {"step": 0.02, "integrator": scheme, "load": body_moment(push) + dry_friction(1)}
+        run = integrate(standard(inertia), times=times, **how)
+        assert (run.material_angular_velocity[0] == 0).all()
+        assert abs(run.material_angular_velocity[1:] - right).max() < bound
+
+
 def test_two_frictions_and_damping_take_the_energy():
     """About different axes, beside other loads: what both take is the power that SciPy integrates."""
     W, load = (1, 0.5, 1.2), dry_friction(0.2, "x") + 2 * dry_friction(0.05, "y") + damping(0.1)

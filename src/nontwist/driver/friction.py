@@ -28,7 +28,9 @@ the times at which functions are evaluated are missed.
 Without an axis the moment has no limit as W → 0 but along a line, which is so in plane motion: there the direction u of
 W is that of an axis. Otherwise W turns faster and faster as it vanishes, in the time s/|W'| or so, s = |W|, along a
 principal direction in the end. Then steps are at most a quarter of this time, W falls by a part in each, and vanishes
-where that time is 1e-12 of a step.
+where that time is 1e-12 of a step. Where a body starts, friction pulls W at the rate c/(J s) to the direction of the W'
+above: for 1e-5 h, or 1e-3 h where W' is 0 at first, it is taken to be there, W the integral of this W'. (In a shorter
+time the latter would be lost in round-off.)
 """
 
 from __future__ import annotations
@@ -63,7 +65,9 @@ TINY = float(np.finfo(np.float64).tiny)
 STILL = 1e-12  # of what moments accelerate a body by: nothing
 CLOSE, ULPS = 1e-11, 64  # of a step, and units in the last place of a time: what lies nearer to a node is at it
 STEPS, PLANE = 4096, 256  # that are marched before modes are looked at again, in all and in plane motion
-QUARTER = 0.25  # of the time in which W may vanish
+QUARTER = 0.5  # of the time in which W may vanish
+BEGIN, SLOWLY, TICKS = 1e-5, 1e-3, 4096  # of a step, or units in the last place of a time: a start, a slow one
+SLOW = 1e-6  # of what moments accelerate a body by: a start where the moment just exceeds the limit
 IN_PLANE = 1e-11  # of the largest |W|: velocities along a line
 MOST = 50  # changes of modes at one time
 SCHEMES = "dry_friction needs an integrator that splits its steps, gauss or lie-midpoint; {} does not"
@@ -196,7 +200,9 @@ class Rubbed:
             self.modes, self.is_plane = {0: 0}, True
             M = self._across(self.torque(self.t, q, W))
             if np.linalg.norm(M) > self.limits[0] or forced:
-                self.modes, self.direction = {0: 1}, self._started(M)
+                start = self._rate_at_rest()
+                u = start if start.any() else M
+                self.modes, self.direction = {0: 1}, u / np.linalg.norm(u)
             return
         B, gain = self._held(tuple(zero))
         W -= self.inverse @ (B.T @ (gain @ W))
@@ -216,23 +222,27 @@ class Rubbed:
     def _across(self, M: Array) -> Array:
         return M - (self.axis @ M) @ self.axis
 
-    def _started(self, M: Array) -> Array:
-        """Return the direction in which the body starts to turn under M across n, against friction without an axis."""
+    def _rate_at_rest(self) -> Array:
+        """Return W' at W = 0, against friction without an axis: 0 up to its limit."""
         from scipy.optimize import brentq
 
+        M = self._across(self.torque(self.t, directors(self.state.quaternion), np.zeros(3)))
         basis = np.linalg.svd(np.concatenate([self.axis, np.zeros((1, 3))]))[2][len(self.axis) :]
         J, m, c = basis @ self.J @ basis.T, basis @ M, self.limits[0]
+        if not c:
+            rate: Array = np.linalg.solve(J, m) @ basis
+            return rate
+        if np.linalg.norm(m) <= c:
+            return np.zeros(3)
 
-        def found(alpha: float) -> Array:
+        def along(alpha: float) -> Array:
             u: Array = np.linalg.solve(alpha * J + c * np.eye(len(J)), m)
             return u
 
         most = float(np.linalg.norm(m) / np.linalg.eigvalsh(J)[0])
-        excess = (lambda a: float(np.linalg.norm(found(a))) - 1.0) if c else None
-        alpha = brentq(excess, 0.0, most, xtol=EPS * most) if excess and excess(0.0) > 0 else 0.0 if c else most
-        u = found(alpha) @ basis
-        direction: Array = u / np.linalg.norm(u)
-        return direction
+        alpha = float(brentq(lambda x: float(np.linalg.norm(along(x))) - 1.0, 0.0, most, xtol=EPS * most))
+        found: Array = alpha * along(alpha) @ basis
+        return found
 
     # ---- from mode to mode
 
@@ -319,6 +329,9 @@ class Rubbed:
         """March while W may turn, or, where it may vanish within four steps, a part of that time."""
         one, c, W = self._until(STEPS), self.limits[0], self.state.velocity
         h, load = one.grid.longest, self.load + against(c)
+        if not W.any():
+            self._start(h)
+            return
 
         def time_left(t: float, s: Any) -> float:
             w = np.array(s.material_angular_velocity)
@@ -338,6 +351,21 @@ class Rubbed:
             return
         self.direction = W / np.linalg.norm(W)
         self.settle([0], {})
+
+    def _start(self, h: float) -> None:
+        """Let the body start to turn, for a short time, to the velocity that it has under the friction along it."""
+        begin, node = self.t, float(self.nodes[self._number() + 1])
+        a = self._rate_at_rest()
+        M = self.torque(begin, directors(self.state.quaternion), np.zeros(3))
+        is_slow = np.linalg.norm(a) <= SLOW * np.linalg.norm(self.inverse @ M)
+        to = min(begin + max((SLOWLY if is_slow else BEGIN) * h, TICKS * float(np.spacing(abs(begin)))), node)
+        self._keep(
+            self._marched(replace(self._to(to), load=self.load + self._constant(self.sliding(self.modes))), [])[0]
+        )
+        b = self._rate_at_rest()
+        self.state.velocity[:] = (to - begin) / 2 * (a + b)
+        if not self.state.velocity.any():
+            self.settle([0], {})
 
     # ---- at rest
 
@@ -442,7 +470,8 @@ class Rubbed:
         known = self.problem.output
         inner = known[(known > one.t_start) & (known < one.t_end)]
         ends = one.times(np.arange(one.steps + 1) if at_nodes or not self.is_alone else np.array([0, one.steps]))
-        one = replace(one, asked=np.union1d(inner, ends), intervals=True)
+        asked = np.union1d(inner, ends) if changes or inner.size or one.steps > 1 else None
+        one = replace(one, asked=asked, intervals=True)
         numbers = list[int]()
         if changes:
             begin = one.t_start
@@ -511,7 +540,7 @@ class Rubbed:
         power, rate = np.zeros((2, len(times)))
         held = [k for k, sign in self.modes.items() if not sign]
         for i, (t, p, W) in enumerate(zip(times.tolist(), *states[:2], strict=True)):
-            if self.is_central and not self.is_plane:
+            if self.is_central and not self.is_plane and W.any():
                 self.direction = W / np.linalg.norm(W)
             along = self.sliding(self.modes)
             power[i] = -along @ W

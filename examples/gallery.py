@@ -133,15 +133,10 @@ def show_dna_circle():
 
 PAGE = """# Gallery
 
-Every function of `nontwist.plot` draws one figure of one run, or compares several, passed as a dictionary with labels
-as keys. Colour distinguishes components, and line style distinguishes runs; with one run, or one component, each curve
-has its own colour and line style. A run keeps its colour from figure to figure, by its place in the dictionary. The
-colours are those of the pages of `view`. They remain distinct in greyscale, and for colour-blind readers.
-
-A figure is one column wide (89 mm) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
-figure of two columns (183 mm) with two panels; `with plot.style("springer"):` uses the widths and the type of another
-journal. Each function returns its axes, and `plot.save(ax, "figure.pdf", "figure.png")` writes the figure, with fonts
-embedded.
+Every function of `nontwist.plot` draws one run, or several, passed as a dictionary with labels as keys. Colour
+distinguishes components, line style distinguishes runs; both are distinct in greyscale. A figure is one column wide
+(89 mm) unless axes are given, as by `plot.new_axes(columns=2, panels=2)`; `with plot.style("springer"):` uses the type
+of another journal. `plot.save(ax, "figure.pdf", "figure.png")` writes the figure.
 
 `python examples/gallery.py` makes this page, with these runs:
 
@@ -157,10 +152,8 @@ The last figures use these curves:
 
 ## Figures for slides
 
-Letters are 8 pt high in print, too small for a projector. Settings of `matplotlib.rcParams` take precedence over the
-style of the journal, and everything written in a figure follows `font.size`. On a slide 33 cm wide, a figure of two
-columns with 16 pt, as here, has letters of 29 pt; `height=4.05` gives it the shape of a 16:9 slide. A figure of one
-column needs only the `with` line.
+Letters are 8 pt high in print, too small for a projector. Settings of `matplotlib.rcParams` take precedence. On a slide
+33 cm wide, a figure of two columns with 16 pt has letters of 29 pt; `height=4.05` gives it the shape of 16:9.
 
 ```python
 import matplotlib

@@ -34,7 +34,7 @@ def reproduce_command(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Reproduce the three cases of the paper: six tables compared with the printed ones, five figures per case.
+    """Reproduce the three cases of the paper: six tables compared with the printed ones, four figures per case.
 
     Prints the tables and writes everything to OUT/case1 ... case3 and, in the order of the paper, to the page
     OUT/index.html. Exits with status 1 if a number differs.

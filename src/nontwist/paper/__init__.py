@@ -1,4 +1,4 @@
-"""The numerical part of the paper: its three cases, six tables and five figures a case (sec-results)."""
+"""The numerical part of the paper: its three cases, six tables and four figures a case (sec-results)."""
 
 from .reproduction import Reproduction, reproduce
 

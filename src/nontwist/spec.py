@@ -66,7 +66,7 @@ def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
 def as_specified(record: Any, name: str) -> Any:
     """Return the value of a field that is a word, a number or an array; a ValueError where it is not as described."""
     kind_of_record: Any = type(record)
-    value, (kind, _, spec) = getattr(record, name), specs(kind_of_record)[name]
+    value, (kind, default, spec) = getattr(record, name), specs(kind_of_record)[name]
     name = spec.option or name
     if get_origin(kind) is Literal:
         if not among(value, get_args(kind)):
@@ -74,7 +74,7 @@ def as_specified(record: Any, name: str) -> Any:
             known = " or ".join(map(repr, words)) if len(words) == 2 else f"one of {', '.join(words)}"
             raise ValueError(f"{name} must be {known}, got {shown(value)}")
         return value
-    if value is None and specs(kind_of_record)[name][1] is None:
+    if value is None and default is None:
         return None
     if spec.rule.startswith("direction in "):
         return as_direction(value, name, spec.rule.removeprefix("direction in "))

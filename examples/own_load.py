@@ -42,7 +42,7 @@ LOADS["magnet"] = Magnet
 def main() -> None:
     """Let a magnet go in the field: energies, the same motion by dead forces, and how it depends on the dipole."""
     body, dipole, field = standard([2e-5, 3e-5, 4e-5]), np.array([0.3, 0.0, 1.2]), np.array([2e-5, 0.0, -4e-5])
-    load = Magnet(dipole, field).load
+    load = Magnet(dipole, field)
     twin = DirectorSystem(body.euler_inertia, dead_force=np.outer(dipole, field))
     how: dict[str, Any] = {"t_end": 20, "step": 0.02, "material_angular_velocity": (0.5, 0, 2)}
     for integrator in ("lie-midpoint", "energy-momentum", "split"):

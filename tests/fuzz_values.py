@@ -193,6 +193,14 @@ def spring(t, directors, angular_velocity):
     return 2 * y, -2 * x, 0.0
 
 
+def fading(t, z, directors, angular_velocity):
+    return -z
+
+
+def remembered(t, z, directors, angular_velocity):
+    return z[0], -z[1], 0.0
+
+
 def steady(t):
     return 0.1, 0.2, 0.0
 
@@ -378,7 +386,11 @@ VALUES = {
     "spring.rest_length": number(0, 1),
     "dipole.moment": lambda r, given: r.normal(size=3),
     "dipole.field": lambda r, given: r.normal(size=3),
+    "dry_friction.limit": number(0, 1),
+    "dry_friction.axis": one_of(None, "x", (0, 0, 3.0)),
     "mean_motion": number(0.001, 0.1),
+    "eccentricity": number(0, 0.9),
+    "perigee_time": lambda r, given: None if given.get("start") else float(r.normal()),
     "radial": one_of((1, 0, 0), (0, 2, 0)),
     "normal": one_of((0, 0, 1), (0, 0, -3.0)),
     "gravity_gradient.start": number(-1, 1),
@@ -450,6 +462,14 @@ VALUES = {
     "load_scale": number(0.5, 2),
     "frame_along.function": one_of(circling),
     "moment.function": one_of(spring),
+    "wheel.inertia": number(0.01, 0.05),
+    "wheel.torque": lambda r, given: (None, 0.2, (TIMES, r.normal(size=N)))[r.integers(3)],
+    "wheel.friction": one_of(None, np.arctan),
+    "wheel_torque": one_of((), []),
+    "memory_load.derivative": one_of(fading),
+    "memory_load.moment": one_of(remembered),
+    "memory_load.state0": lambda r, given: r.normal(size=2),
+    "memory_load.scale": number(0.5, 2),
     "EnergyMomentum.moments": one_of("paper", "exact"),
     "compiled": lambda r, given: bool(r.random() < 0.02),
     "order": one_of(2, 4),

@@ -62,9 +62,10 @@ REFUSED = {
         "inertia is not positive definite: its smallest principal moment is -1",
     ),
     "rod of no thickness": (
-        lambda: nontwisting([1, 1, 0]),
-        "smallest principal moment is 0 (a rod needs a small moment about its own axis)",
+        lambda: standard([1, 1, 0]),
+        "smallest principal moment is 0 (0 is accepted about the third axis of nontwisting)",
     ),
+    "rod with a spin": (lambda: nontwisting([1, 1, 0], spin=2.0), "smallest principal moment is 0"),
     "triangle": (
         lambda: standard([1, 1, 3]),
         "inertia violates the triangle inequality: principal moments 1, 1, 3, but 3 > 1 + 1",

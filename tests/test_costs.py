@@ -61,6 +61,32 @@ def written(tmp_path, monkeypatch):
     return write
 
 
+AUTOMATIC = (
+    'body = { kind = "standard", inertia = [3, 4, 5] }\nstart.angular_velocity.body = [0.1, 2, 0]\ntime.t_end = 10\n'
+)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "",
+        "time.store = 7",
+        "time.times = [1, 2.5, 10]",
+        "time.tolerance = 1e-10",
+        'load = [{ kind = "damping", coefficient = 1e5 }]',
+        'load = [{ kind = "spring", stiffness = 2, anchor = [0, 0, 3], point = [0, 0, 1], rest_length = 1 }]',
+        'integrator.name = "lie-midpoint"',
+    ],
+)
+def test_check_forecasts_the_steps_and_about_the_states_of_the_run(tmp_path, more):
+    (tmp_path / "run.toml").write_text(AUTOMATIC + more, encoding="utf-8")
+    file = read_run_file(tmp_path / "run.toml")
+    expected, run = forecast(file), file.prepared.run()
+    assert run.stretches.steps == expected.steps
+    assert run.stretches.longest == pytest.approx(expected.step)
+    assert expected.states == pytest.approx(len(run.time), rel=0.2)
+
+
 def told(path):
     with pytest.raises(RunFileError) as info:
         read_run_file(path)

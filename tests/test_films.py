@@ -544,6 +544,9 @@ def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, mo
     fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n", encoding="utf-8")
     with pytest.raises(OSError, match="ffmpeg could not write the film: no such codec"):
         save_film(short, tmp_path / "other.mp4", seconds=0.1)
+    fake.write_text("#!/bin/sh\necho cannot begin >&2\nexit 1\n", encoding="utf-8")  # it reads nothing
+    with pytest.raises(OSError, match="ffmpeg could not write the film: cannot begin"):
+        save_film(short, tmp_path / "other.mp4", seconds=0.1)
     assert not (tmp_path / "other.mp4").exists()
 
 

@@ -157,10 +157,12 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
         assert abs((of(x + e)[0] - of(x - e)[0]) / 2e-6 - A[:, k]).max() < 1e-6 * abs(A).max()
 
 
-def test_the_derivatives_with_a_rotor_and_a_constraint_are_those_of_differences():
+@pytest.mark.parametrize("axis", [np.array([0.6, 0.0, 0.8]), None])
+def test_the_derivatives_with_a_rotor_and_a_constraint_are_those_of_differences(axis):
     time, rates, speeds = spun()
     stretch = Stretch(time[::4], rates[::4], as_speed(time[::4], speeds[::4]))
-    wheel, pivot = Wheel(np.array([0.6, 0.0, 0.8]), WHEEL, 0.01), Pivot(0.01, 0.02, np.array([0, 0.6, 0.8]), 9.81)
+    wheel, pivot = Wheel(axis, WHEEL, 0.01), Pivot(0.01, 0.02, np.array([0, 0.6, 0.8]), 9.81)
+    beside = np.array([1.01, 0.02] if axis is not None else [0.5, 0.2, 0.9, 1.01, 0.02])
     lanes, model = (
         short([stretch]),
         Model(pivot, damping=1, wheel=wheel, constraint=np.array([0.0, 0.8, 0.6]), unit=6e-4),
@@ -168,13 +170,14 @@ def test_the_derivatives_with_a_rotor_and_a_constraint_are_those_of_differences(
     problem = Problem([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
     down = np.tile([[0.0, 0.6, -0.8]], (len(lanes), 1))
     starts = np.concatenate([stretch.rates[[one.first for one in lanes]], down], axis=1)
-    size = 12 + starts.size
+    parts = np.cumsum([6, len(beside), 3, 1, starts.size])
 
     def of(x):
-        at = Unknowns(symmetric(x[:6]), x[8:11], x[11], x[12:size].reshape(-1, 6), x[6:8], x[size:])
+        J, more, bias, scale, begin, spins = np.split(x, parts)
+        at = Unknowns(symmetric(J), bias, scale[0], begin.reshape(-1, 6), more, spins)
         return stacked(residuals(problem, at).rows, problem.columns)
 
-    ends = [entries(SAT / 6e-4), [1.01, 0.02], [0.01, 0, 0.02, 1.01], starts.ravel(), stretch.speed.values]
+    ends = [entries(SAT / 6e-4), beside, [0.01, 0, 0.02, 1.01], starts.ravel(), stretch.speed.values]
     x = np.concatenate(ends)
     A = of(x)[1]
     for k in range(0, len(x), 2):
@@ -426,6 +429,27 @@ def test_a_rotor_gives_the_scale():
     times, speeds = fit.parts[0].speed
     assert abs(np.interp(SPINS[0], times, speeds) - SPINS[1]).max() < 4
     assert "momentum up to 0.0013" in fit.table()["rotor"] or "momentum up to 0.0012" in fit.table()["rotor"]
+
+
+def test_the_axis_of_a_rotor_is_fitted():
+    time, rates, speeds = spun()
+    off_axis = []
+    for axis, turned in ((np.array([0.0, 0.0, 1.0]), speeds), (np.array([0.0, 0.0, -1.0]), -speeds)):
+        fit = fit_inertia((time, rates, turned), rotor={"axis": "fit", "inertia": WHEEL, "speed": 0})
+        found, tilt = fit.rotor_axis
+        off_axis.append(np.arccos(found @ axis) / tilt)
+        assert abs(off(fit, SAT)).max() < 4
+    assert off_axis[0] < 2
+    assert off_axis[0] == pytest.approx(off_axis[1], abs=1e-3)
+    assert tilt < np.radians(3)
+    assert fit.numbers()["rotor_axis_tilt"] == tilt
+    np.testing.assert_allclose(fit.to_run_file().load[0].axis, found, atol=1e-12)
+    given = fit_inertia(spun(), rotor={"axis": "z", "inertia": WHEEL, "speed": 0})
+    assert given.rotor_axis[1] == 0
+    assert np.diff(given.principal.intervals[0])[0] < np.diff(fit.principal.intervals[0])[0]
+    assert message(
+        fit_inertia, spun(), rotor={"axis": "fit", "inertia": WHEEL, "speed": 0}, misalignment="fit"
+    ).startswith("a gyroscope in free motion does not determine its misalignment")
 
 
 def test_the_error_of_a_rotor_is_in_the_intervals():

@@ -97,7 +97,7 @@ def exact_cases():
     for J, R, W in bodies():
         found.setdefault(free_kernels.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
         for t, is_constrained in product((times, times * 1e15), (0, 1)):
-            given = J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3))
+            given = J, W, R, t, is_constrained, 0, np.zeros((k, 3, 3)), np.zeros((k, 3))
             found.setdefault(free_kernels.free_top, []).append(given)
     for axes in (np.zeros((0, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))

@@ -395,7 +395,7 @@ def test_a_term_without_a_text_and_a_list_of_loads_are_refused():
         pass
 
     with pytest.raises(
-        ValueError, match=r"^Other has no text: give it a method moment or body_moment or space_moment$"
+        ValueError, match=r"^Other has no text: give it a method moment or body_moment or space_moment or response$"
     ):
         Other()
     push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])

@@ -251,7 +251,7 @@ REFUSED = {
         ["run.toml", "--set", "body.mss=2", "--set", "time.step=0.3"],
         3,
         "run.toml: body.mss: unknown key -> did you mean mass? known are kind, inertia, axis, mass, centre_of_mass, "
-        "gravity, spin\n"
+        "gravity, spin, physical\n"
         "run.toml: time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
         "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most\n",

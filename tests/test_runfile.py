@@ -57,8 +57,8 @@ from runfile_documents import documents
 A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
 
 KINDS_OF_LOADS = (
-    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "director_forces", "potential", '
-    '"spring", "gravity_gradient"'
+    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "dry_friction", "wheel", '
+    '"director_forces", "potential", "spring", "gravity_gradient"'
 )
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 PLACE = Path(__file__).parents[1]
@@ -94,7 +94,7 @@ def lines(write, text, *overrides):
 
 VALUES = 'TOML, with numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
-VECTOR = "3 numbers, rad/s: components along the directors"
+VECTOR = "3 numbers, rad/s, or in the stated unit: components along the directors"
 ONE_LINE = {
     "JSON": ('{"body": {}}', f"line 1: this looks like JSON -> {TOML}"),
     "comma": ("[body]\nmass = 0,5\n", "line 2: mass = 0,5 -> a decimal point: mass = 0.5"),
@@ -208,8 +208,9 @@ ONE_LINE = {
     "triangle": (
         BODY.replace("2.5", "5") + TIME,
         "body.inertia: [1.0, 2.0, 5.0] (inertia violates the triangle inequality: principal moments 1, 2, 5, but "
-        "5 > 1 + 2; no distribution of mass has such moments) -> inertia about the fixed point, kg m²: 3 principal "
-        "values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }",
+        "5 > 1 + 2; no distribution of mass has such moments, body.physical = false accepts them) -> inertia about the "
+        "fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, "
+        "lengths = [0.1, 0.2, 0.3] } }",
     ),
     "no axis": (
         BODY.replace("standard", "suslov") + TIME,
@@ -297,8 +298,8 @@ ONE_LINE = {
     ),
     "automatic step": (
         f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
-        "time.step: missing (the automatic step would take 2e+10 steps of at most 0.05 rad, more than 1e+07; choose a "
-        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
+        "time.step: missing (the automatic step would take 1.39e+09 steps, more than 1e+07; choose a step) ->"
+        " a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
         "with gauss an error of 1e-8 at most",
     ),
     "store": (

@@ -251,7 +251,7 @@ def test_the_order_is_2_unless_another_is_asked_for():
         ),
         (
             lambda s: setattr(s, "state", stepper(FREE, 2 * H).state),
-            "state belongs to a stepper with another integrator, order, step, inertia or axis; "
+            "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "
             "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
             "time=state.time)",
         ),

@@ -176,6 +176,8 @@ def refused(call, message):
 
 def test_what_is_wrong_is_said_and_counts_nothing():
     refused(lambda: TwistCounter((0, 0, 0)), "axis is zero")
+    tiny = TwistCounter((0, 3e-200, 4e-200)), TwistCounter((0, 0.6, 0.8))  # whose squares underflow
+    assert len({[one.update(R) for R in Rotation.random(9, rng=1)][-1] for one in tiny}) == 1
     refused(lambda: TwistCounter(order=3), "order must be 2 or 4, got 3")
     refused(lambda: TwistCounter(axis_frame="sky"), "axis_frame must be 'body' or 'space', got 'sky'")
     refused(lambda: TwistCounter(scalar_first="w"), "scalar_first must be True or False, got 'w'")

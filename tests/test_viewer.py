@@ -20,9 +20,11 @@ from nontwist import (
     damping,
     dipole,
     director_forces,
+    dry_friction,
     gravity_gradient,
     heavy_top,
     integrate,
+    memory_load,
     moment,
     nontwisting,
     potential,
@@ -207,7 +209,11 @@ LOADS = {
     * spring(3, (0, 0, 1), (1, 0, 0), 0.5),
     "linear potential of the space vector (0, 1, 0)": dipole((0, 0, 1), (0, 1, 0)),
     "quadratic potential of the space vector (0, 0, 2)": potential((0, 0, 2), quadratic=np.eye(3)),
+    "2 × dry friction of up to 0.5 N m about (0, 0, 1)": 2 * dry_friction(0.5, "z"),
+    "dry friction of up to 0.5 N m": dry_friction(0.5),
     "gravity gradient on a circular orbit, mean motion 0.001 rad/s": gravity_gradient(1e-3),
+    "2 × function builtins.abs with memory builtins.abs, 1 internal state": 2 * memory_load(abs, abs, 0),
+    "gravity gradient on an orbit of eccentricity 0.1, mean motion 0.2 rad/s": gravity_gradient(0.2, eccentricity=0.1),
     "none": 0 * CASES[1].load(),
 }
 

@@ -16,6 +16,7 @@ from nontwist import (
     nontwisting,
     rotor,
     space_moment,
+    wheel,
 )
 from nontwist.models.bodies import sample_bodies
 from nontwist.paper.labels import LABEL
@@ -25,6 +26,7 @@ PROBLEMS = {
     "load along directors": (nontwisting([2, 3, 4]), body_moment(lambda t: (0.1, 0.3, 0))),
     "load along fixed axes": (nontwisting([2, 3, 4]), space_moment(lambda t: (0.1, 0.2, 0))),
     "rotor": (nontwisting([2, 3, 4]), rotor((0, 1, 0), 0.5)),
+    "wheel": (nontwisting([2, 3, 4]), wheel((0, 1, 0), 0.5, speed=3)),
     "prescribed spin": (nontwisting([2, 3, 4], spin=1), None),
     "load of the state": (nontwisting([2, 3, 4]), damping(0.1) + moment(lambda t, d, w: -0.1 * w)),
 }

@@ -64,7 +64,9 @@ from .loads import body_moment as body_moment
 from .loads import damping as damping
 from .loads import dipole as dipole
 from .loads import director_forces as director_forces
+from .loads import dry_friction as dry_friction
 from .loads import gravity_gradient as gravity_gradient
+from .loads import memory_load as memory_load
 from .loads import moment as moment
 from .loads import potential as potential
 from .loads import pulse as pulse
@@ -72,6 +74,7 @@ from .loads import rotor as rotor
 from .loads import sine as sine
 from .loads import space_moment as space_moment
 from .loads import spring as spring
+from .loads import wheel as wheel
 from .models.catalogue import heavy_top as heavy_top
 from .models.catalogue import nontwisting as nontwisting
 from .models.catalogue import standard as standard

@@ -13,6 +13,9 @@ from typing import Any
 
 SENTENCES = {
     "type": "{name} must be {words}, got {value}",
+    "euler": "{option[euler]} requires 3 axes, neighbours unlike: ZYX about moving, zyx fixed axes; got {letters!r}",
+    "gimbal-lock": "{letters} is in gimbal lock at {count} states, the first at {along} = {first}: the rates of its "
+    "first and third angle are infinite there; another {option[euler]} avoids it",
     "option-without-effect": "{name} has no effect, as {why}; omit it",
 }
 

@@ -30,6 +30,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 BOUNDS: dict[str, Any] = {
     "positive": (lambda x: x <= 0, "must be positive"),
     "not negative": (lambda x: x < 0, "must not be negative"),
+    "from 0 and below 1": (lambda x: (x < 0) | (x >= 1), "must be from 0 and below 1"),
 }
 SYMMETRIC = 1e-12  # of a matrix, relative
 WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number", Sequence: "a list of texts"}
@@ -41,8 +42,8 @@ class Spec:
 
     Sentences name options as those of messages do: ``{option[rate]}``. Of a field that is a number or an array, `shape`
     says which, a name in it being the length of another field, and `rule` what else holds: "positive", "not negative",
-    "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its name for callers, if it
-    has another. One that `is_fixed` is no parameter of derivatives.
+    "from 0 and below 1", "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its
+    name for callers, if it has another. One that `is_fixed` is no parameter of derivatives.
     """
 
     text: str
@@ -65,7 +66,7 @@ def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
 def as_specified(record: Any, name: str) -> Any:
     """Return the value of a field that is a word, a number or an array; a ValueError where it is not as described."""
     kind_of_record: Any = type(record)
-    value, (kind, _, spec) = getattr(record, name), specs(kind_of_record)[name]
+    value, (kind, default, spec) = getattr(record, name), specs(kind_of_record)[name]
     name = spec.option or name
     if get_origin(kind) is Literal:
         if not among(value, get_args(kind)):
@@ -73,6 +74,8 @@ def as_specified(record: Any, name: str) -> Any:
             known = " or ".join(map(repr, words)) if len(words) == 2 else f"one of {', '.join(words)}"
             raise ValueError(f"{name} must be {known}, got {shown(value)}")
         return value
+    if value is None and default is None:
+        return None
     if spec.rule.startswith("direction in "):
         return as_direction(value, name, spec.rule.removeprefix("direction in "))
     array = as_array(value, name, tuple(np.size(getattr(record, n)) if isinstance(n, str) else n for n in spec.shape))

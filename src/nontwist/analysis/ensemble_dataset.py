@@ -13,13 +13,14 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..integrators.base import Integrator, Outcome, Problem, Status
 from .statistics import named
-from .trajectory import FORMAT_VERSION, grid_record, versions
+from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
 from .variables import (
     NODES,
-    ROTORS,
     SIZES,
     STATE,
     VARIABLES,
+    WHEELS,
+    Wheels,
     assembled,
     coordinates,
     described,
@@ -48,11 +49,16 @@ def dataset(
 ) -> xarray.Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
-    if variables == NODES and ensemble.load.rotors:
-        variables = (*NODES, *ROTORS)
+    records = ensemble.load.description
+    if variables == NODES:
+        variables = nodes_of(records)
+    elif ensemble.load.wheels:
+        variables = tuple(dict.fromkeys((*variables, *WHEELS)))
     rotors = rotor_momenta(ensemble, ensemble.output)
     held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
-    found = described(observables(variables, systems, outcome.states, rotors, held), ("member",))
+    found = described(observables(variables, systems, outcome.states, rotors, held, Wheels.of(records)), ("member",))
+    if outcome.states.internal is not None:
+        found |= described({"internal_state": outcome.states.internal}, ("member",))
     if outcome.observed is not None:
         span = ensemble.t_end - ensemble.t_start
         loaded = bool(ensemble.load.without_potentials.terms)
@@ -61,7 +67,8 @@ def dataset(
     found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
-    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output)
+    along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if ensemble.load.wheels else {}
+    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output, **along)
     return assembled(found, placed, _record(scheme, ensemble))
 
 

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..loads.kinds import is_rotor
 from ..models.stack import PARALLEL, SystemStack, is_principal, stacked
 from ..models.system import DirectorSystem
 from .datasets import RUN, as_dataset
@@ -85,7 +86,7 @@ class Acting(NamedTuple):
 def acting_in(run: xarray.Dataset) -> Acting:
     """Return what acts in a run, of one that was joined in all of its parts together."""
     parts = parts_of(run)
-    stored = [[one for one in part["load"] if one["kind"] == "potential" or "rotor" in one] for part in parts]
+    stored = [[one for one in part["load"] if one["kind"] == "potential" or is_rotor(one)] for part in parts]
     records: list[Mapping[str, Any]] = list(parts[0]["load"])
     for part in parts[1:]:
         records += [one for one in part["load"] if one not in records]
@@ -140,11 +141,16 @@ def _vectors(records: Records) -> Array:
 def invariants(system: DirectorSystem, records: Records, dissipates: bool = False) -> dict[str, Invariant]:
     """Return the invariants of `system` under a load of these records, by name; no energy of one that dissipates."""
     held, others = potentials(records), [record for record in records if record["kind"] != "potential"]
-    loaded, gyrostat, orbit = bool(others), all("rotor" in record for record in others), _orbit(held)
+    loaded, gyrostat, orbit = bool(others), all(map(is_rotor, others)), _orbit(held)
     systems, heavy = stacked(system), bool(system.dead_force.any() or held)
     found: dict[str, Invariant] = {}
     if orbit is not None:
-        alone = len(held) == 1 and system.axis is None and not (system.dead_force.any() or dissipates)
+        alone = (
+            len(held) == 1
+            and not orbit.get("eccentricity")
+            and system.axis is None
+            and not (system.dead_force.any() or dissipates)
+        )
         if alone and (gyrostat or not loaded):
             symbol = "K+V−A−n o·(π+Λh)" if loaded else "K+V−n o·π"
             found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit), loaded)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
+from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from ..loads.kinds import rotors_of
+from ..loads.friction import ROUND_OFF
+from ..loads.kinds import is_rotor, load_of, rotors_of
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
@@ -25,7 +27,9 @@ from .variables import (
     EVENTS,
     NODES,
     ROTORS,
+    WHEELS,
     Described,
+    Wheels,
     assembled,
     coordinates,
     described,
@@ -39,7 +43,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 FORMAT_VERSION = 1
-READ_LATER = {"states", "multipliers", "moment", "load_work", "newton_iterations", "memory", "dead_moment", "twist"}
+READ_LATER = {"states", "memory", *Intervals._fields}
 
 
 class Events(NamedTuple):
@@ -66,7 +70,8 @@ class Trajectory:
     load : list of dict, the load as data
     time : (n+1,) array, s
     states : States
-        The stored states as a tuple of arrays: quaternions and W. Some integrators add N, the symmetric part of the
+        The stored states as a tuple of arrays: quaternions and W; `internal`, the internal states of loads with memory,
+        None where there are none. Some integrators add N, the symmetric part of the
         director velocities in the body (11, 22, 33, 23, 13, 12), or the directors themselves, which leave SO(3) by the
         error of the integrator.
     multipliers : (n, m) array, N m
@@ -90,6 +95,8 @@ class Trajectory:
         each interval; for other bodies 0. Under other potentials it is not known.
     twist : (n,) array, rad, or None where the integrator does not count it
         Twist over each interval, about the constrained axis or E3, from the stages of the steps.
+    dissipated_energy : (n,) array, J, or None without dry friction
+        What dry friction takes over each interval.
     memory : array, or None
         The last internal state of the integrator, from which `start=` continues bit for bit.
     potentials : Load
@@ -125,6 +132,7 @@ class Trajectory:
     memory: Array | None = field(default_factory=lambda: None)  # no class attribute: see __getattr__
     dead_moment: Array | None = field(default_factory=lambda: None)
     twist: Array | None = field(default_factory=lambda: None)
+    dissipated_energy: Array | None = field(default_factory=lambda: None)
     tolerance: float | None = None
     error_estimate: float | None = None
     warning: str | None = None
@@ -210,9 +218,27 @@ class Trajectory:
 
     @property
     def rotor_momentum(self) -> Array | None:
-        """Momentum of the rotors relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None without rotors."""
+        """Momentum of rotors and wheels relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None: none."""
+        has_rotors = any(map(is_rotor, self.load))
+        return self.observables("rotor_momentum")["rotor_momentum"] if has_rotors else None
+
+    @property
+    def wheel_momentum(self) -> Array:
+        """Axial momentum of each wheel of the load in space, (n+1, k), kg m² s⁻¹."""
+        return self.observables("wheel_momentum")["wheel_momentum"]
+
+    @property
+    def _rotor_momentum(self) -> Array | None:
         load = rotors_of(self.load)
         return load.rotor_momentum(self.time) if load.terms else None
+
+    @property
+    def sticking(self) -> NDArray[np.int64]:
+        """The number of dry frictions of the load whose rates are zero at the stored times, (n+1,)."""
+        own, W = load_of(one for one in self.load if "dry_friction" in one).frictions, self.material_angular_velocity
+        zero = ROUND_OFF * np.linalg.norm(W, axis=1)
+        found: NDArray[np.int64] = sum((abs(term.rates(W)) <= zero for term in own), np.zeros(len(W), dtype=np.int64))
+        return found
 
     def observables(self, variables: str | Iterable[str]) -> dict[str, Array]:
         """Return variables of the stored states by name, without a dataset.
@@ -234,7 +260,8 @@ class Trajectory:
         """
         names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
         held = None if self.potentials is None else potentials_of(self.potentials, self.time)
-        return observables_of_one(names, self.system, self.states, self.rotor_momentum, held)
+        wheels = Wheels.of(self.load)
+        return observables_of_one(names, self.system, self.states, self._rotor_momentum, held, wheels)
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
@@ -244,10 +271,13 @@ class Trajectory:
         self, more: dict[str, Array], coordinates_of: dict[str, Any], beside: dict[str, Described]
     ) -> xarray.Dataset:
         """Return the run as a dataset with `more` variables, and the coordinates that these need (`coordinates`)."""
-        has_rotors = any("rotor" in term for term in self.load)
-        variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
+        variables: dict[str, Any] = self.observables(nodes_of(self.load))
+        if self.states.internal is not None:
+            variables["internal_state"] = self.states.internal
         variables |= {"moment": self.moment, "load_work": self.load_work}
         along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
+        if "wheel_speed" in variables:
+            along["wheel"] = np.arange(1, 1 + variables["wheel_speed"].shape[1])
         if count := self.multipliers.shape[1]:
             variables["multipliers"] = self.multipliers
             along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
@@ -256,6 +286,8 @@ class Trajectory:
             if self.dead_moment is not None:
                 rate = np.diff(variables["spatial_momentum"], axis=0) / np.diff(self.time)[:, None]
                 variables["spatial_reaction_moment"] = rate - self.moment - self.dead_moment
+        if self.dissipated_energy is not None:
+            variables |= {"dissipated_energy": self.dissipated_energy, "sticking": self.sticking}
         if self.twist is not None:
             variables["mean_twist_rate"] = self.twist / np.diff(self.time)
         if self.newton_iterations is not None:
@@ -340,5 +372,17 @@ def versions() -> dict[str, str]:
 
 def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
     """Return all observables of states of a body under a load on `time`."""
-    found = observables_of_one(NODES, system, states, potentials=potentials_of(load, time))
-    return assembled(described(found), coordinates(("time", *COORDINATES), time=time), {})
+    held, records, along = potentials_of(load, time), load.description, dict[str, Any](time=time)
+    rotors, wheels = load.rotor_momentum(time) if load.rotors else None, Wheels.of(records)
+    found = observables_of_one(nodes_of(records), system, states, rotors, held, wheels)
+    if states.internal is not None:
+        found["internal_state"] = states.internal
+    if wheels is not None:
+        along["wheel"] = np.arange(1, 1 + len(wheels.axes))
+    return assembled(described(found), coordinates((*along, *COORDINATES), **along), {})
+
+
+def nodes_of(records: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the names of the variables of states that a run under the load of these records has."""
+    rotors = ROTORS if any(map(is_rotor, records)) else ()
+    return (*NODES, *rotors, *(WHEELS if any("wheel" in one for one in records) else ()))

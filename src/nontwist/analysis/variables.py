@@ -14,18 +14,19 @@ They are (eq-dir-momenta, eq-director-K) for ``π^i = Σ_j E_ij d_j'``, as ``Σ_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
 from ..geometry.values import among, as_list, shown
 from ..loads import Load
+from ..loads.wheels import columns_of
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .observables import orthonormality_defect
@@ -62,6 +63,10 @@ ROTORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose lo
     "rotor_momentum": (_BODY, "kg m2 s-1", "momentum of the rotors relative to the body, material", "Σ h a"),
     "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
 }
+FRICTION: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs under dry friction
+    "sticking": (_NODE, "1", "number of dry frictions whose rates are zero", "s"),
+    "dissipated_energy": (_MID, "J", "energy that dry friction takes over the interval", "D"),
+}
 DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensitivities`
     "d_rotation": (
         ("time", "axis", "parameter"),
@@ -77,7 +82,17 @@ DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensiti
     ),
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
-VARIABLES |= ROTORS | DERIVATIVES
+WHEELS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have wheels
+    "wheel_momentum": (("time", "wheel"), "kg m2 s-1", "axial momentum of the wheel in space", "h"),
+    "wheel_speed": (("time", "wheel"), "rad s-1", "speed of the wheel relative to the body", "Ω"),
+    "wheel_work": (("time", "wheel"), "J", "work of the motor since the start, of wheels with friction", "A"),
+    "wheel_loss": (("time", "wheel"), "J", "energy that friction has taken since the start", "D"),
+    "total_kinetic_energy": (_NODE, "J", "kinetic energy of body and wheels", "T"),
+}
+INTERNAL: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have memory
+    "internal_state": (("time", "internal"), "1", "internal states of the loads with memory", "z"),
+}
+VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
 STATE = ("quaternion", "material_angular_velocity")
@@ -172,7 +187,7 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
 
     `hint` is added for variables of intervals.
     """
-    known = (*NODES, *ROTORS)
+    known = (*NODES, *ROTORS, *WHEELS)
     if isinstance(variables, str):
         names: Iterable[str] = NODES if variables == "all" else (variables,)
     else:
@@ -182,6 +197,40 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
             more = hint if among(name, VARIABLES) else ""
             raise ValueError(f"{whose} has no variable {shown(name)}{more}; available: 'all', {', '.join(known)}")
     return tuple(name for name in known if name in names)
+
+
+class Wheels(NamedTuple):
+    """The wheels of a load (`loads.wheels`): what gives their states."""
+
+    axes: Array  # (k, 3)
+    inertia: Array  # (k,)
+    columns: NDArray[np.int64]  # (k,) of h among the internal states
+    have_friction: NDArray[np.bool_]  # (k,) whether work and loss are internal states
+
+    @classmethod
+    def of(cls, records: Sequence[Mapping[str, Any]]) -> Wheels | None:
+        """Return the wheels of the load of these records, None where there are none."""
+        found = columns_of(records)
+        return cls(*map(np.array, zip(*found, strict=True))) if found else None
+
+    @property
+    def euler_inertia(self) -> Array:
+        """What the wheels, locked, give to E, (3, 3), kg m²."""
+        J = np.einsum("k,ki,kj->ij", self.inertia, self.axes, self.axes)
+        found: Array = np.trace(J) / 2 * np.eye(3) - J
+        return found
+
+    def states(self, velocity: Array, internal: Array) -> tuple[dict[str, Array], Array, Array]:
+        """Return their variables, Σ I Ω n, (m, k, 3), and ``Σ I Ω (n·W + Ω/2)``, (m, k)."""
+        h, axial = internal[..., self.columns], velocity @ self.axes.T
+        speed = h / self.inertia - axial
+        work, loss = (
+            np.where(self.have_friction, internal[..., self.columns + k * self.have_friction], other)
+            for k, other in ((1, np.nan), (2, 0.0))
+        )
+        energy = (self.inertia * speed * (axial + speed / 2)).sum(axis=-1)
+        found = {"wheel_momentum": h, "wheel_speed": speed, "wheel_work": work, "wheel_loss": loss}
+        return found, (self.inertia * speed) @ self.axes, energy
 
 
 class Potentials(NamedTuple):
@@ -203,6 +252,7 @@ def observables(
     states: States,
     rotors: Array | None = None,
     potentials: Potentials | None = None,
+    wheels: Wheels | None = None,
 ) -> dict[str, Array]:
     """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them.
 
@@ -210,7 +260,7 @@ def observables(
     """
     names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
     if not set(names) <= set(STATE):
-        found |= _computed(names, systems, rotors, *states)
+        found |= _computed(names, systems, rotors, wheels, states.internal, *states[:4])
     if potentials is not None and "potential_energy" in found:
         q = attitudes(states.quaternion).swapaxes(-1, -2)
         found["potential_energy"] = found["potential_energy"] + potentials.scale[:, None] * sum(
@@ -225,10 +275,11 @@ def observables_of_one(
     states: States,
     rotors: Array | None = None,
     potentials: Potentials | None = None,
+    wheels: Wheels | None = None,
 ) -> dict[str, Array]:
     """Return variables of stored states of one body, (k, ...); `rotors` is (k, 3)."""
     turning = None if rotors is None else rotors[None]
-    found = observables(names, stacked(system), states.part(None), turning, potentials)
+    found = observables(names, stacked(system), states.part(None), turning, potentials, wheels)
     return {name: array[0] for name, array in found.items()}
 
 
@@ -236,6 +287,8 @@ def _computed(
     names: tuple[str, ...],
     systems: SystemStack,
     rotors: Array | None,
+    wheels: Wheels | None,
+    internal: Array | None,
     p: Array,
     W: Array,
     N: Array | None,
@@ -249,6 +302,8 @@ def _computed(
     w = [W[..., i] for i in range(3)]
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
+    if wheels is not None:  # which do not change their shape
+        E = E - wheels.euler_inertia
     if N is not None:
         z, normal_energy = _of_normal(E, w, N)
         Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
@@ -256,6 +311,10 @@ def _computed(
     h = np.zeros(W.shape)
     if rotors is not None:
         h += rotors
+    of_wheels, T = dict[str, Array](), K
+    if wheels is not None and internal is not None:
+        of_wheels, momentum, energy = wheels.states(W, internal)
+        h, T = h + momentum, K + energy
     whole = [Pi[i] + h[..., i] for i in range(3)]
     rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
     made: dict[str, Callable[[], Array]] = {
@@ -271,7 +330,8 @@ def _computed(
         "rotor_momentum": lambda: h,
         "total_momentum": lambda: np.stack([_dot(row, whole) for row in rows], axis=-1),
     }
-    return {name: made[name]() for name in names if name in made}
+    of_wheels["total_kinetic_energy"] = T
+    return {name: made[name]() if name in made else of_wheels[name] for name in names if name in {**made, **of_wheels}}
 
 
 def _dot(a: list[Array], b: list[Array]) -> Array:

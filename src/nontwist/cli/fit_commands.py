@@ -46,8 +46,8 @@ def fit_command(
         str | None,
         typer.Option(
             metavar="SETTINGS",
-            help="A rotor of known momentum in the body: axis=z,inertia=KGM2,speed=COLUMN or speed=RAD/S; unit=rpm if "
-            "the column does not state it; error=0.01 for an error of 1 % of its momentum.",
+            help="A rotor of known momentum in the body: axis=z, -x, X,Y,Z or fit, inertia=KGM2, speed=COLUMN or "
+            "speed=RAD/S; unit=rpm if the column does not state it; error=0.01 for an error of 1 % of its momentum.",
         ),
     ] = None,
     damping: Annotated[

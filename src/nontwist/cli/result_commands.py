@@ -14,6 +14,7 @@ import typer
 
 from .options import Debug, DecimalComma, Force, Json, require_suffix
 from .outcomes import require_readable, say
+from .run_commands import printed_warnings
 from .summaries import (
     drift_rows,
     error_words,
@@ -81,6 +82,13 @@ def export_command(
     degrees: Annotated[
         bool, typer.Option("--degrees", help="Write angles and their rates in degrees; headers state it.")
     ] = False,
+    euler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXES",
+            help="Add Euler angles and their rates: ZXZ about axes that turn with the body, zxz about fixed axes.",
+        ),
+    ] = None,
     decimal_comma: DecimalComma = False,
     force: Force = False,
     debug: Debug = False,
@@ -92,7 +100,8 @@ def export_command(
     with its name. NPZ and JSON contain states along time,
     quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
-    from ..io.exports import in_degrees, write_csv, write_json, write_npz
+    from ..geometry.euler import require_sequence
+    from ..io.exports import in_degrees, with_euler, write_csv, write_json, write_npz
     from ..io.whole import require_free, written
 
     if out is not None:
@@ -103,11 +112,22 @@ def export_command(
     if decimal_comma and kind != "csv":
         raise typer.BadParameter("applies to CSV only; omit it, or add --to csv", param_hint="--decimal-comma")
     csv = partial(write_csv, decimal_comma=decimal_comma)
+    if euler is not None:
+        require_sequence(euler)
     writers: dict[str, Callable[[xarray.Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
     write = writers.get(kind)
 
     def opened() -> xarray.Dataset:
-        run = _chosen(_run_or_sweep(result), names, kind)
+        whole = _run_or_sweep(result)
+        run = _chosen(whole, names, kind)
+        if euler is not None:
+            missing = {"quaternion", "material_angular_velocity"} - set(whole.data_vars)
+            if missing or not {"time", "member"} & set(run.dims):
+                lacks = f"{result} has no {min(missing)}" if missing else "columns of events have no states"
+                raise typer.BadParameter(lacks, param_hint="--euler")
+            with printed_warnings(result):
+                angles = with_euler(whole, euler)
+            run = run.assign({name: angles[name] for name in ("euler_angles", "euler_rates")})
         return in_degrees(run) if degrees else run
 
     if out is None and write is not None:

@@ -14,7 +14,7 @@ import typer
 
 from .file_commands import example_names
 from .options import Debug, Force, Json, Overrides, Quiet, RunFiles, require_folder
-from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say
+from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say, words
 from .smooth import smooth
 from .summaries import hint, print_json, print_rows, run_numbers, run_rows, typed
 
@@ -122,7 +122,7 @@ def printed_warnings(path: Path) -> Iterator[None]:
 
     def show(message: Warning | str, *where: Any, **more: Any) -> None:
         if str(message) not in printed:
-            say(f"{path}: warning: {message}", "yellow")
+            say(f"{path}: warning: {words(message)}", "yellow")
         printed.add(str(message))
 
     with warnings.catch_warnings():

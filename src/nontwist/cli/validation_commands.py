@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..validation import GROUPS
-from .options import Force, require_suffix
+from .options import Debug, Force, require_suffix
 from .outcomes import DIFFERS, say, stdout
 from .summaries import print_table
 
@@ -38,6 +38,7 @@ def validate_command(
         typer.Option(metavar="PATH", help="Write a summary to this file (.md), and all checks beside it (.json)."),
     ] = None,
     force: Force = False,
+    debug: Debug = False,
 ) -> None:
     """Check this installation against printed digits, closed forms, invariants and independent solutions.
 

@@ -13,7 +13,7 @@ import typer
 
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Force, given_again, reads, require_suffix
+from .options import Debug, Force, given_again, reads, require_suffix
 from .outcomes import about, require_readable, say, words
 from .smooth import largest_turn, smooth
 from .summaries import typed
@@ -120,6 +120,7 @@ def view_command(
     ] = None,
     show: Show = True,
     force: Force = False,
+    debug: Debug = False,
 ) -> None:
     """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
@@ -269,6 +270,7 @@ def play_command(
     out: Annotated[Path, typer.Option(metavar="PATH", help="Page to write (.html).")] = Path("playground.html"),
     show: Show = True,
     force: Force = False,
+    debug: Debug = False,
 ) -> None:
     """Write and open the playground: two bodies get the same kick, and one of them may not twist.
 

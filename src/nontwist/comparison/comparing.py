@@ -29,7 +29,7 @@ from ..driver.grid import fits, inside, kinks, paced
 from ..driver.runs import integrate
 from ..geometry.values import as_whole
 from ..integrators import LieMidpoint
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .dataset import comparison_dataset
@@ -53,7 +53,7 @@ def compare(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrators: Sequence[Choice] | None = None,
     steps: Sequence[float] | None = None,
     repeats: int = 5,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -9,20 +10,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_number, as_positive, vector
+from ..geometry.arrays import Array, as_array, as_number, as_positive, vector
 from ..geometry.values import shown
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .completion import OVERFLOW
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
-from .planning import resolve_integrator
+from .planning import internal_states, resolve_integrator
 from .starts import start_of_one
 from .states import BodyState
 
@@ -38,7 +39,7 @@ def stepper(
     *,
     integrator: str | Integrator = "lie-midpoint",
     order: int | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
 ) -> Stepper:
     """Return a body that is integrated step by step, under moments chosen at every step: for closed loops.
 
@@ -89,6 +90,7 @@ def stepper(
     if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):
         *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
         raise ValueError(f"a stepper supports the integrators {', '.join(names)} and {last}, got {scheme.name}")
+    scheme.require_memory(load)
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
@@ -102,6 +104,7 @@ class Kind(NamedTuple):
     step: float
     inertia: bytes
     axis: bytes | None
+    internal: int  # internal states of the load
 
 
 def _takes_steps(kind: type[Integrator]) -> bool:
@@ -125,8 +128,10 @@ class StepperState(BodyState):
     (0.01, array([0.e+00, 0.e+00, 1.e-05]))
     """
 
-    __slots__ = ("_kind", "_start", "_steps")
+    __slots__ = ("_axes", "_kind", "_momenta", "_start", "_steps")
+    _axes: tuple[tuple[float, ...], ...]  # inertia and axis of each wheel
     _kind: Kind
+    _momenta: tuple[float, ...]
     _start: float
     _steps: int
 
@@ -139,6 +144,23 @@ class StepperState(BodyState):
     def steps(self) -> int:
         """Number of steps since the last reset."""
         return self._steps
+
+    @property
+    def internal_state(self) -> tuple[float, ...]:
+        """The internal states z of loads with memory but for wheels, one behind the other; none: ()."""
+        k, end = self._kind.internal - len(self._momenta), len(self._numbers) - 1
+        return self._numbers[end - 2 * k : end - k]  # the carried numbers end with z and its round-off
+
+    @property
+    def wheel_momentum(self) -> tuple[float, ...]:
+        """Axial momentum of each wheel in space, kg m² s⁻¹."""
+        return self._momenta
+
+    @property
+    def wheel_speed(self) -> tuple[float, ...]:
+        """Speed of each wheel relative to the body, rad/s."""
+        x, y, z = self.material_angular_velocity
+        return tuple(h / I - (a * x + b * y + c * z) for h, (I, a, b, c) in zip(self._momenta, self._axes, strict=True))
 
     @property
     def load_work(self) -> float:
@@ -159,7 +181,7 @@ class StepperState(BodyState):
         return hash(self._key())
 
     def _key(self) -> tuple[Any, ...]:
-        return self._kind, self._numbers, self._start, self._steps
+        return self._kind, self._numbers, self._momenta, self._start, self._steps
 
 
 class Stepper:
@@ -200,8 +222,14 @@ class Stepper:
     def __init__(self, system: DirectorSystem, step: float, integrator: Compiled, load: Load) -> None:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
-        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
-        self._single = SingleStep(system, load, step, integrator)
+        if not all(one.is_driven for one in load.wheels):
+            raise ValueError(
+                "a stepper has wheels without friction, and motors whose torque is no function: take friction off "
+                "wheel_torque, by state.wheel_speed"
+            )
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, load.internal_state.size)
+        self._single, self._wheels = SingleStep(system, load, step, integrator), load.wheels
+        self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
         self.reset()
 
     def reset(
@@ -249,10 +277,15 @@ class Stepper:
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
         problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
-        self._state = self._made(self._single.begin(problem), t, 0)
+        internal, count = internal_states(systems, self.load, begin, t), len(self._wheels)
+        rest = None if internal is None or internal.shape[1] == count else internal[:, count:]
+        numbers = self._single.begin(replace(problem, internal=rest))
+        self._state = self._made(numbers, t, 0, internal[0, :count].tolist() if count and internal is not None else ())
         return self._state
 
-    def step(self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO) -> StepperState:
+    def step(
+        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = ()
+    ) -> StepperState:
         """Take one step under moments that are constant over it, and return the state at its end.
 
         Parameters
@@ -261,6 +294,8 @@ class Stepper:
             Components along the directors: a moment that rotates with the body, such as that of thrusters and motors.
         space_moment : (3,) array, N m
             Components along the axes of space.
+        wheel_torque : (k,) array, N m
+            Torque of the motor on each wheel of the load about its axis, beside that of the load; 0 by default.
 
         Returns
         -------
@@ -269,7 +304,7 @@ class Stepper:
         Raises
         ------
         ValueError
-            A moment does not consist of 3 finite numbers.
+            A moment does not consist of 3 finite numbers, or `wheel_torque` not of a number for each wheel.
         SimulationError
             The step fails: the body would turn by more than half a turn, the load fails, or a number is not finite. The
             state is unchanged; `partial` of the error is None.
@@ -282,23 +317,35 @@ class Stepper:
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state
         k = now._steps
+        momenta, wheels = self._driven(now, wheel_torque) if self._wheels or np.size(wheel_torque) else ((), None)
         try:
-            numbers = self._single(now._numbers, now._start, k, body, space)
+            numbers = self._single(now._numbers, now._start, k, body, space, wheels)
         except ValueError as error:
             raise self._error(Failure(Status.LOAD, k, nan, nan, str(error))) from error
         if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
             raise self._error(
                 self._single.failure(k) or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
             )
-        self._state = state = self._made(numbers, now._start, k + 1)
+        self._state = state = self._made(numbers, now._start, k + 1, momenta)
         return state
+
+    def _driven(self, now: StepperState, torque: ArrayLike) -> tuple[tuple[float, ...], tuple[Array, Array]]:
+        """Return the momenta of the wheels after a step, and what these are for the step: their sum, and its rate."""
+        own, count = as_array(torque, "wheel_torque", (None,)), len(self._wheels)
+        if own.size not in (0, count):
+            raise ValueError(f"wheel_torque needs a number for each wheel, {count}, got {own.size}")
+        begin, h, t = np.array(now._momenta), self.step_size, now._time
+        change = [one.scale * float(np.diff(one.impulse(np.array([t, t + h])))[0]) for one in self._wheels]
+        end = begin + np.array(change) + h * (own if own.size else 0.0)
+        axes = np.stack([one.direction for one in self._wheels])
+        return tuple(end.tolist()), (begin @ axes, (end - begin) / h @ axes)
 
     @property
     def state(self) -> StepperState:
         """The current state. Set it to return to an earlier state of this stepper, or of one of the same kind.
 
-        A stepper of the same kind has the same integrator, order and step, and a body of the same inertia and axis. For
-        any other state use `reset`.
+        A stepper of the same kind has the same integrator, order and step, a body of the same inertia and axis, and as
+        many internal states. For any other state use `reset`.
         """
         return self._state
 
@@ -308,7 +355,7 @@ class Stepper:
             raise ValueError(f"state must be a state of a stepper, got {shown(state)}; use reset(...) for other starts")
         if state._kind != self._kind:
             raise ValueError(
-                "state belongs to a stepper with another integrator, order, step, inertia or axis; "
+                "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "
                 "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
                 "time=state.time)"
             )
@@ -336,8 +383,9 @@ class Stepper:
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.system, self.step_size, self.integrator, self.load, self._state)
 
-    def _made(self, numbers: Numbers, start: float, steps: int) -> StepperState:
+    def _made(self, numbers: Numbers, start: float, steps: int, momenta: Sequence[float] = ()) -> StepperState:
         state = StepperState.__new__(StepperState)
+        state._momenta, state._axes = tuple(momenta), self._axes
         state._kind, state._numbers, state._start, state._steps = self._kind, numbers, start, steps
         state._time = start + steps * self.step_size
         return state

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from ..analysis.variables import NODES, observables, potentials_of
 from ..geometry.arrays import Array, sum_of_squares
+from ..geometry.attitudes import States
 from ..integrators import Integrator, Status
 from ..integrators.base import Failure, Outcome, Problem
+from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
+from ..integrators.wheels import as_gyrostat, of_locked, with_wheels
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
@@ -45,8 +48,21 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    outcome = scheme.march(problem, threads)
+    if problem.load.frictions:
+        from . import friction  # it marches the parts of a run by this function
+
+        outcome = friction.march(scheme, problem, threads)
+    else:
+        outcome = _march(scheme, problem, threads)
     reasons = dict(outcome.reasons)
+    for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
+        from . import jumps
+
+        stall = outcome.failure(i)
+        assert stall is not None
+        failure = jumps.named(scheme, problem.member(i), stall)
+        if failure is not stall:
+            outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good
         if outcome.failures[i, 0] == Status.OK:
@@ -58,6 +74,24 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
             if array is not None:
                 array[i, outcome.good[i] :] = np.nan
     return outcome._replace(reasons=reasons)
+
+
+def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
+    """Integrate a problem, one with wheels as that of gyrostats, member by member."""
+    if not problem.load.wheels:
+        return scheme.march(problem, threads)
+    if problem.observed:
+        raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
+    found = one_by_one(lambda one: scheme.march(as_gyrostat(one)), problem, threads)
+    return of_locked(problem, found)
+
+
+def between(scheme: Integrator, problem: Problem, states: States) -> States | None:
+    """Return the states of one body at the times asked for, as `Integrator.between`."""
+    if not problem.load.wheels:
+        return scheme.between(problem, states)
+    found = scheme.between(as_gyrostat(problem), states)
+    return None if found is None else with_wheels(problem, found)
 
 
 def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:

@@ -18,7 +18,7 @@ from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
 from .parameters import EVERY, Parameters
@@ -53,7 +53,7 @@ def sensitivities(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     store: int | Literal["end"] = 1,
@@ -141,7 +141,7 @@ def gradient(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     store: int | Literal["end"] = 1,
@@ -239,7 +239,7 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
 
 def linearised_by(plan: Plan) -> Compiled:
     """Return what linearises the steps of a plan."""
-    return scheme_of(plan.scheme)
+    return scheme_of(plan.scheme, plan.load)
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:

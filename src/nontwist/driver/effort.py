@@ -199,7 +199,8 @@ def require_nontwisting(system: DirectorSystem) -> None:
 def path_length(inertia: Array, times: Array, table: Array) -> float:
     """Return the length of the path of the axis, ∫|W| dt from rest, under moments that are linear between times."""
     x, w = np.polynomial.legendre.leggauss(8)
-    part, h, rates = (1 + x) / 2, np.diff(times)[:, None], np.linalg.solve(inertia, table.T).T
+    part, h, rates = (1 + x) / 2, np.diff(times)[:, None], np.zeros_like(table)
+    rates[:, :2] = np.linalg.solve(inertia[:2, :2], table[:, :2].T).T
     before = np.concatenate([np.zeros((1, 3)), np.cumsum(h * (rates[1:] + rates[:-1]) / 2, axis=0)])[:-1]
     inside = part - part**2 / 2, part**2 / 2
     W = before[:, None] + h[:, :, None] * sum(
@@ -221,7 +222,7 @@ class Transfer:
 
     def __init__(self, inertia: Array, goal: Rotation, nodes: int) -> None:
         self.goal, self.inertia, self.times = goal, inertia, np.linspace(0, 1, nodes)
-        body, h = nontwisting(inertia), 1 / (nodes - 1)
+        body, h = nontwisting(inertia, physical=False), 1 / (nodes - 1)
         hats = h / 6 * (4 * np.eye(nodes) + np.eye(nodes, k=1) + np.eye(nodes, k=-1))
         hats[0, 0] = hats[-1, -1] = h / 3
         self._root = np.linalg.cholesky(hats)
@@ -257,7 +258,10 @@ class Transfer:
             return None
         from scipy.spatial.transform import Rotation
 
-        states, parameters = outcome.states.part(0), Parameters(problem, "values", scheme_of(self._scheme))
+        states, parameters = (
+            outcome.states.part(0),
+            Parameters(problem, "values", scheme_of(self._scheme, problem.load)),
+        )
         steps = Linearised(problem, self._scheme, parameters.inputs, parameters.changes)
         first = np.zeros((steps.rows, parameters.count))
         X = forward(steps, states, first, parameters.entries, self._kept)[-1]

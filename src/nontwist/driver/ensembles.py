@@ -17,7 +17,7 @@ from ..geometry.values import as_whole
 from ..integrators import DEFAULT, Integrator, Status
 from ..integrators.base import Outcome, Problem
 from ..integrators.time_grid import stretched
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -45,7 +45,7 @@ def simulate_ensemble(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     load_scale: ArrayLike = 1.0,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
@@ -157,7 +157,8 @@ def simulate_ensemble(
     if plan.is_controlled and grid is None:
         scheme, grid = first_grid(plan, begin)
     if grid is None:
-        grid = automatic_grid(systems, begin.velocity, plan.paced, t0, t1, begin.load_scale, is_bound=True)
+        how = (systems, begin.velocity, plan.paced, t0, t1, begin.load_scale)
+        grid = automatic_grid(*how, is_bound=True, is_a_stable=scheme.is_a_stable)
     problem = replace(plan.problem(begin, grid), observed=bool(requested))
     count = len(problem.output)
     _require_memory(names, m, count)

@@ -44,10 +44,10 @@ class Event(NamedTuple):
     terminal: int  # number of occurrences after which the run ends, 0: it does not
     direction: float
 
-    def value(self, t: float, p: Any, W: Any) -> float:
+    def value(self, t: float, p: Any, W: Any, z: Any = ()) -> float:
         """Return the value of the function at a state; a ValueError that names it where it fails."""
         try:
-            return float(as_number(self.function(t, body_state(t, p, W)), "its value"))
+            return float(as_number(self.function(t, body_state(t, p, W, z)), "its value"))
         except Exception as error:
             what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             raise ValueError(f"the event {self.name} fails at t = {t:.12g} s: {what}") from error
@@ -109,7 +109,9 @@ class Part(NamedTuple):
         if problem.off_grid or self.outcome.failure() is not None:
             return None
         nodes, own = problem.times(np.arange(problem.steps + 1)), self.outcome.states.part(0)
-        found = self.scheme.between(replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes)))
+        found = completion.between(
+            self.scheme, replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes))
+        )
         if found is not None:  # with the signs of those before
             p = own.quaternion[np.searchsorted(self.times, times, side="right") - 1]
             found.quaternion[np.sum(found.quaternion * p, axis=1) < 0] *= -1
@@ -192,10 +194,11 @@ class Search:
         """Yield the events of a part in the order of their times, up to one that ends the run."""
         found, crossed, states = list[Root](), list[Crossing](), part.outcome.states
         times, p, W = part.times.tolist(), states.quaternion[0].tolist(), states.velocity[0].tolist()
+        z: Any = [()] * len(times) if states.internal is None else states.internal[0].tolist()
         for number, event in enumerate(self.events):
             before, value = self.signs[number], 0.0
             for k, t in enumerate(times):
-                last, value = value, event.value(t, p[k], W[k])
+                last, value = value, event.value(t, p[k], W[k], z[k])
                 sign = float(np.sign(value))
                 if before * sign < 0 and event.counts(sign > 0):
                     crossed.append(Crossing(number, k - 1, (last, value)))
@@ -247,7 +250,8 @@ class Search:
         values = np.empty(times.shape)
         for k, each in enumerate(crossed):
             for i, (t, x) in enumerate(zip(times[k].tolist(), states[k], strict=True)):
-                values[k, i] = self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist())
+                z = () if x.internal is None else x.internal.tolist()
+                values[k, i] = self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist(), z)
         return values, states
 
     def _between(self, part: Part, number: int, check: int, values: tuple[float, float]) -> Root:
@@ -261,7 +265,8 @@ class Search:
         def value(t: float) -> float:
             if t not in known:
                 reached[t] = state = part.beyond(check, np.array([t])).states.part(0, 0)
-                known[t] = event.value(t, state.quaternion.tolist(), state.velocity.tolist())
+                z = () if state.internal is None else state.internal.tolist()
+                known[t] = event.value(t, state.quaternion.tolist(), state.velocity.tolist(), z)
             return known[t]
 
         longest = part.problem.t_end - part.problem.t_start if part.problem.off_grid else part.problem.grid.longest

@@ -20,7 +20,7 @@ from ..integrators.growing import Growth
 from ..integrators.linearised import Linearised
 from ..integrators.members import in_threads
 from ..integrators.members import progress as counted
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
 from . import completion
@@ -53,7 +53,7 @@ def lyapunov(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     project: bool = False,
@@ -139,7 +139,7 @@ def lyapunov_ensemble(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     load_scale: ArrayLike = 1.0,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
@@ -210,8 +210,8 @@ def lyapunov_ensemble(
         scheme, problem, *_ = controlled(plan, begin, workers)
         grid = problem.grid
     if grid is None:
-        W, scale = begin.velocity, begin.load_scale
-        grid = automatic_grid(systems, W, plan.paced, plan.t_start, plan.t_end, scale, is_bound=True)
+        how = (systems, begin.velocity, plan.paced, plan.t_start, plan.t_end, begin.load_scale)
+        grid = automatic_grid(*how, is_bound=True, is_a_stable=scheme.is_a_stable)
     problem = plan._replace(scheme=scheme).problem(begin._replace(grid=None), grid)
     warn_of_grid(plan.load, systems, plan.t_start, plan.t_end, grid)
     warn_of_step(scheme, problem)

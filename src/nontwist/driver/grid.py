@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.arrays import Array, as_array, as_positive, increasing
 from ..geometry.values import as_whole, counted, shown
 from ..integrators import Integrator
-from ..integrators.costs import ONE, largest_velocity
+from ..integrators.costs import ONE, damping_rate, largest_velocity
 from ..integrators.time_grid import FIT, Stretches, stretched
 from ..io.regular import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
@@ -26,6 +27,7 @@ BLOCK, TRIES = 250_000, 10_000_000  # pairs of counts and fractions that are tri
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 HIGHER = 5  # times longer are the steps that resolve a load with an order above 2
 NODES_APART = 16  # units in the last place of a time that a step must have
+CLOSEST = 16 * NODES_APART  # of the first steps, which may be refined
 SMALL = 2**26  # bytes that are assumed to be free
 
 
@@ -63,10 +65,11 @@ def is_too_short(span: float, step: float) -> bool:
 
 def require_resolution(t_start: float, t_end: float, grid: Stretches) -> None:
     """Raise a ValueError, with a valid step, when steps are so short that their nodes may coincide."""
-    span, largest = t_end - t_start, max(abs(t_start), abs(t_end))
-    resolution = float(np.spacing(largest))
-    h = span if grid.steps == 1 else min(grid.sizes)
-    if h >= NODES_APART * resolution or h == span:
+    span, ends = t_end - t_start, abs(np.array(grid.borders))
+    apart = np.spacing(np.maximum(ends[1:], ends[:-1]))
+    j = int(np.argmin(grid.sizes / apart))
+    h, resolution, largest = grid.sizes[j], float(apart[j]), float(max(ends[j : j + 2]))
+    if h >= NODES_APART * resolution or grid.steps == 1:
         return
     enough = span / max(1, int(span / (2 * NODES_APART * resolution)))
     raise ValueError(
@@ -129,15 +132,18 @@ def stretches_of(
     t_start: float,
     t_end: float,
     longest: float,
-    *,
     even: bool = False,
     higher: int = 1,
+    *,
     resolves: bool = True,
+    decay: float = 0.0,
+    part: float = 1.0,
 ) -> Stretches:
     """Return a grid whose nodes hold the kinks of a load, with steps up to `longest` that resolve its pulses and sines.
 
     With `even` each stretch has an even number of steps, or one; `higher` times longer ones resolve the load. Unless it
-    `resolves` the load, kinks are all that it looks at.
+    `resolves` the load, kinks are all that it looks at. Modes that decay at rates up to `decay`, 1/s, are resolved as
+    by `graded`.
 
     Raises
     ------
@@ -145,16 +151,34 @@ def stretches_of(
         Too many steps.
     """
     borders = np.concatenate([[t_start], kinks(load, t_start, t_end), [t_end]])
+    borders, each = graded(borders, longest, decay, part)
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
     for term in load.terms if resolves else ():  # a table is linear between its kinks
         if not isinstance(term, (Table, ForceTable)) and term.resolution < np.inf:
             acts = (term.acting[0, 0] < middles) & (middles < term.acting[-1, 1])
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
-    least = np.diff(borders) / np.minimum(longest, higher * resolution)
+    least = np.diff(borders) / np.minimum(each, higher * resolution)
     if not least.sum() <= MOST:
-        raise ValueError(_too_many(least.sum()))
+        raise ValueError(_too_many(least.sum(), decay))
     counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))
     return stretched(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
+
+
+def graded(borders: Array, longest: float, decay: float, part: float) -> tuple[Array, Array]:
+    """Return borders, with those of shorter steps behind each in between, and the longest steps there, s.
+
+    At the time t behind a border steps are at most ``part max(t, 1/decay)``: there are borders at t = 1/decay, twice,
+    four times, ... as much, until steps are as long as `longest`.
+    """
+    if not part < longest * decay:
+        return borders, np.full(len(borders) - 1, longest)
+    begins = 2.0 ** np.arange(np.ceil(np.log2(longest * decay / part)) + 1) / decay
+    pieces, sizes = [], []
+    for b, c in pairwise(borders.tolist()):
+        inner = begins[(begins < (c - b) / 2) & (part * begins > CLOSEST * np.spacing(abs(b) + begins))]
+        pieces.append(b + np.append(0.0, inner))
+        sizes.append(np.minimum(part * np.append(inner[:1], inner), longest) if inner.size else [longest])
+    return np.append(np.concatenate(pieces), borders[-1]), np.concatenate(sizes)
 
 
 def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
@@ -277,9 +301,21 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
 
 
 def automatic_grid(
-    systems: SystemStack, W: Array, load: Load, t_start: float, t_end: float, scale: Array = ONE, is_bound: bool = False
+    systems: SystemStack,
+    W: Array,
+    load: Load,
+    t_start: float,
+    t_end: float,
+    scale: Array = ONE,
+    is_bound: bool = False,
+    *,
+    is_a_stable: bool = False,
+    longest: float | None = None,
 ) -> Stretches:
     """Return a grid for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
+
+    The run then knows how long they may be, `longest`. Modes that decay faster are resolved while they last, or, unless
+    the integrator is A-stable, all the time.
 
     Raises
     ------
@@ -288,13 +324,22 @@ def automatic_grid(
     """
     if is_bound and load.called.terms:
         raise ValueError("a load that is a function of the state has no bound: give step=")
-    span = t_end - t_start
-    fastest = largest_velocity(systems, W, load, t_start, t_end, scale, is_bound)
-    return stretches_of(load, t_start, t_end, min(span / FEWEST, TURN / fastest if fastest else np.inf))
+    if longest is None:
+        fastest = largest_velocity(systems, W, load, t_start, t_end, scale, is_bound)
+        longest = min((t_end - t_start) / FEWEST, TURN / fastest if fastest else np.inf)
+    rate = damping_rate(systems, load, scale)
+    if not longest * rate > 1:
+        return stretches_of(load, t_start, t_end, longest)
+    if is_a_stable:
+        return stretches_of(load, t_start, t_end, longest, decay=rate, part=TURN)
+    return stretches_of(load, t_start, t_end, 1 / rate, decay=rate)
 
 
-def _too_many(steps: float) -> str:
-    return f"the automatic step would take {steps:.3g} steps of at most {TURN} rad, more than {MOST:.0e}; choose a step"
+def _too_many(steps: float, decay: float) -> str:
+    return (
+        f"the automatic step would take {steps:.3g} steps, more than {MOST:.0e}; choose a step"
+        + ", or the integrator gauss, which takes damped modes in long steps" * (decay > 0)
+    )
 
 
 def even_step(longest: float, load: Load, t_start: float, t_end: float) -> float | None:

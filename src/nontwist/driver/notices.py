@@ -14,6 +14,7 @@ from ..loads import Load
 from ..loads.calls import name_of
 from ..models.stack import SystemStack
 from . import costs
+from .friction import refusal
 from .grid import load_messages
 from .signals import shown_bar
 
@@ -77,7 +78,7 @@ def announce(cost: Cost, scheme: Integrator, problem: Problem) -> bool:
     if (reason := costs.excess(cost)) is not None:
         raise ValueError(reason)
     text = costs.notice(cost)
-    return text is None or scheme.refusal(problem) is not None or say([text])
+    return text is None or refusal(scheme, problem) is not None or say([text])
 
 
 @contextmanager

@@ -32,6 +32,7 @@ from ..loads.derivatives import (
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
+from ..loads.wheels import Wheel
 
 SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
 OWN = {  # those that every run has: labels, unit
@@ -152,13 +153,13 @@ class Parameters:
         if one.field in plain and one.term is None:
             return plain[one.field] | ({"terms"} if one.field.endswith("inertia") and self._drawn else set())
         if one.field in ("material_angular_velocity", "rotation"):
-            return set()
+            return {"rotor"} if self._wheels and one.field != "rotation" else set()
         if one.field == "spin":
             return {"spin"}
         terms = self.terms if one.term is None else (self.terms[one.term],)
         found = {"step"} if one.field == "duration" else set()
         for term in terms:
-            if isinstance(term, Rotor):
+            if isinstance(term, Rotor | Wheel):
                 found |= {"rotor", "rate"}
             elif term.kind in ("body", "space"):
                 found.add("moving" if term.kind == "body" else "space")
@@ -199,6 +200,7 @@ class Parameters:
         value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
         units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)
         size = float(abs(value).max()) or 1.0
+        size = min(size, 1 - size) if one.field == "eccentricity" else size
         return [[(term, changed(make, value, unit, size))] for unit in units]
 
     @property
@@ -255,6 +257,8 @@ class Parameters:
                 yield self._of_spin(one.first, nodes)
             elif one.field == "duration":
                 yield from self._of_duration(one.first, nodes)
+            elif one.field == "material_angular_velocity" and one.term is None and self._wheels:
+                yield from self._of_velocity(one.first, nodes)
             elif one.field == "load_scale":
                 if any(map(is_called, self.terms)):
                     yield _at_all("factor", one.first)
@@ -279,6 +283,19 @@ class Parameters:
         Q = principal_axes(self.problem.systems.convected_inertia[0])
         return np.array([np.outer(q, q) for q in Q.T])
 
+    @property
+    def _wheels(self) -> tuple[Wheel, ...]:
+        return self.problem.load.wheels
+
+    def _of_velocity(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what the first velocity does to the axial momenta of wheels, whose first speeds are given."""
+        n = self.problem.systems.axis
+        across = np.eye(3) if n is None else np.eye(3) - np.outer(n[0], n[0])
+        locked = sum((one.locked for one in self._wheels), np.zeros((3, 3))) @ across
+        component, parameter = np.indices((3, 3)).reshape(2, -1)
+        for j in range(len(nodes.middles)):
+            yield Entries("rotor", 3 * j + component, first + parameter, locked.ravel())
+
     def _of_axis(self, first: int) -> Iterator[Entries]:
         if self.problem.systems.axis is None:
             return
@@ -302,7 +319,12 @@ class Parameters:
 
     def _of_term(self, term: Term, field: str, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:
         """Yield what a parameter of a term does, times a factor."""
-        if isinstance(term, Rotor):
+        if isinstance(term, Wheel):
+            t0 = self.problem.t_start
+            rows = (term.slopes_of_momentum(field, t - t0)[:, None] * term.direction for t in (nodes.begin, nodes.end))
+            begin, end = (Slopes(*_rows(one)) for one in rows)
+            yield from _rotor(begin, end, first, nodes, factor)
+        elif isinstance(term, Rotor):
             begin, end = (rotor_slopes(term, field, t) for t in (nodes.begin, nodes.end))
             yield from _rotor(begin, end, first, nodes, factor)
         elif isinstance(term, ForceTable):
@@ -321,6 +343,8 @@ class Parameters:
     def _of_duration(self, first: int, nodes: Nodes) -> Iterator[Entries]:
         """Yield what a longer last stretch, with as many steps, does: longer steps, and later nodes."""
         problem, scale = self.problem, self._scale
+        if self._wheels:
+            raise ValueError("runs with wheels have no derivatives by the duration")
         begin = max(problem.grid.numbers[-2], 0)
         share = 1.0 / (problem.steps - begin)
         steps = np.arange(max(nodes.first, begin), nodes.last)

@@ -12,7 +12,8 @@ from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
-from ..loads import Load, as_load
+from ..integrators.wheels import internal_states as first_states
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -91,13 +92,14 @@ class Plan(NamedTuple):
             off_grid=self.off_grid,
             normal=begin.normal,
             memory=begin.memory,
+            internal=internal_states(self.systems, self.load, begin, self.t_start),
             stretches=grid,
         )
 
 
 def planned(
     system: DirectorSystem | SystemStack,
-    load: Load | None,
+    load: Load | Term | None,
     integrator: str | Integrator,
     order: int | None,
     t_start: float | None,
@@ -134,10 +136,17 @@ def planned(
     if asked is not None and scheme.any_times:
         steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
+    load = known_body(as_load(load), systems)
+    scheme.require_memory(load)
+    if load.frictions and load.remembering:
+        raise ValueError(
+            "dry_friction does not act beside wheels and loads with memory; friction of a wheel is "
+            "wheel(viscous=..., friction=...)"
+        )
     return Plan(
         scheme,
         systems,
-        known_body(as_load(load), systems),
+        load,
         t0,
         t1,
         store,
@@ -146,6 +155,21 @@ def planned(
         tolerance,
         candidates(scheme, is_open),
     )
+
+
+def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:
+    """Return the internal states of loads with memory at a start, (m, k), None: none; a ValueError for others."""
+    if not load.remembering:
+        return None
+    if begin.internal is None:
+        return first_states(systems, load, time, begin.velocity, begin.load_scale)
+    found, count = begin.internal.shape[1], load.internal_state.size
+    if found != count:
+        raise ValueError(
+            f"start= ends with {found} internal states, and the load has {count}; continue with the load of that run, "
+            "or start from its rotation and angular velocity"
+        )
+    return np.broadcast_to(begin.internal, (len(begin.quaternion), count))
 
 
 def known_body(load: Load, systems: SystemStack) -> Load:

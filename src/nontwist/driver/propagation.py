@@ -13,7 +13,7 @@ from ..geometry.arrays import LARGEST, Array, as_number, vector
 from ..geometry.values import as_list
 from ..integrators import DEFAULT, Integrator
 from ..integrators.compiled import Compiled
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.system import DirectorSystem, as_system
 from .derivatives import Jacobian, jacobian_of
 from .grid import require_resolution
@@ -33,7 +33,7 @@ def propagator(
     tolerance: float | None = None,
     t_start: float | None = None,
     times: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     store: int | Literal["end"] = "end",

@@ -23,7 +23,7 @@ from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
 from ..integrators.time_grid import FIT, Stretches, stretched
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..loads.kinds import load_of
 from ..models.stack import stacked
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 NEEDED = "time", "quaternion", "directors", "director_velocities", "material_angular_velocity"
 
 
-def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) -> xarray.Dataset:
+def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = None) -> xarray.Dataset:
     """Return the states of a run at other times, as its integrator finds them between the stored states.
 
     Parameters
@@ -85,7 +85,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     return _resampled(run, x, load, float(t[-1]))
 
 
-def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -> xarray.Dataset:
+def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: float) -> xarray.Dataset:
     """Return a run with one load at times from its first stored state to `t_end`, after its last one perhaps."""
     t = run["time"].values
     until = np.append(t, t_end)
@@ -96,6 +96,9 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
     p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
     N = states_of(q, v)[2]
     stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None)
+    if load.remembering:
+        as_dataset(run, RUN, ("internal_state",))
+        stored = stored._replace(internal=run["internal_state"].transpose("time", ...).values)
     wanted, place = np.unique(x, return_inverse=True)
     found = stored.part(np.zeros(len(wanted), dtype=np.int64))
     of = np.searchsorted(t, wanted, side="right") - 1
@@ -107,7 +110,8 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
         grid = stretched(t, np.ones(len(t) - 1))
         body, n = stacked(system), grid.steps
         start = Problem(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
-        inner = scheme.between(replace(start, asked=wanted[rest]), stored)
+        start = replace(start, internal=one.internal)
+        inner = completion.between(scheme, replace(start, asked=wanted[rest]), stored)
         if inner is not None:
             _put(found, rest, inner, slice(None))
             rest = rest[:0]
@@ -132,6 +136,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
             off_grid=scheme.any_times,
             normal=own.normal,
             stretches=grid,
+            internal=own.internal,
         )
         outcome = completion.march(scheme, problem)
         if (failure := outcome.failure()) is not None:
@@ -144,7 +149,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -
 
 
 def _resampled_parts(
-    run: xarray.Dataset, parts: list[dict[str, Any]], times: Array, load: Load | None
+    run: xarray.Dataset, parts: list[dict[str, Any]], times: Array, load: Load | Term | None
 ) -> xarray.Dataset:
     """Return a run of several parts at other times, with the load, the integrator and the steps of each part."""
     import xarray
@@ -154,6 +159,7 @@ def _resampled_parts(
             "the parts of the run have different loads: leave load= out, or resample each before join_runs"
         )
     t, found = run["time"].values, []
+    needed = [name for name in (*NEEDED[1:], "internal_state") if name in run]
     seam: Any = None
     of = np.searchsorted([part["t_end"] for part in parts[:-1]], times)  # at a seam the earlier one
     spans = [(max(part["t_start"], t[0]), min(part["t_end"], t[-1])) for part in parts]
@@ -163,13 +169,13 @@ def _resampled_parts(
         part, (first, last) = parts[k], spans[k]
         attrs = {name: json.dumps(part[name]) for name in ("load", "integrator")}
         attrs |= {name: part[name] for name in ("step", "stretches") if name in part}
-        own = run[list(NEEDED[1:])].isel(time=(t >= first) & (t <= last))
+        own = run[needed].isel(time=(t >= first) & (t <= last))
         if own["time"][:1].values != [first]:  # the state at the seam is not stored
             own = xarray.concat([seam, own], "time", data_vars="minimal", join="override", combine_attrs="override")
         own.attrs = {"system": run.attrs["system"], **attrs}
         asked = times[of == k]
         ended = _resampled(own, np.append(asked, last), load, last)
-        seam = ended[list(NEEDED[1:])].isel(time=slice(-1, None))
+        seam = ended[needed].isel(time=slice(-1, None))
         found.append((np.flatnonzero(of == k), ended.isel(time=slice(0, len(asked)))))
     names = [name for name in found[0][1].data_vars if all(name in one for _, one in found)]
     whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")

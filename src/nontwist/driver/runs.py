@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
 from ..integrators import DEFAULT, Integrator, SimulationInterrupt
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.system import DirectorSystem, as_system
 from .events import as_events
 from .planning import planned
@@ -37,7 +37,7 @@ def simulate(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,
@@ -77,7 +77,8 @@ def simulate(
         step or none given, and from T to 2 T after a run from 0 to T. Otherwise, and for other integrators, they agree
         to round-off, or to the tolerance where steps are chosen for one.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
-        Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms.
+        Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms; Euler angles
+        are ``Rotation.from_euler("ZXZ", angles)`` of SciPy, modified Rodrigues parameters ``Rotation.from_mrp(p)``.
     scalar_first : bool, optional
         Order of a quaternion given as a plain array.
     material_angular_velocity : (3,) array, rad/s, optional
@@ -202,7 +203,7 @@ def integrate(
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,

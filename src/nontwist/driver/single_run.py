@@ -14,7 +14,7 @@ from ..analysis.trajectory import Trajectory
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
+from ..integrators import Integrator, Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.costs import largest_velocity, swing_rate
 from ..integrators.problem import Intervals
@@ -59,7 +59,9 @@ class PreparedPlan:
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
         """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
         nodes = max(grid.steps * plan.scheme.nodes, 0 if plan.asked is None else len(plan.asked))
-        if plan.systems.spin is not None:  # the velocity of a start is not the one that the march begins with
+        if (
+            plan.load.wheels or plan.systems.spin is not None
+        ):  # the velocity of a start is not the one that the march begins with
             return False
         return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
 
@@ -155,7 +157,12 @@ def run_of(
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.paced, plan.t_start, plan.t_end
     grid = rest_of(begin.grid, load, t0, t1) or estimate
-    grid = grid or automatic_grid(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
+    automatic = partial(
+        automatic_grid,
+        *(plan.systems, begin.velocity, load, t0, t1, begin.load_scale),
+        is_a_stable=plan.scheme.is_a_stable,
+    )
+    grid = grid or automatic()
     check_cost(plan, begin, grid)
     while True:
         try:
@@ -163,14 +170,14 @@ def run_of(
         except SimulationError as error:
             if error.status not in (Status.TURN, Status.STALLED):
                 raise
-            grid = stretches_of(load, t0, t1, grid.longest / 4)
+            grid = automatic(longest=grid.longest / 4)
             continue
         fastest = float(np.sqrt(np.square(run.material_angular_velocity).sum(axis=1)).max())
         turn = fastest * grid.longest
         if turn <= TURN * (1 + 1e-9):
             warn_of_grid(plan.load, plan.systems, t0, t1, grid)
             return with_warning(plan, run)
-        grid = stretches_of(load, t0, t1, grid.longest * TURN / (1.02 * turn))
+        grid = automatic(longest=grid.longest * TURN / (1.02 * turn))
 
 
 def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None, known: float = 0.0) -> Trajectory:
@@ -197,11 +204,7 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance."""
     own = plan._replace(shows="nothing", store=1) if plan.is_between else plan
-    fastest = largest_velocity(plan.systems, begin.velocity, plan.load, plan.t_start, plan.t_end, begin.load_scale)
-    scheme, grid = first_grid(own, begin, fastest)
-    states = None
-    if plan.is_between:
-        states = stored_count(max(1, int((plan.t_end - plan.t_start) / apart(plan, begin, fastest))), plan.store)
+    scheme, grid, states = first_run(plan, begin)
     check_cost(own._replace(scheme=scheme), begin, grid, states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
         found = controlled(own, begin, intervals=plan.means, progress=report)
@@ -213,6 +216,17 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
         outcome = completion.march(found.scheme, problem)
     run = trajectory(own, problem, outcome)
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
+
+
+def first_run(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches, int]:
+    """Return the integrator and the steps that the run of a plan with a tolerance begins with, and how many states."""
+    fastest = largest_velocity(plan.systems, begin.velocity, plan.load, plan.t_start, plan.t_end, begin.load_scale)
+    is_long = plan.is_between or (plan.asked is not None and plan.scheme.has_series(plan.systems, plan.load))
+    scheme, grid = first_grid(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
+    if plan.asked is not None:
+        return scheme, grid, len(plan.asked)
+    shown = int((plan.t_end - plan.t_start) / apart(plan, begin, fastest)) if plan.is_between else grid.steps
+    return scheme, grid, stored_count(max(1, shown), plan.store)
 
 
 def times_shown(plan: Plan, begin: Starts, velocities: Array) -> Array:
@@ -296,7 +310,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
     if known is None:
         unknown = np.broadcast_to(np.nan, (1, problem.output.size - 1, 3))
         known = Intervals(unknown[:, :, :0], unknown, unknown[:, :, 0], None)
-    multipliers, moment, work, iterations, dead, turned = known
+    multipliers, moment, work, iterations, dead, turned, taken = known
     means = slice(max(good - 1, 0))
     run = Trajectory(
         problem.system,
@@ -314,6 +328,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
         None if outcome.memory is None else outcome.memory[0],
         dead_moment=None if dead is None else dead[0, means],
         twist=None if turned is None else turned[0, means],
+        dissipated_energy=None if taken is None else taken[0, means],
         events=ended and ended.events,
         potentials=held_by(problem.member(0).load),
     )

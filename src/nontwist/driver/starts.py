@@ -33,6 +33,7 @@ class Starts(NamedTuple):
     time: float | None = None
     grid: Stretches | None = None  # counted from there
     memory: Array | None = None  # (m, ...)
+    internal: Array | None = None  # (m, k) internal states of loads with memory
     removed: Array = np.zeros(1)  # (1,) or (m,), rad/s: the part of W along the constrained axis before it was removed
 
 
@@ -218,13 +219,16 @@ def last_state(start: Any) -> Starts | None:
     require_states(start)
     if isinstance(start, Trajectory):
         own = start.states.part(slice(-1, None))
-        return Starts(*own[:3], np.ones(1), float(start.time[-1]), grid_of(start), _row(start.memory))
+        time, internal = float(start.time[-1]), own.internal
+        return Starts(*own[:3], np.ones(1), time, grid_of(start), _row(start.memory), internal)
     q, v, time = (np.array(getattr(start, name))[-1] for name in NEEDED)
     as_rotation(q.T)
     p, W, N = states_of(q, as_array(v, "director_velocities", (3, 3)))
     if "quaternion" in start and start["quaternion"].values[-1] @ p < 0:
         p = -p
-    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), _row(_memory(start)))
+    internal = start["internal_state"].values[-1:] if "internal_state" in start else None
+    memory = _row(_memory(start))
+    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), memory, internal)
 
 
 def _row(array: Array | None) -> Array | None:
@@ -302,4 +306,5 @@ def _of_run(start: Any) -> Starts:
         _, W, N = states_of(attitudes(p).swapaxes(1, 2), v)
     elif "energy-momentum" in start.attrs.get("integrator", ""):
         raise ValueError("start= lacks director_velocities, which energy-momentum carries on")
-    return Starts(p, W, N, time=float(last.time), grid=grid_of(start))
+    internal = last["internal_state"].values if "internal_state" in start else None
+    return Starts(p, W, N, time=float(last.time), grid=grid_of(start), internal=internal)

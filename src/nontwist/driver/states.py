@@ -49,6 +49,11 @@ class BodyState:
         return self._numbers[4:7]  # type: ignore[return-value]
 
     @property
+    def internal_state(self) -> tuple[float, ...]:
+        """The internal states z of loads with memory, one behind the other; none: ()."""
+        return self._numbers[7:]
+
+    @property
     def angular_velocity(self) -> Vector:
         """Angular velocity w = ΛW in space, rad/s."""
         x, y, z, s, a, b, c = self._numbers[:7]
@@ -81,8 +86,8 @@ class BodyState:
         return f"<{type(self).__name__}: t = {self._time:.12g} s, quaternion {p}, W {W} rad/s>"
 
 
-def body_state(time: float, quaternion: Any, velocity: Any) -> BodyState:
-    """Return the state of a quaternion, scalar last, and W, lists of floats."""
+def body_state(time: float, quaternion: Any, velocity: Any, internal: Any = ()) -> BodyState:
+    """Return the state of a quaternion, scalar last, W, and internal states, lists of floats."""
     state = BodyState()
-    state._time, state._numbers = time, (*quaternion, *velocity)
+    state._time, state._numbers = time, (*quaternion, *velocity, *internal)
     return state

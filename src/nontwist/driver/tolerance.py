@@ -1,13 +1,18 @@
 """Runs to a tolerance: the order and the step that keep the error of a run below a bound, and how that is known.
 
-The error of a run is that of its attitude, in rad, or that of W relative to the largest |W|: the larger of the two, at
-its worst over the stored states. A tolerance bounds it.
+The error of a run is that of its attitude, in rad, that of W relative to the largest |W|, or that of the internal
+states of loads with memory relative to their scale: the largest of these, at its worst over the stored states. A
+tolerance bounds it.
 
 1. A local estimate chooses the step h of each order p. A step misses the turn θ of a steady rotation by about
    ``c θ^(p+1)`` (`Integrator.lag`), so a run over the time T at the rate α misses ``T c α^(p+1) h^p``. α is that of W,
-   of damping, or of a swing under gravity and potentials, the largest. The order whose steps cost least is taken.
+   or of a swing under gravity and potentials, the larger. The order whose steps cost least is taken.
    Nothing else relies on this estimate. It is too careful as a rule, which costs orders up to 4 most: their first steps
    are four times as long.
+   Damping at the rate λ counts for α as well, unless the integrator is A-stable. Then modes that decay faster are
+   resolved only while they last: the start and every kink of a load excite them, and at the time t behind it those left
+   have rates up to about 1/t. So steps begin at ``h = x/λ``, x by the estimate over T = 1/λ, and from t = 1/λ on are
+   x t, until they are those of the motion (`grid.graded`): a number of steps like log(λ T), for all rates together.
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
@@ -39,7 +44,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import Integrator, Problem, Status
 from ..integrators.base import Outcome
@@ -120,14 +125,14 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
     goal, floor, (scheme, h) = plan.goal, None, first_step(plan, begin)
-    grid = _grid(plan, h)
+    grid = _grid(plan, begin, scheme, h)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
-        if coarse.has(Status.INTERRUPTED):
+        if coarse.has(Status.INTERRUPTED, Status.JUMP):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
         if floor is None and not coarse.has(*COARSE):
             other = run(scheme, coarse.grid, _ends(coarse.grid), moved(begin))
@@ -140,10 +145,10 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
-                grid = _grid(plan, h)
+                grid = _grid(plan, begin, scheme, h)
                 continue
         fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
-        if fine.has(Status.INTERRUPTED):
+        if fine.has(Status.INTERRUPTED, Status.JUMP):
             return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
@@ -179,18 +184,23 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
     if fastest is None:
         W = begin.velocity
         fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
-    rate = max(HARMONICS * fastest, damping_rate(plan.systems, plan.load, scale), swing, 1e-3 / span)
+    rate = max(HARMONICS * fastest, swing, 1e-3 / span)
+    if not plan.scheme.is_a_stable:
+        rate = max(rate, damping_rate(plan.systems, plan.load, scale))
 
     def step(scheme: Integrator, longer: float = 1.0) -> float:
-        p = _order(scheme)
-        h = (TENTH * max(plan.goal, EPS) / (_lag(scheme) * span * rate)) ** (
-            1 / p
-        ) / rate  # less is refused after a run
+        h = _resolving(plan, scheme, span * rate) / rate
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
     longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
     return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
+
+
+def _resolving(plan: Plan, scheme: Integrator, whole: float) -> float:
+    """Return the turn in a step with which a turn by `whole`, rad, is off by a tenth of the tolerance."""
+    goal = max(plan.goal, EPS)  # less is refused after a run
+    return float((TENTH * goal / (_lag(scheme) * whole)) ** (1 / _order(scheme)))
 
 
 @lru_cache(maxsize=64)
@@ -207,18 +217,27 @@ def apart_shown(span: float, fastest: float, swing: float) -> float:
 def first_grid(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, Stretches]:
     """Return the integrator and the grid that the local estimate chooses; `fastest`: |w|, if known."""
     scheme, h = first_step(plan, begin, fastest)
-    return scheme, finer(_grid(plan, h))
+    return scheme, finer(_grid(plan, begin, scheme, h))
 
 
-def _grid(plan: Plan, longest: float) -> Stretches:
+def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stretches:
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
     higher, steps = 1 if plan.is_shown else HIGHER, (plan.t_end - plan.t_start) / longest
+    rate, part = damping_rate(plan.systems, plan.load, begin.load_scale), 1.0
     if plan.tolerance is not None and not steps <= MOST:
+        is_damped = rate > 0 and not scheme.is_a_stable
+        other = (
+            "the integrator gauss, which takes damped modes in long steps"
+            if is_damped
+            else "an integrator of higher order"
+        )
         raise ValueError(
             f"tolerance = {plan.goal:g} would take about {steps:.1g} steps, and at most {MOST:.0e} are taken: ask for "
-            "less, or choose an integrator of higher order"
+            f"less, or choose {other}"
         )
-    return stretches_of(plan.paced, plan.t_start, plan.t_end, longest, even=True, higher=higher)
+    if scheme.is_a_stable:
+        part = min(_resolving(plan, scheme, 1.0), 1.0)
+    return stretches_of(plan.paced, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
 
 
 def finer(grid: Stretches) -> Stretches:
@@ -247,7 +266,7 @@ def _samples(plan: Plan, grid: Stretches) -> NDArray[np.int64]:
     """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
     shared = _partners(grid, stored_steps(finer(grid).steps, plan.store))[1]
     some = np.linspace(0, grid.steps, min(SAMPLES, grid.steps) + 1).astype(np.int64)
-    return np.unique(np.concatenate([shared, some]))
+    return distinct(np.concatenate([shared, some]))
 
 
 def _ends(grid: Stretches) -> NDArray[np.int64]:
@@ -269,13 +288,16 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     good = a.done & b.done
     if not good.any():
         return 0.0
-    (p, W, *_), (q, V, *_) = a.outcome.states.part(good), b.outcome.states.part(good)
+    (p, W, *_, z), (q, V, *_, y) = a.outcome.states.part(good), b.outcome.states.part(good)
     p, q = p[:, i], q[:, k]
     p = np.where((p * q).sum(axis=2, keepdims=True) < 0, -p, p)
     angle = 4 * np.arcsin(np.minimum(np.sqrt(np.square(p - q).sum(axis=2)) / 2, 1.0))
     size = np.maximum(np.maximum(a.speeds[good], b.speeds[good]), slowest)
     gap = np.sqrt(np.square(W[:, i] - V[:, k]).sum(axis=2)).max(axis=1)
-    return float(max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max()))
+    worst = max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max())
+    if z is not None and y is not None:
+        worst = max(worst, (abs(z[:, i] - y[:, k]) / a.problem.load.internal_scale).max())
+    return float(worst)
 
 
 def moved(begin: Starts) -> Starts:
@@ -284,7 +306,8 @@ def moved(begin: Starts) -> Starts:
     a, b, c = f
     turned = x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c
     W = begin.velocity * (1 + CHANGE * np.array([1, -1, 1]))
-    return Starts(np.stack(turned, axis=1), W, None, begin.load_scale * (1 + CHANGE), begin.time)
+    scale = begin.load_scale * (1 + CHANGE)
+    return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal)
 
 
 def _within_reach(plan: Plan, floor: float) -> float:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -174,15 +175,16 @@ class Varied:
     def _with(self, values: Values) -> tuple[Plan, Starts]:
         """Return the plan and the start with these values."""
         system, terms, plan = self.system, self.terms.copy(), self.plan
+        euler = partial(euler_inertia, physical=system.physical, axis=system.axis)
         for name, one in self.named(list(values)).items():
             value = as_array(values[name], name, self.shape(one))
             if one.term is not None:
                 terms[one.term] = with_parameter(terms[one.term], one.field, value)
             elif one.field == "inertia":
-                system = replace(system, euler_inertia=euler_inertia(value))
+                system = replace(system, euler_inertia=euler(value))
             elif one.field == "principal_inertia":
                 Q = principal_axes(self.system.inertia)
-                system = replace(system, euler_inertia=euler_inertia((Q * value) @ Q.T))
+                system = replace(system, euler_inertia=euler((Q * value) @ Q.T))
             elif one.field == "dead_force":
                 system = replace(system, dead_force=value)
             elif one.field == "axis" and system.axis is not None:

@@ -58,7 +58,8 @@ def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = O
 def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
-    e = np.maximum(E[:, range(3), range(3)], 0.0)
+    e = E[:, range(3), range(3)]
+    e[(e < 0) & (e > -ROUND_OFF)] = 0.0
     if principal and free:
         order = np.argsort(-e, axis=1, kind="stable")
         e, basis = np.take_along_axis(e, order, 1), np.take_along_axis(basis, order[:, None], 2)
@@ -68,7 +69,7 @@ def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     off[abs(off) <= ROUND_OFF * J.max(1)[:, None]] = 0.0
     row = np.zeros((m, BODY.size))
     spins = systems.spin is not None
-    row[:, BODY.k : BODY.off] = 1 / J * [1, 1, free or spins]
+    row[:, BODY.k : BODY.off] = 1 / np.where([False, False, not (free or spins)], np.inf, J)
     row[:, BODY.spin] = systems.spin_factor if spins else 0.0
     row[:, BODY.off : BODY.free], row[:, BODY.free], row[:, BODY.E : BODY.basis] = off, free, e
     row[:, BODY.basis : BODY.frame] = basis.reshape(m, 9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.c_functions import Moment, address_of
 from ..loads.calls import REMEDY
-from ..loads.compiled import c_function
+from ..loads.compiled import c_function, response_of
 from ..loads.derivatives import differenced
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.state_derivatives import slopes_of, value_of
@@ -32,6 +33,8 @@ class Called:
     ----------
     address : int
         Of the moments of the state as one C function, 0 where there are none.
+    remembers : int
+        Of what terms with memory give, 0 where there are none.
     generalised : int
         Of what makes moments of director forces and potentials (`generalised`), 0 where there are none.
     terms : int
@@ -41,7 +44,7 @@ class Called:
     """
 
     def __init__(self, load: Load, action: int = MOMENT) -> None:
-        self.load, self.address, self.generalised, self.terms = load.called, 0, 0, 0
+        self.load, self.address, self.remembers, self.generalised, self.terms = load.called, 0, 0, 0, 0
         self._whole, self.action, self._kept = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
@@ -49,6 +52,11 @@ class Called:
             self.address = self._address(
                 c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
             )
+        if load.memories:
+            responses = [
+                (self._held(term.c_function or evaluated(term)), term.scale, term.state0.size) for term in load.memories
+            ]
+            self.remembers = self._address(response_of(tuple(responses)))
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 
@@ -67,7 +75,12 @@ class Called:
         self.generalised, self.terms = generalised.address, found.ctypes.data
 
     def _address(self, function: Any) -> int:
-        """Return the address of what is compiled, or of a callback of what runs in Python and may raise."""
+        """Return the address of a function."""
+        held: int = self._held(function).address
+        return held
+
+    def _held(self, function: Any) -> Any:
+        """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""
         if isinstance(function, PythonFunction):
             given = function
 
@@ -75,13 +88,15 @@ class Called:
                 try:
                     numbers = given.function(t, first, second).tolist()
                 except BaseException as error:  # it must not pass through the kernel
-                    self.error, numbers = error, [np.nan] * given.size
+                    numbers = [np.nan] * given.size  # the next errors follow from these
+                    if self.error is None or not isinstance(error, Exception):
+                        self.error = error
                 for k, x in enumerate(numbers):
                     found[k] = x
 
             function = Moment(guarded)
         self._kept.append(function)
-        return function.address if hasattr(function, "address") else address_of(function)
+        return function if hasattr(function, "address") else Callback(address_of(function))
 
     def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
@@ -94,8 +109,9 @@ class Called:
         """
         if self.error is None:
             try:
-                self._whole.state_moment(float(last[15]), last[:9].reshape(3, 3), last[9:12])
-                self._whole.potential_energy(last[:9].reshape(3, 3))
+                whole = Load(tuple(term for term in self._whole.terms if term not in self._whole.memories))
+                whole.state_moment(float(last[15]), last[:9].reshape(3, 3), last[9:12])
+                whole.potential_energy(last[:9].reshape(3, 3))
             except ValueError as error:
                 self.error = error
         return str(self.error or f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}")
@@ -120,7 +136,7 @@ class Varied(Called):
 
             def table(t: float, first: Any, second: Any) -> Array:
                 x, speed = (
-                    np.array([*given(term, t, first, second), *term.numbers]),
+                    np.array([*arguments(term, t, first, second), *term.numbers]),
                     second[3] if term.counts[1] else 0.0,
                 )
                 if (key := (x.tobytes(), speed)) not in known:
@@ -145,6 +161,12 @@ class Varied(Called):
             warn(differenced(names))
 
 
+class Callback(NamedTuple):
+    """A callback."""
+
+    address: int
+
+
 class PythonFunction(NamedTuple):
     """What a callback calls: a function of time, and of numbers in memory, and how many numbers it gives."""
 
@@ -152,7 +174,7 @@ class PythonFunction(NamedTuple):
     size: int
 
 
-def given(term: Term, t: float, first: Any, second: Any) -> Array:
+def arguments(term: Term, t: float, first: Any, second: Any) -> Array:
     """Return what a function in Python is called with: directors, velocity, time; γ of a potential."""
     n, m = term.counts
     return np.array([*first[:n], *second[:m], t] if m else first[:n])
@@ -160,12 +182,12 @@ def given(term: Term, t: float, first: Any, second: Any) -> Array:
 
 def count_of(term: Term) -> int:
     """Return how many numbers a function gives: forces, a moment, or V and its gradient."""
-    return 1 + term.counts[0] if isinstance(term, Potential) else 9 if isinstance(term, ForceTerm) else 3
+    return 1 + term.counts[0] if isinstance(term, Potential) else prod(term.gives)
 
 
 def evaluated(term: Term) -> PythonFunction:
     """Return the function of a term, without its factor, in Python: forces, a moment, or V and its gradient."""
-    return PythonFunction(lambda t, first, second: value_of(term, given(term, t, first, second)), count_of(term))
+    return PythonFunction(lambda t, first, second: value_of(term, arguments(term, t, first, second)), count_of(term))
 
 
 def kind_of(term: Term) -> int:
@@ -187,6 +209,7 @@ def numbers_of(term: Term) -> Array:
     vectors = term.vectors
     if isinstance(term, GravityGradient):
         found[TERM.stiffness], found[TERM.rest] = term.mean_motion, term.start
+        found[TERM.square] = term.eccentricity
         vectors = np.array([term.radial, np.cross(term.normal, term.radial)])
     if isinstance(term, Quadratic):
         found[TERM.linear : TERM.quadratic] = term.linear

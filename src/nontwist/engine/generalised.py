@@ -11,7 +11,7 @@ directors do the work ``Σ f^j·Δd_j = -∂̄V·Δγ = -ΔV`` and have no momen
 With b the half turn of the step, γ_n and γ_{n+1} are γ_m ∓ δ, δ = -b × γ_m. The discrete gradients, each of order 2:
 
 - quadratic V = l·γ + ½ γ·Qγ: the average vector field (AVF) l + Qγ_m, exact;
-- the same with a vector a that turns on a circular orbit, taken at the time of the evaluation;
+- the same with a vector a on an orbit (`loads.orbits`), taken at the time of the evaluation;
 - a spring of stiffness k and rest length L between the point ρ of the body and a, ``V = ½ k (ℓ - L)²`` with
   ℓ² = |ρ|² + |a|² - 2 ρ·γ: V depends on one number ρ·γ, so the quotient of the differences is the AVF. By
   Δℓ (ℓ_0 + ℓ_1) = -2 ρ·Δγ it is ``-k (1 - 2 L/(ℓ_0 + ℓ_1)) ρ``, without a difference;
@@ -42,6 +42,7 @@ from ..kernels.elements import Whole, cos, larger, logical_not, remade, select, 
 from ..kernels.kernel import kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
+from ..loads.orbits import on_orbit
 from ..loads.terms import MOST_NUMBERS
 from .records import FORCES, StateCall, places
 
@@ -59,7 +60,7 @@ class Term(NamedTuple):
     vectors: Annotated[tuple[Any, ...], 12]
     linear: Vector  # l or ρ
     quadratic: Matrix  # Q
-    square: float  # |ρ|² + |a|²
+    square: float  # |ρ|² + |a|², or the eccentricity of an orbit
     stiffness: float  # or the rate of an orbit
     rest: float  # length, or the time at which an orbit begins
     function: int  # address of a function, of V and its gradient, of forces or of a moment
@@ -210,11 +211,14 @@ class Potential(NamedTuple):
     state: State
 
     def space_vector(self, n: Any) -> Vector:
-        """Return the vector number n; one on an orbit turns at its rate."""
+        """Return the vector number n; one on an orbit turns with the radius."""
         term, v = self.term, Variables(a=self.state.lifted(vector_at(self.row, TERM.vectors + 3 * n)))
         for _ in when(term.kind == ORBITING):
             angle = term.stiffness * (self.state.t - term.rest)
-            v.a = cos(angle) * v.a + sin(angle) * vector_at(self.row, TERM.vectors + 3)
+            v.x, v.y = cos(angle), sin(angle)
+            for _ in when(plain(term.square) > 0.0):
+                v.x, v.y = on_orbit(angle, term.square)
+            v.a = v.x * v.a + v.y * vector_at(self.row, TERM.vectors + 3)
         return v.a
 
     def gradient(self, n: Any, g: Vector) -> Vector:

@@ -37,7 +37,7 @@ from .newton import Solution
 from .observation import begin_observing, extend, integrate, observe
 from .records import NODAL, Block, Body, Parts, State, Work
 from .sampling import Nodes
-from .workspace import NAN, NOW, OK, gather, note, scatter, write
+from .workspace import NAN, NOW, OK, gather, note, remember, scatter, write
 
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
@@ -129,7 +129,7 @@ def march(text: Text, parts: Parts) -> Callable[[Any], None]:
         x, end = View(Work, memory, parts.lanes), b.end
         for first in loop(b.begin, end, parts.lanes):
             last = smaller(first + parts.lanes, end)
-            own = memory.shifted(size_of(Work) * parts.lanes)
+            own = memory.shifted(size_of(Work) * parts.lanes + parts.room)
             gather(parts, b, x, first, last)
             if text.exchange is not None:
                 text.exchange(parts, b, own, first, last, False)
@@ -191,6 +191,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             if parts.tells:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
+            remember(parts, acting.internal)
             if parts.observes:
                 see(v.state)
                 if not text.integrates:

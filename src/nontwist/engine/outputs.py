@@ -39,7 +39,7 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, size_of
 from ..kernels.parts import part
 from .records import Block, Failure, Parts, State, Sums, Work, places
-from .workspace import OK, write
+from .workspace import OK, copy, write
 
 MARCH, EXCURSION, OUTPUT, NODE = range(4)
 COMPONENTS, EIGHT = 6, 8  # of the increments that a member carries; stages that there is room for
@@ -83,12 +83,6 @@ class Calls(NamedTuple):
 
 CALL, CALLS = places(Call), places(Calls)
 IN_BLOCK = Call._fields[: Call._fields.index("op")]
-
-
-def copy(source: Any, target: Any, count: Any) -> None:
-    """Copy so many numbers."""
-    for k in loop(count):
-        target[k] = source[k]
 
 
 def joined(a: Any, b: Any, k: Any) -> Any:
@@ -174,7 +168,7 @@ def forget(b: View, head: View, first: Any, last: Any) -> None:
     """Clear what first guesses of members are made of: where a stretch begins nothing is known of the step before."""
     for l in loop(first, last):
         state = b.states.shifted(b.order[l] * b.state_size)
-        for k in loop(head.guesses, b.state_size):
+        for k in loop(head.guesses, b.state_size - 2 * b.internal):
             state[k] = 0.0
 
 
@@ -192,7 +186,7 @@ def carry_out(address: Any) -> None:
 
 def carry_out_outputs(parts: Parts) -> Kernel:
     """Return the kernel that carries out a list with outputs."""
-    names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports"
+    names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports", "memory"
     return _with_outputs(Parts(**{name: getattr(parts, name) for name in names}))
 
 

@@ -171,13 +171,14 @@ class Block(NamedTuple):
     scales: Doubles  # of the loads, in units of the body
     scale_stride: int
     states: Doubles
-    state_size: int  # numbers of a member: `State`, and what a scheme carries beside them
+    state_size: int  # numbers of a member: `State`, what a scheme carries beside them, z and what it was rounded by
     failures: Doubles
     sums: Doubles
     totals: Doubles  # sums since the last output
     observed: Doubles
     quaternions: Doubles  # (m, k, 4) scalar last
     velocities: Doubles  # (m, k, 3)
+    internals: Doubles  # (m, k, z) internal states of loads with memory, z numbers
     normals: Doubles  # (m, k, 6)
     intervals: Doubles  # (m, k - 1, `Sums`)
     kept: int  # k, how many states
@@ -196,6 +197,9 @@ class Block(NamedTuple):
     rotor: Doubles  # (nodes, 6) momentum of the rotors and its rate
     spin: Doubles  # (nodes,) change of the prescribed spin in the step
     function: int  # address of a moment of the state
+    remembers: int  # address of what loads with memory give
+    internal: int  # how many internal states they have
+    internal_scales: Doubles  # of these
     forces: int  # address of (nodes, 18) on the directors: in space, along them; 0: none
     generalised: int  # address of what makes moments of director forces and potentials
     terms: int  # address of two numbers and the potentials
@@ -227,6 +231,7 @@ class Parts(NamedTuple):
     rotor: bool = False
     spin: bool = False  # one that changes
     function: bool = False
+    memory: int = 0  # internal states of loads with memory
     generalised: bool = False
     forces: bool = False  # tables of director forces
     is_exact: bool = False
@@ -253,7 +258,12 @@ class Parts(NamedTuple):
     @property
     def calls(self) -> bool:
         """Whether functions of the state are called."""
-        return self.function or self.generalised
+        return self.function or self.generalised or self.memory > 0
+
+    @property
+    def room(self) -> int:
+        """Numbers behind the workspace: z, what it was rounded by, its change in a step; lines of the cache."""
+        return -(-3 * self.memory // 8) * 8
 
     @property
     def tells(self) -> bool:

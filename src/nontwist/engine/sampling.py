@@ -8,6 +8,7 @@ from ..kernels.memory import View, doubles, fields, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude
 from .records import FORCES, Body, Parts, Work
 from .state_moments import Functions
+from .workspace import internal
 
 ARRAYS = {"times": "calls", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
 STATE_CALL = fields(Work)["state_call"].place
@@ -60,6 +61,11 @@ class Nodes:
         """The rate of an orbit, in units of the body, and its axis in space."""
         about = self.block.orbit
         return about[0], vector_at(about, 1)
+
+    @property
+    def internal(self) -> Any:
+        """The internal states at the beginning of the step."""
+        return internal(self.block)
 
     def fraction(self, i: Any) -> Any:
         """Return the fraction of the step that a substep takes."""

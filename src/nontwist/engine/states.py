@@ -10,7 +10,7 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import View, doubles, fields, put, vector_at
 from ..kernels.vectors import Quaternion, Symmetric, Vector
 from .records import Block, Body, State
-from .workspace import turned_into
+from .workspace import carried_internal, turned_into
 
 EPS = 2.0**-52
 ROUND_OFF = 16.0 * EPS
@@ -32,6 +32,9 @@ def enter(address: Any) -> None:
         state, B = View(State, row), body.basis
         for k in loop(b.state_size):
             row[k] = 0.0
+        z, own = b.internals.shifted(i * b.kept * b.internal), carried_internal(b, i)
+        for k in loop(b.internal):
+            own[k] = z[k]
         state.p = Quaternion(q[3], q[0], q[1], q[2]) @ body.frame
         W = unit * (vector_at(w) @ B)
         largest = larger(abs(W[0]), larger(abs(W[1]), abs(W[2])))

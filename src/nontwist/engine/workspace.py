@@ -9,9 +9,9 @@ from typing import Any
 
 from ..kernels.control import loop
 from ..kernels.elements import real, select, smaller, without
-from ..kernels.memory import View, fields, put, size_of
+from ..kernels.memory import View, doubles, fields, put, size_of
 from ..kernels.parts import part
-from ..kernels.vectors import Quaternion, Symmetric
+from ..kernels.vectors import Quaternion, Symmetric, compensated
 from .records import NODAL, Body, Failure, Observed, Parts, State, Sums, Work
 
 NAN = float("nan")
@@ -29,6 +29,29 @@ def carried(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
     return found
 
 
+def internal(b: View) -> Any:
+    """Return z of the one member that is marched, what it was rounded by, its change in a step."""
+    return doubles(b.workspace).shifted(size_of(Work))
+
+
+def carried_internal(b: View, i: Any) -> Any:
+    """Return z of a member and what it was rounded by, behind all that it carries else."""
+    return b.states.shifted((i + 1) * b.state_size - 2 * b.internal)
+
+
+def copy(source: Any, target: Any, count: Any) -> None:
+    """Copy so many numbers."""
+    for k in loop(count):
+        target[k] = source[k]
+
+
+def remember(parts: Parts, z: Any) -> None:
+    """Add the change in a step to z."""
+    k = parts.memory
+    for c in loop(k) if k else ():
+        z[c], z[k + c] = compensated(z[c], z[k + c], z[2 * k + c])
+
+
 @part
 def gather(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
     """Fill the workspace with members; lanes beyond `last` repeat the one before it."""
@@ -37,6 +60,8 @@ def gather(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
         for name, record, array, stride in [("body", Body, b.bodies, b.body_stride), *carried(parts, b)]:
             getattr(lane, name).copy_from(View(record, array.shifted(i * stride)))
         lane.scale = b.scales[i * b.scale_stride]
+        if parts.memory:
+            copy(carried_internal(b, i), internal(b), 2 * parts.memory)
         if parts.observes:
             lane.set_number(NOW + NODAL, 0.0)
 
@@ -48,6 +73,8 @@ def scatter(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
         i, lane = b.order[first + l], x.lane(l)
         for name, record, array, stride in carried(parts, b):
             View(record, array.shifted(i * stride)).copy_from(getattr(lane, name))
+        if parts.memory:
+            copy(internal(b), carried_internal(b, i), 2 * parts.memory)
 
 
 @part
@@ -69,6 +96,10 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
         sign = select(nearer >= 0.0, f, -f)
         put(q, tuple(sign * y for y in p))
         put(b.velocities.shifted(row * 3), (f * rate) * (B @ lane.velocity))
+        if parts.memory:
+            z, own = b.internals.shifted(row * parts.memory), internal(b)
+            for c in loop(parts.memory):
+                z[c] = f * own[c]
         if parts.is_director_scheme:
             N = Symmetric(*lane.state.auxiliary[:6])
             put(b.normals.shifted(row * 6), (f * rate) * turned_into(B, N))

@@ -32,9 +32,9 @@ def checked_attitude(rotation: Any) -> Array:
     return R
 
 
-def checked_inertia(inertia: ArrayLike) -> Array:
-    """Return the convected inertia J (3, 3), kg m²; errors as in `nontwist.standard`."""
-    return convected_inertia(euler_inertia(inertia))
+def checked_inertia(inertia: ArrayLike, physical: bool, axis: Array | None = None) -> Array:
+    """Return the convected inertia J (3, 3), kg m²; errors as in `nontwist.euler_inertia`."""
+    return convected_inertia(euler_inertia(inertia, physical=physical, axis=axis))
 
 
 def checked_velocity(value: ArrayLike) -> Array:
@@ -58,9 +58,9 @@ def without_spin(W: Array, axis: Array) -> Array:
     return W - spin * axis
 
 
-def planar_inertia(inertia: ArrayLike) -> Array:
+def planar_inertia(inertia: ArrayLike, physical: bool) -> Array:
     """Return J (3, 3) of a non-twisting body, D3 principal to the last bit (eq-irho-decomp)."""
-    J = checked_inertia(inertia)
+    J = checked_inertia(inertia, physical, D3)
     require_principal(J, D3)
     J[:2, 2] = J[2, :2] = 0.0
     return J

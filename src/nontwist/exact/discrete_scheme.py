@@ -55,7 +55,13 @@ def discrete_angle(angular_velocity: ArrayLike, step: float) -> float:
 
 
 def discrete_free(
-    inertia: ArrayLike, material_angular_velocity: ArrayLike, step: float, steps: int, rotation: Any = None
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    step: float,
+    steps: int,
+    rotation: Any = None,
+    *,
+    physical: bool = True,
 ) -> Motion:
     """Return all states of the scheme "energy-momentum", order 2, on the free non-twisting body, in closed form.
 
@@ -71,6 +77,8 @@ def discrete_free(
         N, at least 0.
     rotation : (3, 3) array or scipy Rotation, optional
         Λ at t = 0; the identity by default.
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -103,7 +111,7 @@ def discrete_free(
     >>> rotation(run).magnitude().round(6)
     array([0.      , 0.927295, 1.85459 , 2.781886])
     """
-    planar_inertia(inertia)
+    planar_inertia(inertia, physical)
     W, R = without_spin(checked_velocity(material_angular_velocity), D3), checked_attitude(rotation)
     count = as_whole(steps, "steps", 0, MOST)
     rate = float(np.linalg.norm(W))

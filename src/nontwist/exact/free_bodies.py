@@ -62,14 +62,19 @@ from .border import (
     planar_inertia,
     without_spin,
 )
-from .free_constants import BAD_TIME, FARTHEST, OK
+from .free_constants import BAD_TIME, FARTHEST, NO_BODY, OK
 from .free_kernels import free_top
 
 _SYMMETRY = 1e-12
 
 
 def free_standard(
-    inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    times: ArrayLike,
+    rotation: Any = None,
+    *,
+    physical: bool = True,
 ) -> Motion:
     """Return the free motion of a standard body as arrays, without the overhead of a run (eq-standard).
 
@@ -83,6 +88,8 @@ def free_standard(
         In any order, negative ones included.
     rotation : (3, 3) array or scipy Rotation, optional
         Λ at t = 0, body to space; the identity by default.
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -111,11 +118,16 @@ def free_standard(
            [0.3, 8. , 0.5],
            [0.3, 8. , 0.5]])
     """
-    return _solved(False, inertia, material_angular_velocity, times, rotation)
+    return _solved(False, inertia, material_angular_velocity, times, rotation, physical)
 
 
 def free_nontwisting(
-    inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    times: ArrayLike,
+    rotation: Any = None,
+    *,
+    physical: bool = True,
 ) -> Motion:
     """Return the free motion of the non-twisting body (eq-nonholonomic): Λ0 exp(t Ŵ) with constant W.
 
@@ -125,7 +137,7 @@ def free_nontwisting(
         Convected inertia; the third axis is principal.
     material_angular_velocity : (3,) array, rad/s
         W at t = 0, without a component along the third axis (beyond 1e-9).
-    times, rotation
+    times, rotation, physical
         As in `free_standard`.
 
     Returns
@@ -145,11 +157,16 @@ def free_nontwisting(
     >>> rotation(attitude).magnitude().round(9)
     array([0., 1., 2.])
     """
-    return _solved(True, inertia, material_angular_velocity, times, rotation)
+    return _solved(True, inertia, material_angular_velocity, times, rotation, physical)
 
 
 def symmetric_top(
-    inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    times: ArrayLike,
+    rotation: Any = None,
+    *,
+    physical: bool = True,
 ) -> Motion:
     """Return the free motion of a body with the moments (A, A, C) as two rotations, without elliptic functions.
 
@@ -158,7 +175,7 @@ def symmetric_top(
 
     Parameters
     ----------
-    inertia, material_angular_velocity, times, rotation
+    inertia, material_angular_velocity, times, rotation, physical
         As in `free_standard`.
 
     Returns
@@ -180,7 +197,7 @@ def symmetric_top(
     >>> (attitude[:, :, 2] @ (2, 0, 2)).round(9)
     array([2., 2., 2.])
     """
-    J = checked_inertia(inertia)
+    J = checked_inertia(inertia, physical)
     A, C = float(J[0, 0] + J[1, 1]) / 2, float(J[2, 2])
     if abs(J - np.diag([A, A, C])).max() > _SYMMETRY * abs(J).max():
         raise ValueError(f"inertia must be diag(A, A, C), symmetric about the third axis, got {J.tolist()}")
@@ -195,24 +212,29 @@ def symmetric_top(
 TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no digit of its attitude"
 
 
-def _solved(is_constrained: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> Motion:
-    """Return the motion; where the kernel reports a wrong argument, the checks in Python name it."""
+def _solved(
+    is_constrained: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any, physical: bool
+) -> Motion:
+    """Return the motion; where the kernel reports a wrong argument, the checks in Python name it, or accept it."""
     J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
     t, R = as_floats(times, "times", 1), attitude(rotation)
     if J.shape == (3,):
         J = np.diag(J)
     if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:
         Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-        status = free_top(J, W, R, t, int(is_constrained), Lam, velocities)
+        status = free_top(J, W, R, t, int(is_constrained), 0, Lam, velocities)
+        if status == NO_BODY:
+            (planar_inertia if is_constrained else checked_inertia)(inertia, physical)
+            status = free_top(J, W, R, t, int(is_constrained), 1, Lam, velocities)
         if status == OK:
             return Lam, velocities
         if status == BAD_TIME and np.isfinite(t).all():
             raise ValueError(TOO_FAR)
     if is_constrained:
-        planar_inertia(inertia)
+        planar_inertia(inertia, physical)
         without_spin(checked_velocity(velocity), D3)
-    checked_inertia(inertia)
+    checked_inertia(inertia, physical)
     checked_velocity(velocity)
     checked_times(times)
     checked_attitude(rotation)
-    raise ValueError(f"inertia is too close to the limit of the triangle inequality: {np.asarray(inertia).tolist()}")
+    raise AssertionError(f"status {status} of sound arguments")

@@ -24,6 +24,7 @@ from .free_constants import (
     BAD_TIME,
     CONSTANTS,
     FARTHEST,
+    NO_BODY,
     NO_ROTATION,
     NOT_PRINCIPAL,
     OK,
@@ -85,14 +86,17 @@ def _held_status(J: Matrix, n: Vector) -> Any:
     return select(largest(cross(n, J @ n)) > PRINCIPAL * size, NOT_PRINCIPAL, OK)
 
 
-@kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, f8[:, :, :], f8[:, :] -> i8")
-def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes: Any, velocities: Any) -> Any:
+@kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, i8, f8[:, :, :], f8[:, :] -> i8")
+def free_top(
+    J: Any, W: Any, R: Any, times: Any, is_constrained: Any, is_accepted: Any, attitudes: Any, velocities: Any
+) -> Any:
     """Set the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body; return a status.
 
-    Where it is held it may not turn about its third axis.
+    Where it is held it may not turn about its third axis. An inertia that `is_accepted` is that of a body.
     """
     J, W, R = matrix_at(J), vector_at(W), matrix_at(R)
     status, moved = _free(J, W)
+    status = select((status == NO_BODY) & logical_not(is_accepted == 0), OK, status)
     v, D = Variables(status=select(status == OK, _rotation_status(R), status)), to_orthonormal(R)
 
     def follow(moved: Moved) -> None:
@@ -159,7 +163,8 @@ def free_members(
         for _ in when(is_constrained):
             follow(_held_status(J, vector_at(axes[b])), _steady(W))
         for _ in when(logical_not(is_constrained)):
-            follow(*_free(J, W))
+            status, moved = _free(J, W)
+            follow(select(status == NO_BODY, OK, status), moved)  # bodies are checked where they are made
         for _ in when(v.status != OK):
             v.member = i
     return v.status, v.member

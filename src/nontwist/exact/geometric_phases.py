@@ -29,7 +29,7 @@ from .free_kernels import prepare
 _SHORT = 1e-12
 
 
-def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
+def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike, *, physical: bool = True) -> float:
     """Return the angle by which a free standard body turns about its momentum in one `momentum_period`.
 
     Parameters
@@ -37,6 +37,8 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
     inertia : (3, 3) array or 3 principal values, kg m²
     material_angular_velocity : (3,) array, rad/s
         W at any point of the motion.
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -63,16 +65,16 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
     >>> rotation(attitude).magnitude().round(6)
     array([2.457833])
     """
-    _, angle = _period(inertia, material_angular_velocity)
+    _, angle = _period(inertia, material_angular_velocity, physical)
     return float(principal_angle(angle))
 
 
-def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
+def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike, *, physical: bool = True) -> float:
     """Return the period T = 4 K(k)/|λ|, s, of the momentum in the body (Landau & Lifshitz §37).
 
     Parameters
     ----------
-    inertia, material_angular_velocity
+    inertia, material_angular_velocity, physical
         As in `montgomery_angle`.
 
     Returns
@@ -96,7 +98,7 @@ def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) ->
     >>> exact.free_standard(J, W, [T])[1].round(9)
     array([[0.1, 2. , 0.1]])
     """
-    return _period(inertia, material_angular_velocity)[0]
+    return _period(inertia, material_angular_velocity, physical)[0]
 
 
 def latitude_turn(colatitude: ArrayLike) -> Array:
@@ -177,8 +179,8 @@ def polygon_turn(vertices: ArrayLike) -> float:
     return float(principal_angle(-np.arctan2(sines, cosines).sum()))
 
 
-def _period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> tuple[float, float]:
-    J, W = checked_inertia(inertia), checked_velocity(material_angular_velocity)
+def _period(inertia: ArrayLike, material_angular_velocity: ArrayLike, physical: bool) -> tuple[float, float]:
+    J, W = checked_inertia(inertia, physical), checked_velocity(material_angular_velocity)
     c = np.empty(CONSTANTS)
     prepare(J, W, c)
     T, angle = period(c)

@@ -72,6 +72,8 @@ def free_gyrostat(
     material_angular_velocity: ArrayLike,
     times: ArrayLike,
     rotation: object = None,
+    *,
+    physical: bool = True,
 ) -> Motion:
     """Return the free motion of a standard body with rotors of constant momentum.
 
@@ -87,6 +89,8 @@ def free_gyrostat(
         In any order, negative ones included.
     rotation : (3, 3) array or scipy Rotation, optional
         Λ at t = 0, body to space; the identity by default.
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -121,11 +125,11 @@ def free_gyrostat(
     >>> exact.free_gyrostat(J, c, (0.1, 2, 0.1), at)[1][:, 1].round(2)
     array([1.99, 1.99, 2.  ])
     """
-    checked_inertia(inertia)  # its value is rounded
+    checked_inertia(inertia, physical)  # its value is rounded
     J, W, t = as_floats(inertia, "inertia"), checked_velocity(material_angular_velocity), checked_times(times)
     c = as_array(rotor_momentum, "rotor_momentum", (3,))
     if not c.any():
-        return free_standard(J, W, t, rotation)
+        return free_standard(J, W, t, rotation, physical=physical)
     R = checked_attitude(rotation)
     p, velocity = gyrostat_motion(np.diag(J) if J.ndim == 1 else (J + J.T) / 2, c, W, t)
     Lam: Array = R @ attitudes(p)

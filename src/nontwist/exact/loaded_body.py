@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_number
-from ..loads import Load, as_load
+from ..loads import Load, Term, as_load
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
 from .free_kernels import turns
@@ -159,7 +159,13 @@ def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
 
 
 def loaded_momentum(
-    inertia: ArrayLike, material_angular_velocity: ArrayLike, load: Load, times: ArrayLike, *, t_start: float = 0.0
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    load: Load | Term,
+    times: ArrayLike,
+    *,
+    t_start: float = 0.0,
+    physical: bool = True,
 ) -> Array:
     """Return the material momentum Π_⊥ of the non-twisting body under moments in the moving frame (eq-nonholonomic).
 
@@ -174,6 +180,8 @@ def loaded_momentum(
     times : (k,) array, s
         Not before `t_start`, in any order.
     t_start : float, s
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -192,7 +200,7 @@ def loaded_momentum(
     >>> exact.loaded_momentum([3, 4, 5], (0, 0, 0), triangle, [0.5, 1, 2])[:, 0].round(9)
     array([1., 2., 2.])
     """
-    J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
+    J, W = planar_inertia(inertia, physical), without_spin(checked_velocity(material_angular_velocity), D3)
     pieces, place = _pieces(load, times, t_start)
     Pi: Array = momenta(J @ W, pieces)[0][place(pieces)]
     return Pi
@@ -201,17 +209,18 @@ def loaded_momentum(
 def loaded_nontwisting(
     inertia: ArrayLike,
     material_angular_velocity: ArrayLike,
-    load: Load,
+    load: Load | Term,
     times: ArrayLike,
     rotation: Any = None,
     *,
     t_start: float = 0.0,
+    physical: bool = True,
 ) -> Motion:
     """Return the motion of the non-twisting body under moments that turn it about one axis fixed in the body.
 
     Parameters
     ----------
-    inertia, material_angular_velocity, load, times, t_start
+    inertia, material_angular_velocity, load, times, t_start, physical
         As in `loaded_momentum`.
     rotation : (3, 3) array or scipy Rotation, optional
         Λ at `t_start`, body to space; the identity by default.
@@ -236,7 +245,7 @@ def loaded_nontwisting(
     >>> rotation(attitude).magnitude().round(9)
     array([0. , 0.5, 1.5])
     """
-    J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
+    J, W = planar_inertia(inertia, physical), without_spin(checked_velocity(material_angular_velocity), D3)
     R = checked_attitude(rotation)
     pieces, place = _pieces(load, times, t_start)
     motion = turning(J, J @ W, pieces)
@@ -248,7 +257,7 @@ def loaded_nontwisting(
     return turns(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
 
 
-def _pieces(load: Load, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
+def _pieces(load: Load | Term, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
     load, t, t0 = as_load(load), checked_times(times), as_number(t_start, "t_start")
     if t.min(initial=t0) < t0:
         raise ValueError(f"times contains {t.min():g} s, before the start at {t0:g} s")

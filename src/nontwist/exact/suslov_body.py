@@ -57,7 +57,12 @@ class _Plane(NamedTuple):
 
 
 def suslov_velocity(
-    inertia: ArrayLike, axis: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike
+    inertia: ArrayLike,
+    axis: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    times: ArrayLike,
+    *,
+    physical: bool = True,
 ) -> Array:
     """Angular velocity of the free Suslov body, in closed form.
 
@@ -71,6 +76,8 @@ def suslov_velocity(
         W at t = 0, with W·n = 0 (to 1e-9).
     times : (k,) array, s
         In any order, negative ones included.
+    physical : bool
+        As in `nontwist.standard`.
 
     Returns
     -------
@@ -91,20 +98,26 @@ def suslov_velocity(
     array([[-1.   ,  0.4  ],
            [ 0.561,  0.842]])
     """
-    motion = _motion(inertia, axis, material_angular_velocity)
+    motion = _motion(inertia, axis, material_angular_velocity, physical)
     y = motion.A * checked_times(times) + motion.y0
     velocity: Array = np.stack([1 / np.cosh(np.clip(y, -700, 700)), np.tanh(y)], axis=1) @ motion.B
     return velocity
 
 
 def suslov(
-    inertia: ArrayLike, axis: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+    inertia: ArrayLike,
+    axis: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    times: ArrayLike,
+    rotation: Any = None,
+    *,
+    physical: bool = True,
 ) -> Motion:
     """Motion of the free Suslov body: velocity in closed form, attitude by quadrature.
 
     Parameters
     ----------
-    inertia, axis, material_angular_velocity, times
+    inertia, axis, material_angular_velocity, times, physical
         As in `suslov_velocity`.
     rotation : (3, 3) array or scipy Rotation, optional
         Λ at t = 0, body to space; the identity by default.
@@ -130,7 +143,7 @@ def suslov(
     >>> (np.einsum("ki,ij,kj->k", W, J, W) / 2).round(9)  # the energy
     array([1.2, 1.2, 1.2])
     """
-    motion = _motion(inertia, axis, material_angular_velocity)
+    motion = _motion(inertia, axis, material_angular_velocity, physical)
     t, R = checked_times(times), checked_attitude(rotation)
     if motion.fastest * abs(t).max(initial=0.0) > FARTHEST:
         raise ValueError(TOO_FAR)
@@ -140,7 +153,7 @@ def suslov(
         found = np.empty((len(ends), 3, 3))
         _set_attitudes(R, *motion[:3], ends, steps, found)
         attitudes[part] = found[np.searchsorted(abs(ends), abs(t[part]))]
-    return attitudes, suslov_velocity(inertia, axis, material_angular_velocity, times)
+    return attitudes, suslov_velocity(inertia, axis, material_angular_velocity, times, physical=physical)
 
 
 def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -160,9 +173,10 @@ def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
     return ends, steps.astype(np.int64)
 
 
-def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike) -> _Plane:
+def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike, physical: bool = True) -> _Plane:
     """Return the motion in the plane; the sign of cos θ is in B[0]. A constant W has A = 0 and y0 = ∞."""
-    J, n = checked_inertia(inertia), as_direction(axis, "axis")
+    n = as_direction(axis, "axis")
+    J = checked_inertia(inertia, physical, n)
     W = without_spin(checked_velocity(velocity), n)
     plane = np.linalg.svd(n[None])[2][1:]
     moments, vectors = np.linalg.eigh(plane @ J @ plane.T)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_number, as_positive
+from ..geometry.arrays import Array, as_array, as_axis, as_direction, as_floats, as_number, as_positive
 from ..geometry.values import among, nearest, shown
 from .bodies import Model, Pivot, Wheel
 
@@ -85,7 +85,7 @@ def as_wheel(rotor: Any) -> Wheel:
             raise ValueError(f"rotor lacks {key}: it needs axis, inertia and speed")
     if not isinstance(given["speed"], str):
         as_number(given["speed"], "rotor: speed")
-    axis, _ = _direction(given["axis"], "rotor: axis", "it must be a direction in the body")
+    axis = None if among(given["axis"], ("fit",)) else as_direction(given["axis"], "rotor: axis")
     error = as_number(given.get("error", 0.0), "rotor: error")
     if not 0 <= error < 1:
         raise ValueError(f"rotor: error must be from 0 to less than 1, of the momentum; got {error:g}")

@@ -13,6 +13,9 @@ in which J is fitted.
 
 **Orientation.** Where attitudes are recorded their quaternion is part of the state (`orienting`).
 
+**The axis of a rotor** is known, or fitted: (a, Ω) and (-a, -Ω) are one rotor, so its sign is that of the speed, which
+the motion tells.
+
 **The sign of the centre.** Its direction is known, or fitted. Then (n, γ) and (-n, -γ) give the same W: the sign is
 not in a gyroscope's recording.
 """
@@ -65,9 +68,12 @@ class Pivot:
 
 @dataclass(frozen=True)
 class Wheel:
-    """A rotor: its axis, of length 1, its inertia, kg m², and the relative error of I Ω that is the same throughout."""
+    """A rotor: its axis, of length 1, its inertia, kg m², and the relative error of I Ω that is the same throughout.
 
-    axis: Array
+    `axis` is None where it is fitted.
+    """
+
+    axis: Array | None
     inertia: float
     error: float
 
@@ -79,6 +85,7 @@ class Kind(NamedTuple):
     points: bool
     oriented: bool
     has_wheel: bool
+    has_axis: bool
     has_factor: bool
     damping: int
     is_damped: bool
@@ -96,8 +103,8 @@ class Kind(NamedTuple):
 
     @property
     def more(self) -> int:
-        """How many numbers are fitted beside J: n, the factor of the speed, and the damping over the unit."""
-        return 3 * self.points + self.has_factor + self.damping
+        """How many numbers are fitted beside J: n, a, the factor of the speed, and the damping over the unit."""
+        return 3 * self.points + 3 * self.has_axis + self.has_factor + self.damping
 
 
 @dataclass(frozen=True)
@@ -120,7 +127,7 @@ class Model:
         """Which terms there are."""
         is_damped = self.damping > 0 or self.damped is not None
         has_wheel, is_constrained = self.wheel is not None, self.constraint is not None
-        has = self.pivot is not None, self.points, self.oriented, has_wheel, self.has_factor
+        has = self.pivot is not None, self.points, self.oriented, has_wheel, self.has_axis, self.has_factor
         return Kind(*has, self.damping, is_damped, is_constrained)
 
     @property
@@ -154,6 +161,16 @@ class Model:
         return self.pivot is not None and self.pivot.direction is None
 
     @property
+    def has_axis(self) -> bool:
+        """Whether the axis of the rotor is fitted."""
+        return self.wheel is not None and self.wheel.axis is None
+
+    @property
+    def directions_beside(self) -> list[slice]:
+        """Which numbers beside J have the length 1 together: n and a, where they are fitted."""
+        return [slice(3 * k, 3 * k + 3) for k in range(self.points + self.has_axis)]
+
+    @property
     def directions(self) -> list[slice]:
         """Which numbers of a state have the length 1 together."""
         first = 3 + 3 * (self.pivot is not None)
@@ -166,7 +183,13 @@ class Model:
 
     def factor(self, more: Array) -> float:
         """Return the factor of the rotor's momentum."""
-        return float(more[3 * self.points]) if self.has_factor else 1.0
+        return float(more[3 * len(self.directions_beside)]) if self.has_factor else 1.0
+
+    def axis(self, more: Array) -> Array:
+        """Return the axis of the rotor; 0 without one."""
+        if self.wheel is None:
+            return np.zeros(3)
+        return more[self.directions_beside[-1]] if self.wheel.axis is None else self.wheel.axis
 
     @cached_property
     def basis(self) -> Array:

@@ -78,10 +78,10 @@ def fit_inertia(
         fitted.
     rotor : mapping, optional
         A rotor of known momentum turns in the body, which also gives the scale: J is that of the body with the rotor
-        locked, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z"; `inertia` about it, kg m²; `speed`
-        relative to the body, the header of a column, or a number, rad/s; `unit` of a column that does not state it;
-        `error`, the relative standard deviation of the momentum, by default 0. The noise of a recorded speed is
-        estimated from its readings.
+        locked, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z", or "fit"; `inertia` about it, kg m²;
+        `speed` relative to the body, positive by the right hand about the axis, the header of a column, or a number,
+        rad/s; `unit` of a column that does not state it; `error`, the relative standard deviation of the momentum, by
+        default 0. The noise of a recorded speed is estimated from its readings.
     damping : "one", "three", float or (3,) array, optional
         A moment -C W acts. "one", "three": C is fitted, as one number or as three along the axes of the sensor.
         Numbers: C is known, N m s; this requires a known scale.

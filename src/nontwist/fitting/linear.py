@@ -15,7 +15,8 @@ member of this pencil whose square lies in it too, and of the few that do, the o
 harms it more, coarse sampling does not harm it at all.
 
 **Other moments.** What acts beside enters the weak form as columns of its own. Damping is ``-∫φ W dt`` times C. A rotor
-of momentum h is ``∫φ h × W dt + ∫φ' h dt`` over the unit of J, which follows. The
+of momentum h is ``∫φ h × W dt + ∫φ' h dt`` over the unit of J, which follows; where its axis is fitted there is one for
+each axis of the body, and the length of the three is 1 over the unit. The
 direction of gravity in the body is ``γ = Rᵀ γ_0``, where R is the turn since the start by the recorded angular
 velocity, so with ``a = m g c`` the moment ``a × Rᵀ γ_0`` is linear in the nine products ``a γ_0ᵀ``. For all recordings
 side by side these make a matrix of rank one, whose singular vectors are a and the γ_0; as |γ_0| = 1, its size is |a|.
@@ -147,8 +148,10 @@ def with_moments(
     pivot, count = model.pivot, len(stretches)
     own = 0 if pivot is None else 3 if pivot.direction is not None else 9
     rows, wheel = [], model.wheel
+    axes = np.zeros((3, 0)) if wheel is None else np.eye(3) if wheel.axis is None else wheel.axis[:, None]
+    spun = own * count + model.damping
     for k, (time, rates) in enumerate(stretches):
-        acting = np.zeros((len(time), 3, own * count + model.damping + (wheel is not None)))
+        acting = np.zeros((len(time), 3, spun + axes.shape[1]))
         momenta = np.zeros_like(acting)
         if own:
             R = turns(time, rates)
@@ -160,8 +163,8 @@ def with_moments(
             damping = slice(own * count, own * count + model.damping)
             acting[:, :, damping] = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
         if wheel is not None:
-            momenta[:, :, -1] = wheel.inertia * np.outer(speeds[k], wheel.axis)  # type: ignore[arg-type]
-            acting[:, :, -1] = np.cross(momenta[:, :, -1], rates)
+            momenta[:, :, spun:] = wheel.inertia * np.multiply.outer(speeds[k], axes)  # type: ignore[arg-type]
+            acting[:, :, spun:] = np.cross(momenta[:, :, spun:], rates[:, :, None], axis=1)
         weak = weak_rows(time, rates, width, acting, momenta)
         if model.constraint is not None:  # whose moment is along n
             weak = weak - np.einsum("i,j,mjq->miq", model.constraint, model.constraint, weak)
@@ -176,12 +179,14 @@ def with_moments(
     aims = np.concatenate([-every[:, :6] @ SPHERE, np.zeros(5)])
     w = np.linalg.lstsq(np.concatenate([A / size, round_rows]), aims, rcond=1e-4)[0] / size
     J = symmetric(SPHERE + TRACELESS @ w[:5])
-    damping = w[5 + own * count : 5 + own * count + model.damping]
-    beside = np.concatenate([np.ones(int(model.has_factor)), damping])
+    damping, momentum = w[5 + own * count : 5 + spun], w[5 + spun :]  # the latter over the unit
+    per_unit = float(np.linalg.norm(momentum) if model.has_axis else momentum.sum())
+    axis = momentum / max(per_unit, 1e-300) if model.has_axis else np.zeros(0)
+    beside = np.concatenate([axis, np.ones(int(model.has_factor)), damping])
     if pivot is None:
-        if wheel is not None and not w[-1] > 0:
+        if wheel is not None and not per_unit > 0:
             return None
-        return Guess(model if wheel is None else replace(model, unit=1 / w[-1]), J, beside, [])
+        return Guess(model if wheel is None else replace(model, unit=1 / per_unit), J, beside, [])
     found = w[5 : 5 + own * count]
     if own == 3:
         b = found.reshape(count, 3)

@@ -131,7 +131,7 @@ class Motion:
         arm = 0.0 if model.pivot is None else model.pivot.moment / model.unit
         wheel, axis = np.zeros(3), np.zeros(3) if model.constraint is None else model.constraint
         if model.wheel is not None:
-            wheel = model.factor(more) * model.wheel.inertia / model.unit * model.wheel.axis
+            wheel = model.factor(more) * model.wheel.inertia / model.unit * model.axis(more)
         vectors = (Vector(*x) for x in (arm * model.direction(more), model.damping_of(more), wheel, axis))
         return Matrix(*self.J), *vectors  # type: ignore[return-value]
 
@@ -164,7 +164,8 @@ class Run(NamedTuple):
     wheel: Vector
     axis: Vector
     arm_by: float  # derivative of the arm by the direction of the centre
-    wheel_by: Vector  # and of the momentum of the rotor by its factor
+    wheel_by: Vector  # of the momentum of the rotor by its factor
+    axis_by: float  # and by its axis
     start: Doubles  # (d,)
     knots: Doubles  # (k + 1,) times of the kicks, and the end
     jumps: Doubles  # (k,)
@@ -209,6 +210,9 @@ def follow(kind: Kind, run: View) -> None:
     arm, drag, wheel, axis = (Vector(*map(plain, getattr(run, name))) for name in ("arm", "drag", "wheel", "axis"))
     if kind.points:
         arm = Vector(*(x + run.arm_by * seeded(0.0, place + k) for k, x in enumerate(arm)))
+        place += 3
+    if kind.has_axis:
+        wheel = Vector(*(x + run.axis_by * seeded(0.0, place + k) for k, x in enumerate(wheel)))
         place += 3
     if kind.has_factor:
         wheel = Vector(*(x + b * seeded(0.0, place) for x, b in zip(wheel, run.wheel_by, strict=True)))
@@ -320,7 +324,8 @@ def _response(motion: Motion, start: Array, times: Array, kicks: Kicks | None) -
     if model.pivot is not None:
         run.arm_by = model.pivot.moment / model.unit
     if model.wheel is not None:
-        run.wheel_by = Vector(*(model.wheel.inertia / model.unit * model.wheel.axis))
+        run.wheel_by = Vector(*(model.wheel.inertia / model.unit * model.axis(motion.more)))
+        run.axis_by = model.wheel.inertia / model.unit * model.factor(motion.more)
     out, ends = (np.empty((n, d, 1 + directions)) for n in (len(times), len(at)))
     run.start, run.times, run.samples = np.ascontiguousarray(start, dtype=float), sorted_times, len(times)
     run.knots, run.kicks = np.append(at, times.max(initial=0.0)), len(at)

@@ -189,9 +189,28 @@ class Fit:
             return np.full(3, np.nan), np.nan
         if not model.points:
             return model.direction(more), 0.0
-        n = more[:3] / np.linalg.norm(more[:3])
+        return self._direction(model.directions_beside[0])
+
+    @cached_property
+    def rotor_axis(self) -> tuple[Array, float]:
+        """Axis of the rotor, (3,), and the half-width of its 95 % interval, rad.
+
+        The half-width is 0 if the axis is given; both are nan without a rotor. The rotor turns about it by the right
+        hand where its speed is positive.
+        """
+        model = self.solution.problem.model
+        if model.wheel is None:
+            return np.full(3, np.nan), np.nan
+        if not model.has_axis:
+            return model.axis(self.solution.unknowns.more), 0.0
+        return self._direction(model.directions_beside[-1])
+
+    def _direction(self, place: slice) -> tuple[Array, float]:
+        """Return a direction that is fitted beside J, and the half-width of its interval."""
+        n = self.solution.unknowns.more[place]
+        n = n / np.linalg.norm(n)
         across = np.eye(3) - np.outer(n, n)
-        widest = float(np.linalg.eigvalsh(across @ self.solution.beside[:3, :3] @ across)[-1])
+        widest = float(np.linalg.eigvalsh(across @ self.solution.beside[place, place] @ across)[-1])
         return n, quantile(self.solution) * float(np.sqrt(widest))
 
     @cached_property

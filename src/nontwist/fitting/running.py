@@ -52,7 +52,7 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     if model.wheel is not None and part.speed is not None:
         momentum = model.wheel.inertia * model.factor(fit.solution.unknowns.more) * part.speed[1]
         table = {"times": part.speed[0].tolist(), "values": momentum.tolist()}
-        loads.append({"kind": "rotor", "axis": model.wheel.axis.tolist(), **table})
+        loads.append({"kind": "rotor", "axis": model.axis(fit.solution.unknowns.more).tolist(), **table})
     if loads:
         run["load"] = loads
     return run

@@ -131,7 +131,7 @@ def _require_told(name: str, model: Model, has_speeds: bool) -> None:
             "angular velocities alone do not determine their delay; use recorded attitudes on the same clock "
             f"(--orientation both, orientation='both') or the recorded speed of a rotor; otherwise {how}"
         )
-    if model.is_free and not model.oriented:
+    if not model.oriented and (model.is_free or (name == "misalignment" and model.has_axis and model.pivot is None)):
         what = "its misalignment" if name == "misalignment" else "the scales of its single axes"
         raise ValueError(
             f"a gyroscope in free motion does not determine {what}: another body would give the same readings; use "

@@ -5,8 +5,8 @@ may be recorded as well, or alone (`orienting`). Unknown are J (five numbers, or
 beside it (`bodies`), b, s, the errors that are fitted, and the start of every lane, a part of a recording that is
 integrated by itself: W, and about a pivot the direction γ of gravity. Residuals are divided by the standard deviation σ
 of the noise; b and s have priors of mean 0 and 1, errors their own. Where a lane ends and the next one of the same
-recording begins, the gap between the two states is a residual as well. The lengths of γ and of the direction of the
-centre are held at 1 by a residual of large weight.
+recording begins, the gap between the two states is a residual as well. The lengths of γ, of the direction of the
+centre and of the axis of a rotor are held at 1 by a residual of large weight.
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ class Problem:
         """How many numbers the data determine, but for those of the gyroscope, which have priors."""
         free = self.model.size - len(self.model.directions)  # of a start: γ has two, an attitude three
         free -= self.model.constraint is not None
-        return int(self.model.basis.shape[1]) + self.model.more - self.model.points + free * len(self.lanes)
+        beside = self.model.more - len(self.model.directions_beside)
+        return int(self.model.basis.shape[1]) + beside + free * len(self.lanes)
 
     @cached_property
     def speed_columns(self) -> list[slice]:
@@ -255,8 +256,7 @@ def residuals(problem: Problem, at: Unknowns) -> Residuals:
         if model.constraint is not None:
             A = model.constraint[None] / problem.noise * CONSTRAINED
             found.beside.append(Rows(A @ at.starts[k, :3], A, own[:3]))
-    if model.points:
-        found.beside.append(_of_length_one(at.more[:3], np.arange(6, 9)))
+    found.beside.extend(_of_length_one(at.more[one], 6 + np.arange(model.more)[one]) for one in model.directions_beside)
     if model.wheel is not None:
         for stretch, part in zip(problem.stretches, problem.speed_columns, strict=True):
             assert stretch.speed is not None
@@ -264,7 +264,7 @@ def residuals(problem: Problem, at: Unknowns) -> Residuals:
             found.beside.append(Rows(readings - hats @ at.speeds[part], -hats, spun + np.arange(at.speeds.size)[part]))
         if model.has_factor:
             r, A = np.array([model.factor(at.more) - 1]), np.ones((1, 1))
-            place = np.array([6 + 3 * model.points])
+            place = np.array([6 + 3 * len(model.directions_beside)])
             found.beside.append(Rows(r / model.wheel.error, A / model.wheel.error, place))
     free = sensor.free
     deviations = np.array([problem.priors.bias] * 3 + [problem.priors.scale, *sensor.deviation[free]])

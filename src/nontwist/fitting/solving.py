@@ -200,7 +200,7 @@ def solve(
     chart = _chart(model, start)
     # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
     # weight alone makes the valley narrow and the way long.
-    lengths = [slice(own, own + 3)] if model.points else []
+    lengths = [slice(own + one.start, own + one.stop) for one in model.directions_beside]
     for k in range(len(problem.lanes)):
         begin = own + count + problem.common + model.size * k
         lengths += [slice(begin + part.start, begin + part.stop) for part in model.directions]

@@ -46,7 +46,9 @@ def _rotor(fit: Fit) -> str:
     momentum = abs(speeds).max() * model.wheel.inertia  # type: ignore[union-attr]
     noise = max(one.speed.noise for one in fit.solution.problem.stretches if one.speed is not None)
     factor = f", times {model.factor(fit.solution.unknowns.more):.5f}" if model.has_factor else ""
-    return f"momentum up to {momentum:.4g} kg m² s⁻¹{factor}; noise of its speed {noise:.3g} rad/s"
+    axis, tilt = fit.rotor_axis
+    about = f" about {_vector(axis)} ± {np.degrees(tilt):.2g}°" if model.has_axis else ""
+    return f"momentum up to {momentum:.4g} kg m² s⁻¹{about}{factor}; noise of its speed {noise:.3g} rad/s"
 
 
 def _errors(fit: Fit) -> dict[str, str]:
@@ -143,6 +145,7 @@ def numbers(fit: Fit) -> dict[str, Any]:
         beside = {"centre_direction": fit.centre[0].tolist(), "centre_tilt": plain(fit.centre[1])}
     if model.wheel is not None:
         beside |= {"rotor_factor": model.factor(fit.solution.unknowns.more)}
+        beside |= {"rotor_axis": fit.rotor_axis[0].tolist(), "rotor_axis_tilt": plain(fit.rotor_axis[1])}
     if model.damping or model.damped is not None:
         beside |= {"damping": fit.damping[0].tolist(), "damping_intervals": plain(fit.damping[1].tolist())}
     for name in PLACES if fit.has_gyroscope else ():

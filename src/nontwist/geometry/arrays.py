@@ -124,6 +124,8 @@ def as_tensor(value: ArrayLike, name: str, accepted: str) -> Array:
 
     A wrong shape is refused with what is `accepted`, in words.
     """
+    if callable(value):
+        raise ValueError(f"{name} must be {accepted}, got {shown(value)}")
     array = as_floats(value, name)
     if array.shape == (3,):
         return np.diag(as_array(array, name, (3,)))
@@ -165,6 +167,13 @@ def increasing(times: Array, name: str = "", table: str = "a table") -> float:
             f"times{name} must increase, but times[{k + 1}] = {times[k + 1]:g} follows times[{k}] = {times[k]:g}"
         )
     return float(gaps.min())
+
+
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """Return what `np.unique` does of values that are all numbers, without the import of `numpy.ma`, 15 ms, by it."""
+    found = np.sort(values)
+    unlike: NDArray[Any] = found[np.append(True, found[1:] != found[:-1])]
+    return unlike
 
 
 def largest_size(vectors: Array) -> float:

@@ -26,16 +26,11 @@ class States(NamedTuple):
     velocity: Array  # (..., 3) W
     normal: Array | None = None  # (..., 6) N, None where it is zero
     directors: Array | None = None  # (..., 2, 3, 3) d_i and d_i' where they are carried, and leave SO(3) by an error
+    internal: Array | None = None  # (..., k) internal states of loads with memory
 
     def part(self, *index: Any) -> States:
         """Return the indexed states."""
-        normal = None if self.normal is None else self.normal[index]
-        return States(
-            self.quaternion[index],
-            self.velocity[index],
-            normal,
-            None if self.directors is None else self.directors[index],
-        )
+        return States(*(None if array is None else array[index] for array in self))  # type: ignore[arg-type]
 
 
 def stacked_states(states: list[States]) -> States:

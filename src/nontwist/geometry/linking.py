@@ -39,6 +39,7 @@ from .frame_kernels import reflected
 from .frames import solid_angle
 from .link_kernels import SCRATCH, WORK, row_integrals
 from .stacks import dot, norm
+from .values import as_flag
 
 _WHOLE = 1e-6  # departure from a whole number that round-off does not reach
 _ROWS = 250  # segments of a thread, at least
@@ -173,8 +174,7 @@ def ribbon_twist(points: ArrayLike, d1: ArrayLike, *, closed: bool = True) -> fl
 def polygon(points: ArrayLike, name: str, closed: bool) -> Array:
     """Return checked vertices (n, 3), the first not repeated; errors as in `writhe`."""
     x = as_array(points, name, (None, 3), np.inf)
-    if not isinstance(closed, (bool, np.bool_)):
-        raise ValueError(f"closed must be True or False, got {closed!r}")
+    as_flag(closed, "closed")
     if closed and len(x) > 1 and np.array_equal(x[0], x[-1]):
         x = x[:-1]
     if len(x) < 3:

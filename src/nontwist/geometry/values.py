@@ -132,6 +132,13 @@ def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
     return int(value)
 
 
+def as_flag(value: Any, name: str) -> bool:
+    """Return `value` as a bool; a ValueError where it is neither True nor False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
 def as_list(value: Any, name: str) -> list[Any]:
     """Return what an iterable holds; a ValueError where `value` is a word, or not iterable."""
     try:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 from ..geometry.arrays import Array
 from ..geometry.values import among, shown
-from .costs import Cost, steps_cost
+from .costs import Cost, steps_cost, unresolved
 from .members import one_by_one, outcome_of
 from .problem import Failure, March, Outcome, Problem, Status
 
@@ -134,12 +134,15 @@ class Integrator:
     removed: ClassVar[Mapping[int, str]] = {}  # orders of earlier versions: what to take instead
     controlled_orders: ClassVar[tuple[int, ...]] = ()  # from which a tolerance chooses; none: all from 4 on
     is_exact_without_load: ClassVar[bool] = False  # whether free bodies are moved by closed solutions
+    is_a_stable: ClassVar[bool] = False  # whether damped modes of any rate decay in steps of any length
     any_times: ClassVar[bool] = False  # whether it takes no steps of the grid, and so stops anywhere by itself
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
     together: ClassVar[float] = 0.0  # speed-up of a member of a stack over a run; 0: none
     has_derivatives: ClassVar[bool] = False  # whether its steps can be linearised (`linearised`)
+    remembers: ClassVar[bool] = False  # whether it takes loads with memory
     observes: ClassVar[bool] = False  # whether it computes statistics over its steps
+    splits_steps: ClassVar[bool] = False  # whether steps are split where dry friction changes between its modes
     sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
     counts: ClassVar[dict[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
         1: (256, 512, 1024),
@@ -234,13 +237,20 @@ class Integrator:
         return None
 
     def require(self, problem: Problem) -> None:
-        """Raise what `refusal` returns as a ValueError."""
+        """Raise what `refusal` returns as a ValueError; it takes dry friction nowhere but in a run."""
+        if problem.load.frictions:
+            raise ValueError("dry_friction acts in runs and ensembles alone; use simulate, or simulate_ensemble")
         if (reason := self.refusal(problem)) is not None:
             raise ValueError(reason)
 
+    def require_memory(self, load: Load) -> None:
+        """Raise a ValueError where a load has memory, and the integrator does not solve for it."""
+        if load.memories and not self.remembers:
+            raise ValueError(f"{self.name} does not take loads with memory; use gauss, which solves for their states")
+
     def remark(self, problem: Problem) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
-        return None
+        return unresolved(problem, max(getattr(self, "order", 2), 2)) if self.is_a_stable else None
 
     @property
     def automatic(self) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -35,7 +36,8 @@ class Needs(NamedTuple):
     table: Array | None = None  # coefficients
     within: Array | None = None  # c, b, polynomials, for guesses of substeps
     carried: int = 0  # numbers of a member beside `State`
-    scratch: tuple[int, int] = (0, 0)  # numbers beside the workspace: of each body in lanes, of all
+    # Numbers beside the workspace, for so many internal states: of each body in lanes, of all.
+    scratch: Callable[[int], tuple[int, int]] = lambda internal: (0, 0)
 
 
 @dataclass(frozen=True)
@@ -108,8 +110,9 @@ class Compiled(Integrator):
         return between(self, problem, states)
 
     def can_prepare(self, load: Load) -> bool:
-        """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
-        return type(self).march is Compiled.march and load.is_compiled
+        """Whether `prepared` lays out problems under this load: no functions in Python, memory, or dry friction."""
+        is_plain = load.is_compiled and not (load.memories or load.frictions)
+        return type(self).march is Compiled.march and is_plain
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .problem import Problem
 
 ONE = np.ones(1)
+GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
 
@@ -64,6 +65,40 @@ def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     return float((abs(scale) * rates).max())
 
 
+def unresolved(problem: Problem, order: int) -> str | None:
+    """Return what to say of damped modes in steps of h > order/λ, which do not resolve a decay at the rate λ.
+
+    A kink of the load, as the start, excites such modes. Those of the rate order/h are gone in steps long after it.
+    """
+    rate, grid = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid
+    if not grid.longest * rate > order:
+        return None
+    h, kinks = np.array(grid.sizes), np.sort([grid.borders[0], *problem.load.breakpoints])
+    since = grid.borders[:-1] - kinks[np.searchsorted(kinks, grid.borders[:-1], side="right") - 1]
+    lost = h[(h * rate > order) & (order * since < GONE * h)]
+    if not lost.size:
+        return None
+    return (
+        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {lost.max():.6g} s does not "
+        f"resolve: energy does not rise, but those modes are wrong; try step <= {order / rate:.1g}, or none: a "
+        "tolerance begins with steps as short"
+    )
+
+
+def slowest_damping(systems: SystemStack, load: Load, scale: Array = ONE) -> Array:
+    """Return the least rate ρ at which damping slows each member down, 1/s, (m,); 0 where it may not.
+
+    As ``W·C W >= ρ W·J W``, it is the smallest eigenvalue of J^(-1/2) (C + Cᵀ)/2 J^(-1/2), across an axis.
+    """
+    if not load.damping.any():
+        return np.zeros(len(systems))
+    (basis, moments), turning = _axes(systems), _turning(systems)
+    basis, root = basis[:, :, turning], np.sqrt(moments[:, turning])
+    C = basis.mT @ ((load.damping + load.damping.T) / 2) @ basis / (root[:, :, None] * root[:, None, :])
+    least: Array = np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
+    return least
+
+
 def largest_velocity(
     systems: SystemStack,
     W: Array,
@@ -81,10 +116,14 @@ def largest_velocity(
     (sqrt(2 K) + p/sqrt(I))²/2.
     With the integral of |m| for p that is a bound, with the largest |∫ m dt| an estimate, nearer where signs change.
 
+    Damping bounds it as well: as ``K' = W·M - W·C W``, with ω = J^(1/2) W, ``|ω|' <= |J^(-1/2) M| - ρ |ω|``
+    (`slowest_damping`), so |ω| stays below the larger of its start and of |J^(-1/2) M|/ρ, M all moments.
+
     A slender body does not reach it by turning about its own axis t, of the smallest moment: from J_t W_t' =
     (J_i - J_j) W_i W_j + m_t, and J_i W_i² + J_j W_j² <= 2 K, its W_t is at most ``|W_t(0)| + (T |J_i - J_j|
     K/sqrt(J_i J_j) + ∫|m_t|) / J_t``. The weight on a director has no moment about this director; damping C drives W_t
-    by the velocity across alone, at most sqrt(2 K/J_i), by the part of C t across t.
+    by the velocity across alone, at most sqrt(2 K/J_i), by the part of C t across t. As it slows W_t down at the rate
+    C_tt/J_t, no more than the last J_t/C_tt of the time T counts.
 
     Parameters
     ----------
@@ -102,7 +141,7 @@ def largest_velocity(
     """
     axes = _axes(systems)
     smallest = axes.moments[:, _turning(systems)].min(axis=1)
-    impulse = 0.0
+    impulse, largest = 0.0, 0.0
     if load.terms:
         span, samples = t_end - t_start, 2000
         times = t_start + span * (np.arange(samples) + 0.5) / samples
@@ -113,16 +152,28 @@ def largest_velocity(
             impulse = sum(float(np.linalg.norm(part, axis=1).sum()) for part in (moving, space)) * span / samples
         else:
             impulse = float(np.linalg.norm(np.cumsum(moving + space, axis=0), axis=1).max()) * span / samples
-        forces_on = forces_sampled(load, times).reshape(samples, 6, 3)
-        impulse += float(np.linalg.norm(forces_on, axis=2).sum()) * span / samples
+        forces_on = np.linalg.norm(forces_sampled(load, times).reshape(samples, 6, 3), axis=2).sum(axis=1)
+        impulse += float(forces_on.sum()) * span / samples
+        largest = float((np.linalg.norm(moving, axis=1) + np.linalg.norm(space, axis=1) + forces_on).max())
     spin = 0.0
     if systems.spin is not None:
         W, spin = _with_spin(systems, W, axes.moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     energy = root**2 + 4 * _pull(systems, load, scale)
+    if (
+        (slowest := slowest_damping(systems, load, scale)).any()
+        and systems.spin is None
+        and not (is_bound and load.potentials)
+    ):
+        driven = np.linalg.norm((_pulls(systems, axes.basis) / np.sqrt(axes.moments))[:, _turning(systems)], axis=1)
+        driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
     reached = np.sqrt(energy / smallest)
-    if systems.axis is None and not (by_energy or load.potentials or load.rotors or load.called.terms):
+    if systems.axis is None and not (
+        by_energy or load.potentials or load.rotors or load.called.terms or load.frictions
+    ):
         reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))
 
@@ -139,16 +190,27 @@ def _of_slender(
     damped -= np.sum(damped * along, axis=1, keepdims=True) * along
     drag = abs(scale) * np.linalg.norm(damped, axis=1) * across
     coupled = (large - middle) * energy / (2 * np.sqrt(large * middle))
-    gained = span * (coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag) + abs(scale) * impulse
+    slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
+    gained = (
+        np.minimum(span, thin / slowed) * (coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag)
+        + abs(scale) * impulse
+    )
     found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
     return found
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
-    """Return about the fastest rate at which gravity and potentials make a member swing, rad/s, however slow it is."""
+    """Return about the fastest rate at which gravity and potentials make a member swing, rad/s, however slow it is.
+
+    Damped at the rate ρ > 2ω, ``x'' + ρ x' + ω² x = 0`` does not swing but creeps, at ω²/(ρ/2 + sqrt(ρ²/4 - ω²)).
+    """
     basis, moments = _axes(systems)
     pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
-    return float(np.sqrt((pulls / moments)[:, _turning(systems)]).max())
+    turning = _turning(systems)
+    squares = pulls[:, turning] / moments[:, turning]
+    half = slowest_damping(systems, load, scale)[:, None] / 2
+    rates = np.where(half**2 > squares, half + np.sqrt(np.maximum(half**2 - squares, 0.0)), np.sqrt(squares))
+    return float(np.divide(squares, rates, out=np.zeros_like(squares), where=squares > 0).max())
 
 
 def _axes(systems: SystemStack) -> Axes:

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from ..engine.layout import put, side_by_side, spans, views
 from ..engine.records import BODY, SUMS, Parts
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
 from ..loads.base import with_moments
 from ..loads.potentials import Potential
-from ..loads.terms import Damping, Rotor
+from ..loads.terms import Damping, Momentum
+from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
@@ -51,8 +52,9 @@ class Dense:
         node, since = np.append(0, outputs.node), np.append(0.0, outputs.since)
         is_inside, self._times = since > 0, np.append(problem.t_start, outputs.times)
         number, t = node[is_inside], since[is_inside]
-        step, first = np.unique(number, return_index=True)
-        nodes = np.unique(np.concatenate([[0, problem.steps], step, step + 1, node]))
+        first = np.flatnonzero(np.diff(number, prepend=-1))
+        step = number[first]
+        nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
         march = self.march = StackMarch(replace(problem, asked=None, stored=nodes), scheme)
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))
@@ -200,9 +202,11 @@ def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: flo
     if not values:
         return np.zeros((0, degree)), degree
     y = np.stack(values, axis=1).reshape(len(begin), degree, len(values), 3)
+    first = y[:, :1]  # a large number would be lost in the coefficients of its changes
     both = np.stack(
-        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y) for z in (x, 1 - x)], 1
+        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y - first) for z in (x, 1 - x)], 1
     )
+    both[..., 0] += first
     if parts.rotor:
         slope = np.zeros_like(both[:, :, -1:])
         slope[..., :-1] = both[:, :, -1:, :, 1:] * np.arange(1, degree)
@@ -215,7 +219,8 @@ def can_expand(systems: SystemStack, load: Load) -> bool:
     """Whether the equations can be run on series: nothing that acts is a function of the state."""
     return (systems.spin is None or systems.spin.is_constant) and all(
         term.kind in ("body", "space")
-        or isinstance(term, Damping | Rotor)
+        or isinstance(term, Damping | Momentum)
+        or (isinstance(term, Wheel) and term.is_driven)
         or (isinstance(term, Potential) and term.dead_force is not None)
         for term in with_moments(load).terms
     )

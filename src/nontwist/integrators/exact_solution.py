@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
 from ..exact.free_bodies import TOO_FAR
-from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
+from ..exact.free_constants import NOT_PRINCIPAL, OK
 from ..exact.free_kernels import PRINCIPAL, free_members, turns
 from ..exact.gyrostats import gyrostat_motion
 from ..exact.loaded_body import (
@@ -57,7 +57,6 @@ SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocit
 ROTORS = "a body with rotors, unless it is a standard one, their momentum is constant, and nothing else acts"
 SPIN = "a prescribed spin"
 MOVING = "a load that moves the axis of rotation in the body"
-INERTIA = "exact does not support this body: its inertia is too close to the limit of the triangle inequality"
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ class Exact(Integrator):
         def block(first: int, last: int) -> None:
             status, member = free_members(*_bodies(systems), since, place, first, last, *out.states[:2])
             if status != OK:
-                reason = {NOT_PRINCIPAL: _no_solution(SUSLOV), BAD_TIME: TOO_FAR}.get(status, INERTIA)
+                reason = _no_solution(SUSLOV) if status == NOT_PRINCIPAL else TOO_FAR
                 raise ValueError(f"member {member}: {reason}" if m > 1 else reason)
 
         in_threads(block, (0, m), BLOCK, threads, progress(problem))
@@ -291,7 +290,7 @@ def _gyrostat(problem: Problem) -> Outcome:
     c = problem.load.rotor_momentum(times[:1])[0]
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
     start = problem.quaternion
-    p, velocity, _, _ = out.states
+    p, velocity, *_ = out.states
     p[0, place:], velocity[0, place:] = product(start, turn), W
     p[0] = without_jumps(np.concatenate([start, p[0]]))[1:]
     if not problem.intervals:

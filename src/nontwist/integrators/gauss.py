@@ -59,7 +59,8 @@ The quaternion is only the store, p ← p ⊗ q(C), compensated and normalised: 
 discrete solution, which loses the vertical momentum and the impulse.
 
 Gauss collocation is not L-stable: |R(-1000)| = 0.80 ... 0.996. Drag with h λ > 2s, λ the largest eigenvalue of
-J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run says so (`unresolved`).
+J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run says so (`costs.unresolved`), unless short
+steps have let them decay before, as those of a tolerance do.
 
 Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
 iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
@@ -106,11 +107,10 @@ from ..kernels.vectors import (
 )
 from ..loads import Load
 from ..models.stack import SystemStack
-from .base import Problem
 from .compiled import ONCE, Compiled, Needs, velocity_of
-from .costs import damping_rate
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
-from .gauss_newton import lanes_where, rows_by_elimination, solve
+from .gauss_memory import Memory
+from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
 from .gauss_stages import (
     CHECKED,
     DITHERED,
@@ -158,7 +158,10 @@ class Gauss(Compiled):
     """
 
     name: ClassVar[str] = "gauss"
+    remembers: ClassVar[bool] = True
+    splits_steps: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
+    is_a_stable: ClassVar[bool] = True
     substep_ns: ClassVar[float] = 500.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "Hairer, Lubich & Wanner, II.1.3",
@@ -194,10 +197,6 @@ class Gauss(Compiled):
         from .dense import can_expand
 
         return self.order > 2 and can_expand(systems, load)
-
-    def remark(self, problem: Problem) -> str | None:
-        """Return the warning about damped modes that the step does not resolve."""
-        return unresolved(problem, self.order // 2)
 
     def lag(self, theta: float) -> float:
         """Return the error of a step for the turn `theta` of a steady rotation, rad, where it integrates rows.
@@ -239,20 +238,14 @@ class Gauss(Compiled):
     @property
     def needs(self) -> Needs:
         """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
-        m, increments = 3 * WIDTH, COMPONENTS * self.nodes
-        scratch = size_of(Stage) * WIDTH, m * (4 * m + 5) + WIDTH
-        return Needs(STAGE, table(self.order), within(self.order), increments, scratch)
+        return Needs(STAGE, table(self.order), within(self.order), COMPONENTS * self.nodes, scratch_of)
 
 
-def unresolved(problem: Problem, s: int) -> str | None:
-    """Return what to say where a damped mode decays at a rate λ with h λ > 2s: it is solved, and not resolved."""
-    rate, h = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid.longest
-    if not h * rate > 2 * s:
-        return None
-    return (
-        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {h:.6g} s does not resolve: "
-        f"energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
-    )
+def scratch_of(internal: int) -> tuple[int, int]:
+    """Return the numbers of stages of a body with so many internal states, and of Newton's iteration."""
+    side, m = 3 * WIDTH, unknowns(internal) * WIDTH
+    newton = side * (2 * side + 3) + 2 * m * (m + 1) + WIDTH + (7 + internal) * (9 + internal)
+    return (size_of(Stage) + 3 * internal) * WIDTH, newton
 
 
 # The step.
@@ -290,15 +283,18 @@ def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bo
 def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
     """Take a step: its stages, the turn, and what the interval gets of it."""
     parts, body, h, P, s = acting.parts, acting.body, acting.h, state.s, y.number
-    e, k, zero = Equations(motion, acting, y, P), body.k, 0.0 * P[0]
+    memory = Memory(acting, y) if parts.memory else None
+    e, k, zero = Equations(motion, acting, y, P, memory), body.k, 0.0 * P[0]
     e.sample()
     if e.has_rows:
         y.put(e.names[1:], [ZEROS] * 3)
+    if memory:
+        memory.clear()
     is_eager = s > DITHERED and not e.has_rows
     unchecked = state.auxiliary[0] if is_eager else 0.0
     level = LEVEL * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
     for_newton, used = iterated(
-        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation
+        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation, memory
     )
     v = Variables(for_newton=for_newton, used=used, residual=zero)
     for _ in when(any_of(for_newton)):
@@ -335,14 +331,14 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         mu = mu - (body.off[0] * k[0] * dP[0] + body.off[1] * k[1] * dP[1])
     if parts.spin:
         mu = mu - dP[2]
-    return given(e, y, alive, motion, found._replace(mu=mu / h, twist=body.axis @ turn), work)
+    return with_means(e, y, alive, motion, found._replace(mu=mu / h, twist=body.axis @ turn), work)
 
 
-def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
+def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
     """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
     acting, parts, R = e.acting, e.parts, e.acting.R
     has_dead = parts.dead and parts.is_constrained and motion in ("heavy", "rows")
-    has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor))
+    has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor or parts.memory))
     has_push = e.has_rows and (parts.space or parts.calls)
     if motion in ("free", "heavy") and (has_dead or parts.observes):
         rows_of_turn(y, acting, alive)

@@ -22,6 +22,7 @@ smaller, however slow the body is.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 from ..engine.elimination import Scratch, eliminate_once
@@ -35,7 +36,21 @@ from ..kernels.memory import View, scratch, size_of
 from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_stages import EPS, OVERFLOW, ROUND_OFF, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, drawn, rows_of
+from .gauss_memory import Memory
+from .gauss_stages import (
+    EPS,
+    OVERFLOW,
+    ROUND_OFF,
+    TINY,
+    TURN,
+    VECTOR,
+    ZEROS,
+    Equations,
+    Stage,
+    Stages,
+    pulled_back,
+    rows_of,
+)
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -47,21 +62,21 @@ def turned(v: Vector) -> Vector:
     return Vector(*(Dual(a, [0.0, 0.0, 0.0, *turns]) for a, turns in zip(v, tangents, strict=True)))
 
 
-def drawn_of_duals(C: Any, f: Vector) -> Vector:
+def pulled_back_duals(C: Any, f: Vector) -> Vector:
     """Return ``C⁻¹ f`` of rows that turn with the body, which therefore turns like a vector of space."""
     C = plain(Matrix(*C))
-    v = turned(drawn(C, plain(f)))
+    v = turned(pulled_back(C, plain(f)))
     if not isinstance(f[0], Dual):
         return v
-    changes = [drawn(C, tangent(f, j)) for j in range(6)]
+    changes = [pulled_back(C, tangent(f, j)) for j in range(6)]
     return Vector(
         *(Dual(x.value, [t + d[i] for t, d in zip(x.tangents, changes, strict=True)]) for i, x in enumerate(v))
     )
 
 
-def column_at(a: Any, i: Any, width: Any, column: Any) -> Vector:
-    """Return what a column of a matrix says of a stage."""
-    at = 3 * i * width + column
+def column_at(a: Any, i: Any, width: Any, column: Any, rows: int = 3) -> Vector:
+    """Return what a column of a matrix, of so many rows for each stage, says of a stage in the first three."""
+    at = rows * i * width + column
     return Vector(a[at], a[at + width], a[at + 2 * width])
 
 
@@ -110,36 +125,50 @@ def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
 
 
 @part
-def combine(momenta: Any, slopes: Any, mu: Any, s: int) -> None:
-    """Set the equations for the changes of P."""
-    m = 3 * s
+def combine(momenta: Any, slopes: Any, mu: Any, s: int, n: int) -> None:
+    """Set the equations for the changes of P, and of z, n numbers of a stage."""
+    m = n * s
     for i in loop(s):
-        for c in loop(3):
-            p = 3 * i + c
+        for c in loop(n):
+            p = n * i + c
             for q in loop(m + 1):
                 x = Variables(entry=0.0 * mu[0])
                 for j in loop(s):
-                    x.entry = fma(mu[WIDTH * j + i], slopes[(3 * j + c) * (m + 1) + q], x.entry)
+                    x.entry = fma(mu[WIDTH * j + i], slopes[(n * j + c) * (m + 1) + q], x.entry)
                 momenta[p * (m + 1) + q] = select(q == m, x.entry, select(p == q, 1.0, 0.0) - x.entry)
 
 
+def unknowns(k: int) -> int:
+    """Return how many unknowns a stage has with k internal states, a multiple of three as elimination needs it."""
+    return 3 - (-k // 3) * 3
+
+
 class Residuals:
-    """The equations of Newton's iteration for the stages of one body, linearised: matrices of m = 3 s rows in memory.
+    """The equations of Newton's iteration for the stages of one body, linearised, in memory.
+
+    With k numbers z there are n unknowns of a stage, zeros among them, and m = n s in all.
 
     Attributes
     ----------
-    turns : (m, width), behind m columns the turns by changes of the momenta, then the vectors
+    turns : (3 s, width), behind 3 s columns the turns by changes of the momenta, then the vectors
     slopes : (m, m + 1), h b times the derivatives of the rates by the momenta, by way of turns as well; the residuals
     momenta : (m, m + 1), the equations for the changes of the momenta, and these changes
     stiffness : (s,), h b times the size of the derivatives by turns
+    found : (7 + k, 9 + k), what functions give, and give after changes
     """
 
     def __init__(self, equations: Equations, memory: Any) -> None:
-        self.equations, self.stages, m = equations, equations.stages, 3 * equations.stages.number
-        self.m, self.width, self.h, self.turns = m, 2 * m + len(equations.start), equations.acting.h, memory
-        self.momenta = memory.shifted(m * (2 * m + 3))
-        self.slopes = self.momenta.shifted(m * (m + 1))
-        self.stiffness = self.slopes.shifted(m * (m + 1))
+        self.equations, self.stages, self.k = equations, equations.stages, equations.parts.memory
+        self.n, side, s = unknowns(self.k), 3 * equations.stages.number, equations.stages.number
+        self.m, self.side, self.width = self.n * s, side, 2 * side + len(equations.start)
+        self.h, self.turns, square = equations.acting.h, memory, self.m * (self.m + 1)
+        self.momenta = memory.shifted(side * (2 * side + 3))
+        self.slopes = self.momenta.shifted(square)
+        self.stiffness = self.slopes.shifted(square)
+        self.found = self.stiffness.shifted(s)
+        if self.n > 3 + self.k:
+            for q in loop(square):
+                self.slopes[q] = 0.0
 
     def place(self) -> None:
         """Set P, W and the vectors of the stages from the increments of P."""
@@ -149,6 +178,8 @@ class Residuals:
             P = stages.collocated("dp", e.P, i)
             stage.P, stage.W = P, e.k * P
             stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
+        if e.memory:
+            e.memory.place()
         if e.start:
             vectors_of_space(stages, self.turns, self.h, e.start, "V", e.names[1:], e.k)
 
@@ -158,59 +189,101 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called, of_potentials = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
+            called, held, remembered = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None,) * 3
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, of_potentials, drawn_of_duals).rate
+                rate = e.now(stage, P, [turned(c) for c in g], called, held, remembered, pulled_back_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
                 rest, stiff = dP - stage.dp, 0.0 * b
                 for c in range(3):
-                    row, H = self.slopes.shifted((3 * i + c) * (m + 1)), b * tangents(rate[c], 3)
-                    for q in loop(m):
-                        row[q] = H @ self.turn(i, q) if g else 0.0
-                    for d, B in enumerate(tangents(rate[c], 0)):
-                        row[3 * i + d] = row[3 * i + d] + b * B
+                    H = b * tangents(rate[c], 3)
+                    row = self.row(i, c, H if g else None, b * tangents(rate[c], 0))
                     row[m], stiff = rest[c], stiff + taxicab(H)
                 self.stiffness[i] = stiff
+                if e.memory:
+                    self.remember(i, stage, b)
 
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Vector, Any]:
-        """Return what functions say, with their derivatives as differences; one call stands in the code."""
-        e, W, found = self.equations, stage.W, scratch(7 * 6)
-        v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
+    def row(self, i: Any, c: Any, H: Any, B: Vector) -> Any:
+        """Set a row of the slopes to derivatives by turns and by the momenta of a stage; return it."""
+        n, row = self.n, self.slopes.shifted((self.n * i + c) * (self.m + 1))
+        for j in loop(self.stages.number):
+            for d in range(3):
+                row[n * j + d] = 0.0 if H is None else H @ self.turn(i, 3 * j + d)
+            for d in loop(3, n):
+                row[n * j + d] = 0.0
+        for d, x in enumerate(B):
+            row[n * i + d] = row[n * i + d] + x
+        return row
+
+    def remember(self, i: Any, stage: View, b: Any) -> None:
+        """Set the slopes by z, and those of z, at a stage."""
+        e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, rows_of(stage)
+        memory, h, speed = e.memory, b / e.acting.rate, self.change(stage.W)
+        for c in loop(self.k):
+            f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)
+            space, along = (Vector(*(f * (after[j + d] - found[j + d]) for d in range(3))) for j in (0, 6))
+            slope = along + pulled_back(C, space)
+            third = e.acting.body.free * slope[2] if e.parts.is_constrained else slope[2]
+            for d, x in enumerate((slope[0], slope[1], third)):
+                self.slopes[(n * i + d) * (self.m + 1) + n * i + 3 + c] = x
+        for c in loop(self.k):
+            more = [found[q * width + 9 + c] - found[9 + c] for q in range(1, 7)]
+            H = Vector(*((h / DIFFERENCE) * x for x in more[3:]))
+            B = Vector(*((h / speed * k) * x for k, x in zip(e.k, more[:3], strict=True)))
+            row = self.row(i, 3 + c, H, B)
+            for y in loop(self.k):
+                row[n * i + 3 + y] = (h / memory.change(stage, y)) * (found[(7 + y) * width + 9 + c] - found[9 + c])
+            row[self.m] = h * found[9 + c] - memory.increment(stage, c)
+
+    def change(self, W: Vector) -> Any:
+        """Return the difference of velocities."""
         change = DIFFERENCE * taxicab(W)
-        change = select(change > 0.0, change, DIFFERENCE)
-        for q in loop(7, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns
+        return select(change > 0.0, change, DIFFERENCE)
+
+    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Any, Any, Any]:
+        """Return what functions say, with their derivatives as differences; one call stands in the code."""
+        e, W, found, width, k = self.equations, stage.W, self.found, 9 + self.k, self.k
+        v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
+        change = self.change(W)
+        for q in loop(7 + k, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns, at more z
             w = Vector(*(x + select(q == j + 1, change, 0.0) for j, x in enumerate(W)))
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
-            f, of_potentials = e.called(i, rows, rows @ w)
-            for j, x in enumerate((*f, *(of_potentials or ()))):
-                found[6 * q + j] = x
-            is_sound = (q > 0) | (taxicab(f) + taxicab(of_potentials or ZEROS) <= OVERFLOW)
+            with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
+                given = [x or ZEROS for x in e.called(i, rows, w)]
+            for j, x in enumerate(y for vector in given for y in vector):
+                found[width * q + j] = x
+            for c in loop(k) if k else ():
+                found[width * q + 9 + c] = e.memory.rate(stage, c)
+            is_sound = (q > 0) | (sum(map(taxicab, given), 0.0) <= OVERFLOW)
             note_call(e, is_sound)
             v.is_fine = v.is_fine & is_sound
 
         def dual(j: int, by_velocity: bool) -> Dual:
-            d = [found[6 * q + j] - found[j] for q in range(1, 7)]
+            d = [found[width * q + j] - found[j] for q in range(1, 7)]
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
         stage.called = Vector(found[0], found[1], found[2])
         called = Vector(*(dual(j, True) for j in range(3)))
-        if not e.parts.generalised:
-            return called, None
-        stage.of_potentials = Vector(found[3], found[4], found[5])
-        return called, Vector(*(dual(j + 3, False) for j in range(3)))
+        of_potentials, remembered = None, None
+        if e.parts.generalised:
+            stage.of_potentials = Vector(found[3], found[4], found[5])
+            of_potentials = Vector(*(dual(j + 3, False) for j in range(3)))
+        if e.memory:
+            stage.remembered = Vector(found[6], found[7], found[8])
+            remembered = Vector(*(dual(j + 6, True) for j in range(3)))
+        return called, of_potentials, remembered
 
     def turn(self, i: Any, q: Any) -> Vector:
         """Return the turn at a stage by a momentum."""
-        return column_at(self.turns, i, self.width, self.m + q)
+        return column_at(self.turns, i, self.width, self.side + q)
 
     def solve(self) -> None:
         """Find the changes of P at the stages."""
-        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.number)
+        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.number, self.n)
         eliminate_once(Scratch(self.momenta, 1), self.m, self.m + 1)
 
     def correct(self, v: Variables) -> None:
@@ -218,24 +291,43 @@ class Residuals:
 
         That is relative to the velocity and what a turn by one radian would add to it. Infinite if one is lost.
         """
-        e, m, k = self.equations, self.m, self.equations.k
+        e, m, n, k = self.equations, self.m, self.n, self.equations.k
         v.worst, v.left, fastest = 0.0 * self.h, 0.0 * self.h, larger(larger(k[0], k[1]), k[2])
         for i in loop(self.stages.number, whilst=lambda: v.is_fine):
-            stage, n = self.stages.one(i), m + 1
-            x = Variables(change=0.0 * e.P, turn=0.0 * e.P)
+            stage, x = self.stages.one(i), Variables(change=0.0 * e.P, turn=0.0 * e.P)
             for q in loop(m):
-                dP = self.momenta[q * n + m]
-                x.change = x.change + dP * column_at(self.slopes, i, n, q)
-                if e.start:
-                    x.turn = x.turn + dP * self.turn(i, q)
-            rest, dP = column_at(self.slopes, i, n, m), column_at(self.momenta, i, n, m)
+                x.change = x.change + self.solved(q) * column_at(self.slopes, i, m + 1, q, n)
+            if e.start:
+                for j in loop(self.stages.number):
+                    for d in range(3):
+                        x.turn = x.turn + self.solved(n * j + d) * self.turn(i, 3 * j + d)
+            rest, dP = (column_at(a, i, m + 1, m, n) for a in (self.slopes, self.momenta))
             dL = rest + x.change
             stage.dp, change = stage.dp + dL, taxicab(k * dP)
             speed = taxicab(k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
             v.worst = larger(larger(change / speed, taxicab(x.turn)), v.worst)
             v.left = larger(taxicab(k * rest) / (speed + self.stiffness[i] * fastest), v.left)
             v.is_fine = taxicab(dL) <= OVERFLOW
+            if e.memory:
+                self.correct_memory(v, i, stage)
         v.worst = select(v.is_fine, v.worst, float("inf"))
+
+    def correct_memory(self, v: Variables, i: Any, stage: View) -> None:
+        """Do so for z at a stage, relative to its size."""
+        memory, m = self.equations.memory, self.m
+        for c in loop(self.k):
+            row, size = self.slopes.shifted((self.n * i + 3 + c) * (m + 1)), memory.size(stage, c)
+            x = Variables(change=row[m])
+            for q in loop(m):
+                x.change = x.change + self.solved(q) * row[q]
+            memory.put_increment(stage, c, memory.increment(stage, c) + x.change)
+            v.worst = larger(abs(self.solved(self.n * i + 3 + c)) / size, v.worst)
+            v.left = larger(abs(row[m]) / size, v.left)
+            v.is_fine = v.is_fine & (abs(x.change) <= OVERFLOW)
+
+    def solved(self, q: Any) -> Any:
+        """Return the change of an unknown that was found."""
+        return self.momenta[q * (self.m + 1) + self.m]
 
 
 def tangents(x: Dual, first: int) -> Vector:
@@ -257,17 +349,20 @@ def newton(
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
     acting = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
     acting.begin(node, x.state.p)
-    e = Equations(motion, acting, stages, x.state.s)
+    memory_of_loads = Memory(acting, stages) if parts.memory else None
+    e = Equations(motion, acting, stages, x.state.s, memory_of_loads)
     r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
     v.before = zero + OVERFLOW
-    if e.parts.calls:
+    if e.parts.calls and not e.memory:  # with memory it begins anew
         for i in loop(stages.number):
             v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= OVERFLOW)
         note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:
         stages.put(VECTOR, AXES)
+    if e.memory:
+        e.memory.clear()
     level = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
     for _ in whilst(lambda: v.goes):
         r.place()
@@ -305,7 +400,7 @@ def solve(acting: Nodes, y: Stages, state: State, motion: str, for_newton: Any, 
     for k in range(3):
         found.store(k * n, 0.0, n)
     for l in lanes_where(for_newton, n):
-        x, memory = acting.x.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * n)
+        x, memory = acting.x.lane(l), acting.memory.shifted((size_of(Stage) + 3 * acting.parts.memory) * WIDTH * n)
         where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
         is_found, count, residual = newton(motion, acting.parts, *where)
         found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual

@@ -70,6 +70,7 @@ class Stage(NamedTuple):
     space: Vector
     called: Vector
     of_potentials: Vector
+    remembered: Vector  # along the frame, of loads with memory
     rotor: Vector
     axial: float  # increment of a held momentum
     P: Vector
@@ -158,7 +159,7 @@ def rows_of(stage: View) -> Matrix:
     return Matrix(stage.g0, stage.g1, stage.g2)
 
 
-def drawn(C: Matrix, f: Vector) -> Vector:
+def pulled_back(C: Matrix, f: Vector) -> Vector:
     """Return ``C⁻¹ f``."""
     n = cross(C[1], C[2])
     inner = fma(f[1], cross(C[2], C[0]), f[2] * cross(C[0], C[1]))
@@ -187,11 +188,11 @@ class Sampled(NamedTuple):
 class Equations:
     """The equations of a step: P' and g' at the stages, from P and the vectors g."""
 
-    def __init__(self, motion: str, acting: Nodes, stages: Stages, P: Vector) -> None:
+    def __init__(self, motion: str, acting: Nodes, stages: Stages, P: Vector, memory: Any = None) -> None:
         self.acting, self.stages, self.P, self.k = acting, stages, P, acting.body.k
         self.parts, self.names = acting.parts, UNKNOWNS[: 1 + VECTORS[motion]]
         self.has_rows, body = motion == "rows", acting.body
-        self.orbit = None
+        self.orbit, self.memory = None, memory
         if self.parts.orbit and self.has_rows:
             n, o = acting.orbit
             self.orbit = n, acting.seen(o)
@@ -229,11 +230,18 @@ class Equations:
         return P, Matrix(*g) if g else ()
 
     def now(
-        self, stage: Any, P: Vector, g: Any, called: Any = None, of_potentials: Any = None, inverse: Any = drawn
+        self,
+        stage: Any,
+        P: Vector,
+        g: Any,
+        called: Any = None,
+        of_potentials: Any = None,
+        remembered: Any = None,
+        inverse: Any = pulled_back,
     ) -> Now:
         """Return what the equations say at P and g; on dual numbers as well.
 
-        `called` and `of_potentials` are what functions say there, `inverse` gives C⁻¹ f.
+        `called`, `of_potentials` and `remembered` are what functions say there, `inverse` gives C⁻¹ f.
         """
         body, parts = self.acting.body, self.parts
         W, whole = body.velocity_of(P), P
@@ -243,6 +251,7 @@ class Equations:
             stage.moving if parts.moving or parts.rotor else None,
             -(body.damping @ W) if parts.damping else None,
             cross(stage.rotor, W) if parts.rotor else None,
+            remembered,
         )
         still = None
         for force, v in reversed(list(zip(self.forces, g, strict=False))):
@@ -264,23 +273,41 @@ class Equations:
         for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
             one = self.stages.one(j)
             rows = rows_of(one)
-            one.called, of_potentials = self.called(j, rows, rows @ (self.k * one.P))
+            one.called, of_potentials, remembered = self.called(j, rows, self.k * one.P)
             if of_potentials is not None:
                 one.of_potentials = of_potentials
+            if remembered is not None:
+                one.remembered = remembered
             if fine is not None:
                 v.is_fine = taxicab(one.called) <= OVERFLOW
-        return P, g, self.now(stage, P, g, stage.called, stage.of_potentials if self.parts.generalised else None)
+        of_potentials = stage.of_potentials if self.parts.generalised else None
+        remembered = stage.remembered if self.parts.memory else None
+        return P, g, self.now(stage, P, g, stage.called, of_potentials, remembered)
 
-    def called(self, j: Any, rows: Matrix, w: Vector) -> tuple[Vector, Any]:
-        """Return the moment of functions at a stage, as seen at the beginning, and the torque of potentials."""
-        acting, functions = self.acting, self.acting.functions(j)
+    def called(self, j: Any, rows: Matrix, W: Vector) -> tuple[Vector, Any, Any]:
+        """Return what functions give at a stage.
+
+        That is the moment, as seen at the beginning, the torque of potentials, and the moment along the frame of loads
+        with memory; None where there are none.
+        """
+        acting, functions, w = self.acting, self.acting.functions(j), rows @ W
         if self.orbit is not None:  # the frame of the rows is that of the beginning of the step
             length = acting.h / acting.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
         functions.evaluate(acting.R @ rows, w, 0.0 * w)
+        remembered = self.remembered(j, functions.t, rows, W) if self.memory else None
         if not self.parts.generalised:
-            return functions.found("total") @ acting.R, None
-        return functions.found("load") @ acting.R, functions.found("of_potentials") @ acting.body.basis
+            return functions.found("total") @ acting.R, None, remembered
+        return functions.found("load") @ acting.R, functions.found("of_potentials") @ acting.body.basis, remembered
+
+    def remembered(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
+        """Return the moment along the frame of loads with memory; add the one in space to what was found."""
+        acting, basis = self.acting, self.acting.body.basis
+        d, w = Matrix(*(basis @ row for row in acting.R @ rows)).T, acting.R @ (rows @ W)
+        space, along, zero = self.memory.evaluate(j, t, d, acting.rate * w, acting.rate * (basis @ W))
+        for name in ("total", "load"):
+            setattr(acting.x.found, name, getattr(acting.x.found, name) + Vector(*(x + zero for x in space)))
+        return (acting.x.scale * Vector(*(x + zero for x in along))) @ basis
 
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
@@ -307,7 +334,9 @@ class Equations:
 
         Bodies whose mask is set take the increments that come out, which are nearer to the solution.
         """
-        v, stages = Variables(least=0.0 * self.P[0] - 1.0), self.stages
+        v, stages, memory = Variables(least=0.0 * self.P[0] - 1.0), self.stages, self.memory
+        if memory:
+            memory.place()
         for i, stage in stages.each():
             b = self.acting.h * stages.coefficient(TABLE.weights, i)
             stage.P, g, now = self.evaluated(i, stage)
@@ -326,6 +355,11 @@ class Equations:
                 setattr(stage, ahead(name), x)
             stage.sum, stage.angle = Vector(b * now.torque[2], b * power, b * sqrt(W @ W)), b * W
         stages.take(self.names, takes)
+        if memory:
+            for _ in when(any_of(takes)):
+                for i, stage in stages.each():
+                    memory.follow(i, stage)
+            memory.end()
         return v.least
 
 
@@ -340,6 +374,7 @@ def iterated(
     speed: Any = None,
     unchecked: Any = 0.0,
     compensation: Any = None,
+    memory: Any = None,
 ) -> tuple[Any, Any]:
     """Iterate increments; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
@@ -363,6 +398,8 @@ def iterated(
         How many iterations are not looked at.
     compensation : Vector
         What P was rounded by, where increments of few stages are changed by it.
+    memory : Memory
+        Of loads with memory, whose increments are iterated with the others.
     """
     zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
     v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
@@ -371,6 +408,8 @@ def iterated(
     for _ in whilst(lambda: any_of(v.active)):
         count, v.change, v.reach, v.turn = v.count, zero, zero, zero
         is_checked = True if soonest is None else count >= soonest
+        if memory:
+            memory.place(v.matrix)
         for i, stage in stages.each():
             new = following(i, stage, v.matrix)
             d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
@@ -384,6 +423,8 @@ def iterated(
                     turns = d[1:]
                 if turns:
                     v.turn = larger(v.turn, peak(stages, *turns))
+            if memory:
+                v.turn = larger(v.turn, memory.follow(i, stage))
         v.used, v.takes = select(v.active, v.used + 1.0, v.used), v.active
         v.worse = v.for_newton & False
         for _ in when(is_checked):

@@ -117,11 +117,13 @@ class LieMidpoint(Dissipative):
     """
 
     name: ClassVar[str] = "lie-midpoint"
+    splits_steps: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     removed: ClassVar[Mapping[int, str]] = {
         order: f"its higher orders are gone, gauss keeps the same invariants: integrator='gauss', order={order}"
         for order in (4, 6, 8)
     }
+    is_a_stable: ClassVar[bool] = True
     substep_ns: ClassVar[float] = 300.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "Hairer, Lubich & Wanner, II.3",

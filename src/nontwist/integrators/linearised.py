@@ -40,6 +40,7 @@ from .linear_inputs import Entries, Nodes, Sampled
 from .load_samples import as_marched, has_table, orbit_of, parts_of
 from .problem import Problem
 from .rotors import at_nodes
+from .wheels import as_gyrostat
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
 LARGEST, LONGEST = 2**14, 2048
@@ -50,13 +51,22 @@ def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bo
     return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
-def scheme_of(integrator: Integrator) -> Compiled:
-    """Return an integrator that has derivatives; a ValueError where it has none."""
+def scheme_of(integrator: Integrator, load: Load) -> Compiled:
+    """Return an integrator that has derivatives; a ValueError where it has none, or its runs under a load."""
     from . import INTEGRATORS
 
+    if load.frictions:
+        raise ValueError(
+            "runs under dry_friction have no derivatives: they jump where a body begins to stick; leave it out, or "
+            "difference two runs"
+        )
     if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
+    if load.memories:
+        raise ValueError(
+            "runs under loads with memory have no derivatives: take differences of runs, or a load without memory"
+        )
     return integrator
 
 
@@ -80,13 +90,15 @@ class Linearised:
     Raises
     ------
     ValueError
-        The integrator has no derivatives.
+        The integrator has no derivatives; the load has memory.
     """
 
     def __init__(
         self, problem: Problem, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
     ) -> None:
-        self.problem, scheme = problem, scheme_of(integrator)
+        scheme = scheme_of(integrator, problem.load)
+        problem = as_gyrostat(problem) if problem.load.wheels else problem
+        self.problem = problem
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
         bodies = rows_of(systems, self.load, 1.0, problem.load_scale)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..engine.layout import put
 from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, EXCURSION, MARCH, NODE, OUTPUT
 from ..engine.records import SUMS, Parts
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, distinct
 from .coasting import Coasting
 from .load_samples import NOTHING, addresses
 
@@ -43,7 +43,8 @@ class Outputs:
         assert problem.asked is not None
         times, last = problem.asked, problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
-        rounding = RESOLVED * np.spacing(max(abs(problem.t_start), abs(problem.t_end)))
+        j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
+        rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))
         node -= problem.times(node) > times + rounding
         node += problem.times(np.minimum(node + 1, last)) <= times + rounding
         since = times - problem.times(node)
@@ -95,7 +96,7 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
 def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: Any) -> Rows:
     """Return the calls for steps of the grid, one for each stretch and from stop to stop."""
     numbers = np.array(march.stack.grid.numbers)
-    stop = np.unique(np.concatenate([[first, last], numbers, coasting.begin, coasting.end, *stops]))
+    stop = distinct(np.concatenate([[first, last], numbers, coasting.begin, coasting.end, *stops]))
     stop = stop[(stop >= first) & (stop <= last)]
     begin, end = stop[:-1], stop[1:]
     stretch, within = np.searchsorted(numbers[1:-1], begin, side="right"), coasting.stretch_of(begin)

@@ -133,9 +133,10 @@ def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack,
 def orbit_of(systems: SystemStack, load: Load, unit: float) -> Array | None:
     """Return rate, in radians in a unit of time, and axis of the orbit that `gauss` sees the rows from, else None.
 
-    That is where the gravity gradient acts alone: all else is given in a frame that stands still.
+    That is where the gravity gradient of a circular orbit acts alone: all else is given in a frame that stands still,
+    and an ellipse turns at no constant rate.
     """
     term = load.terms[0] if len(load.terms) == 1 else None
-    if not isinstance(term, GravityGradient) or systems.has_dead_force:
+    if not isinstance(term, GravityGradient) or term.eccentricity or systems.has_dead_force:
         return None
     return np.array([term.mean_motion * unit, *term.normal])

@@ -15,6 +15,8 @@ from .compiled import Compiled
 from .problem import Intervals, Outcome, Problem, Status
 from .stack_march import SAME, StackMarch
 
+NONE = np.zeros(0)
+
 if TYPE_CHECKING:
     from .dense import Dense
 
@@ -91,7 +93,13 @@ def tangent(problem: Problem) -> Problem:
 def states_in(arrays: dict[str, Array], first: int) -> States:
     """Return the stored states in the arrays of a march, or in those of one member, from number `first` on."""
     p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
-    return States(p[..., first:, :], W[..., first:, :], N[..., first:, :] if N.size else None)
+    z = arrays.get("internals", NONE)
+    return States(
+        p[..., first:, :],
+        W[..., first:, :],
+        N[..., first:, :] if N.size else None,
+        internal=z[..., first:, :] if z.size else None,
+    )
 
 
 def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Intervals:

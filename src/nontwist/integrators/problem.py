@@ -58,6 +58,7 @@ class Status(IntEnum):
     INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM, SIGHUP
     NOT_FINITE = 7  #: a number of the result is infinite or NaN
     INCOMPLETE = 8  #: the integrator returned without an error and without all states
+    JUMP = 9  #: a load jumps with the state, and a step has no solution
 
 
 class Failure(NamedTuple):
@@ -91,6 +92,7 @@ class Problem(OnGrid):
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
     stretches: Stretches | None = None
+    internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
 
     def __len__(self) -> int:
         return len(self.quaternion)
@@ -130,7 +132,7 @@ class Problem(OnGrid):
         return self._of(own, part_of(self.systems, first, last), load_scale=scale[own] if len(scale) > 1 else scale)
 
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> Problem:
-        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory")}
+        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
         return replace(self, systems=systems, progress=None, **parts, **changes)
 
@@ -176,6 +178,7 @@ class Intervals(NamedTuple):
     newton_iterations: NDArray[np.int64] | None  # (m, n)
     dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
     twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
+    dissipated_energy: Array | None = None  # (m, n) J, what dry friction takes
 
     @property
     def of_one(self) -> dict[str, Any]:
@@ -187,16 +190,18 @@ class Intervals(NamedTuple):
         n, by = len(lengths), lengths[:, None]
         dead = () if self.dead_moment is None else (by * self.dead_moment[:, :n],)
         twist = () if self.twist is None else (self.twist[:, :n, None],)
+        taken = () if self.dissipated_energy is None else (self.dissipated_energy[:, :n, None],)
         own = by * self.multipliers[:, :n], by * self.moment[:, :n], self.load_work[:, :n, None]
-        return np.concatenate([*own, *dead, *twist], axis=2)
+        return np.concatenate([*own, *dead, *twist, *taken], axis=2)
 
     def of_integrals(self, integrals: Array, lengths: Array, iterations: NDArray[np.int64] | None) -> Intervals:
         """Return other intervals from columns as `integrals` returns them, and iterations (m, n)."""
         c, by = self.multipliers.shape[2], lengths[:, None]
         dead = None if self.dead_moment is None else integrals[..., c + 4 : c + 7] / by
-        twist = None if self.twist is None else integrals[..., -1]
+        taken = None if self.dissipated_energy is None else integrals[..., -1]
+        twist = None if self.twist is None else integrals[..., -1 if taken is None else -2]
         means = integrals[..., :c] / by, integrals[..., c : c + 3] / by, integrals[..., c + 3]
-        return Intervals(*means, iterations, dead, twist)
+        return Intervals(*means, iterations, dead, twist, taken)
 
 
 class Outcome(NamedTuple):
@@ -228,7 +233,9 @@ def scratch(problem: Problem) -> Outcome:
 def started(state: States) -> dict[str, Any]:
     """Return the fields of a problem of one body that starts with a state."""
     normal = None if state.normal is None else state.normal[None]
-    return {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal, "memory": None}
+    internal = None if state.internal is None else state.internal[None]
+    known = {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal}
+    return known | {"memory": None, "internal": internal}
 
 
 def onward(problem: Problem, first: int, last: int, state: States | None = None) -> Problem:

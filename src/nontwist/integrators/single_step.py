@@ -4,7 +4,8 @@ A march of a stack of one over a grid of one step (`stack_march`) is laid out on
 step begins with and the moments at its nodes into that memory, runs the kernel, and reads the state at the end back. So
 a step depends on what it is given alone: a state that is kept can be given again, and a step that fails leaves nothing
 behind. The moments of the caller are constant over the step, in the body and in space. The kernel is one for both kinds
-of moments whatever they are, so that moments of zero change no bit; a run with a load in space has the same bits.
+of moments whatever they are, so that moments of zero change no bit; a run with a load in space has the same bits. Of a
+body with wheels it is the step of their carrier (`wheels`), the torques of their motors constant.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from .listing import listed
 from .load_samples import WIDTHS
 from .marching import tangent
 from .stack_march import StackMarch
+from .wheels import carrier
 
 Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
@@ -41,9 +43,12 @@ class SingleStep:
     def __init__(self, system: DirectorSystem, load: Load, step: float, scheme: Compiled) -> None:
         self.system, self.load, self.step, self.scheme = system, load, step, scheme
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
+        if load.wheels:
+            system, load = carrier(system, load), load.without_wheels
         self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
-        march = self._march = StackMarch(self.stack, scheme, moving=True, space=True)
+        has_rotors = bool(self.load.rotors or self.load.wheels)
+        march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors)
         (parts,) = march.groups
         march.sample(parts, 0, 1)
         self._middles, self._called = march.stages[parts][1], march.called
@@ -52,7 +57,7 @@ class SingleStep:
         varies = march.parts.spin
         self._is_loaded = bool(march.load.terms) or varies
         own = {"times": np.zeros(count), "moving": nodes[0], "space": nodes[1], "forces": march.loads[3]}
-        own |= {"rotor": np.zeros((count, 6)) if load.rotors else None, "spin": np.zeros(count) if varies else None}
+        own |= {"rotor": np.zeros((count, 6)) if has_rotors else None, "spin": np.zeros(count) if varies else None}
         march.loads = tuple(own.values())
         todo = listed(march, parts, 1, 0, 1)
         block, self._workspace, alive = march.laid(todo)
@@ -78,8 +83,18 @@ class SingleStep:
         p, W, carried = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))
         return (*p[:4], *W[:3], 0.0, 0.0, *carried, 0.0)
 
-    def __call__(self, numbers: Numbers, start: float, number: int, body: Vector, space: Vector) -> Numbers:
+    def __call__(
+        self,
+        numbers: Numbers,
+        start: float,
+        number: int,
+        body: Vector,
+        space: Vector,
+        wheels: tuple[Array, Array] | None = None,
+    ) -> Numbers:
         """Take the step of this `number`, which begins `number` steps after `start`; `status` is 0 unless it failed.
+
+        `wheels` are the sum of their momenta at the beginning, (3,), and its rate.
 
         Raises
         ------
@@ -98,6 +113,13 @@ class SingleStep:
             for name, array, more in zip(WIDTHS, march.loads, found, strict=True):
                 if array is not None and more is not None:
                     array[...] = array + more if name in ("moving", "space") else more
+        if wheels is not None:
+            c, rate = wheels
+            rotor: Any = self._march.loads[4]
+            own = np.column_stack(
+                [(c + np.outer(self._middles * self.step, rate)) / self._march.unit, [rate] * self._count]
+            )
+            rotor[...] = own if not self.stack.load.rotors else rotor + own
         self._written.pack_into(self._memory, 0, *numbers)
         self._run(self._address)
         return self._read.unpack_from(self._memory)

@@ -71,6 +71,8 @@ class StackMarch:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
         self.called = Called(self.load, self.needs.action)
         known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
+        z = self.load.internal_state
+        known["memory"] = z.size
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
         self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
         self.group = np.broadcast_to(group, m)
@@ -79,10 +81,11 @@ class StackMarch:
         self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
         self.stages = {parts: scheme.stages(parts) for parts in self.groups}
         self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
-        size, none = STATE.size + self.needs.carried, (0,)
+        size, none = STATE.size + self.needs.carried + 2 * z.size, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),
+            "internals": (m, count, z.size) if z.size else none,
             "normals": (m, count, 6) if director else none,
             "intervals": (m, count - 1, SUMS.size) if stack.intervals else none,
             "states": (m, size),
@@ -103,6 +106,8 @@ class StackMarch:
         put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
         put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
+        self.internal_scales = self.load.internal_scale
+        put(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
@@ -122,6 +127,8 @@ class StackMarch:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
         arrays, director = self.arrays, self.scheme.is_director_scheme
         arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
+        if arrays["internals"].size:
+            arrays["internals"][:, 0] = self.load.internal_state if stack.internal is None else stack.internal
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
         between.enter(self.block.ctypes.data)
@@ -145,19 +152,21 @@ class StackMarch:
     @property
     def factors(self) -> Array:
         """What the carried states are multiplied by to have the units of the caller, (m or 1, numbers of a member)."""
-        return factors(self.scheme, self.bodies, self.unit, self.arrays["states"].shape[1])
+        return factors(self.scheme, self.bodies, self.unit, self.arrays["states"].shape[1], self.parts.memory)
 
     def remember(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
         states = self.arrays["states"]
-        if memory.shape != states.shape or not is_start(self.scheme, known := memory / self.factors, states):
+        if memory.shape != states.shape or not is_start(
+            self.scheme, known := memory / self.factors, states, self.parts.memory
+        ):
             return
         states[:] = known
         if self.scheme.is_exact_without_load:
             return
         for parts, _, span, _ in self._tasks(1):  # the first node has the bits of the last before
             self._leave(parts, span, 0, 0)
-        for name in ("quaternions", "velocities", "normals"):
+        for name in ("quaternions", "velocities", "normals", "internals"):
             if self.arrays[name].size:
                 self.arrays[name][:, 0] = self.arrays[name][:, 1]
 
@@ -284,7 +293,7 @@ class StackMarch:
         scheme, wide = self.scheme, machine_code.lanes()
         size = int(np.clip(-(-m // (4 * threads)), SMALLEST, LARGEST))
         for parts, number in zip(self.groups, np.bincount(self.group).tolist(), strict=True):
-            few = number <= FEW or not scheme.in_lanes
+            few = number <= FEW or not scheme.in_lanes or self.parts.memory > 0  # whose workspace is that of one
             found.append((parts, 1 if few else wide, (begin, begin + number), size))
             begin += number
         return found
@@ -315,14 +324,15 @@ class StackMarch:
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
-        each, shared = self.needs.scratch
+        each, shared = self.needs.scratch(self.parts.memory)
+        each += self.parts.room
         workspace = aligned(width * (WORK.size + each) + shared)
         put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
 
 
-def factors(scheme: Compiled, bodies: Array, unit: float, size: int) -> Array:
+def factors(scheme: Compiled, bodies: Array, unit: float, size: int, internal: int = 0) -> Array:
     """Return what `size` carried numbers are multiplied by to have the units of the caller, (m or 1, size)."""
     found = np.ones((len(bodies), size))
     moment = bodies[:, BODY.unit, None]
@@ -331,12 +341,13 @@ def factors(scheme: Compiled, bodies: Array, unit: float, size: int) -> Array:
     else:
         found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * unit, moment
     found[:, STATE.c : STATE.auxiliary] = 1.0
-    if (more := size - STATE.size) > 0:  # increments of the momentum, and of directions
+    if (more := size - STATE.size - 2 * internal) > 0:  # increments of the momentum, and of directions
         found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * unit, 1.0
+    found[:, size - 2 * internal :] = 1.0
     return found
 
 
-def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
+def is_start(scheme: Compiled, carried: Array, states: Array, internal: int = 0) -> bool:
     """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
     sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
     apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
@@ -344,7 +355,8 @@ def is_start(scheme: Compiled, carried: Array, states: Array) -> bool:
     if scheme.is_director_scheme:
         apart += [_apart(carried, states, slice(STATE.auxiliary, STATE.size))]
     apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
-    return not max(apart) > SAME
+    z = slice(states.shape[1] - 2 * internal, states.shape[1] - internal)
+    return np.array_equal(carried[:, z], states[:, z]) and not max(apart) > SAME
 
 
 def _apart(a: Array, b: Array, part: slice) -> float:

@@ -9,12 +9,16 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import warnings
 from collections.abc import Iterable
 from math import prod
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..errors import InputWarning, callers_level
+from ..geometry.euler import euler_angles
 
 if TYPE_CHECKING:
     import xarray
@@ -67,6 +71,23 @@ def in_degrees(run: xarray.Dataset) -> xarray.Dataset:
             units = " ".join(["degree", *rest])
             turned[name] = variable.copy(data=np.degrees(variable.values)).assign_attrs(units=units)
     return turned
+
+
+def with_euler(run: xarray.Dataset, letters: str) -> xarray.Dataset:
+    """Return a run or a sweep with Euler angles and their rates beside its variables; InputWarning in gimbal lock."""
+    p, W = run["quaternion"], run["material_angular_velocity"]
+    along, shape = p.dims[:-1], p.shape[:-1]
+    angles, rates, is_locked = euler_angles(p.values.reshape(-1, 4), W.values.reshape(-1, 3), letters)
+    if is_locked.any():
+        first = np.broadcast_to(run[along[-1]].values, shape).ravel()[int(is_locked.argmax())]
+        facts: dict[str, Any] = {"count": int(is_locked.sum()), "along": along[-1], "first": f"{first:.6g}"}
+        warnings.warn(InputWarning("gimbal-lock", letters=letters, **facts), stacklevel=callers_level())
+    own = {"long_name": f"Euler angles {letters}, as SciPy has them", "units": "rad"}
+    dims = (*along, "angle")
+    return run.assign(
+        euler_angles=(dims, angles.reshape(*shape, 3), own),
+        euler_rates=(dims, rates.reshape(*shape, 3), {"long_name": "their rates", "units": "rad s-1"}),
+    ).assign_coords(angle=[1, 2, 3])
 
 
 def write_csv(run: xarray.Dataset, stream: TextIO, *, decimal_comma: bool = False) -> None:

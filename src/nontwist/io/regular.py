@@ -1,10 +1,11 @@
-"""Refusal of files that are not regular: reading a FIFO blocks, and some devices never end."""
+"""Refusal of files that are not regular: reading a FIFO blocks, some devices never end; and how much memory is free."""
 
 from __future__ import annotations
 
 import errno
 import os
 import stat
+from pathlib import Path
 
 KINDS = ((stat.S_ISFIFO, "a FIFO"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISSOCK, "a socket"))
 
@@ -18,13 +19,12 @@ def require_regular(path: str | os.PathLike[str]) -> None:
 
 
 def free_memory() -> int:
-    """Return the memory that can be taken without swapping, in bytes."""
+    """Return the memory that can be taken without swapping, in bytes, within the limits of a container."""
+    import psutil
+
+    free: int = psutil.virtual_memory().available
     try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            lines = dict(line.split(":") for line in file)
-        return int(lines["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):  # not Linux: physical memory, where the system tells
-        names = getattr(os, "sysconf_names", {})
-        if "SC_PHYS_PAGES" not in names:
-            return 2**62
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        limit, used = (Path(f"/sys/fs/cgroup/memory.{name}").read_text(encoding="ascii") for name in ("max", "current"))
+        return min(free, max(int(limit) - int(used), 0))
+    except (OSError, ValueError):  # no container, or "max": no limit
+        return free

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..analysis.datasets import as_dataset
 from ..analysis.variables import reassembled
+from ..errors import warn
 from ..geometry.values import as_path
 from .layout import file_bytes
 from .regular import require_regular
@@ -32,9 +33,10 @@ if TYPE_CHECKING:
 
 SEAL = "\nnontwist: {:020d} bytes, crc32 {:08x}\n"
 PATTERN = re.compile(rb"\nnontwist: (\d{20}) bytes, crc32 ([0-9a-f]{8})\n")
-LENGTH = len(SEAL.format(0, 0))
+LENGTH, BEGINS = len(SEAL.format(0, 0)), b"\nnontwist: "
 HDF5 = b"\x89HDF\r\n\x1a\n"
 BLOCK = 2**20
+UNSEALED = "has no seal: another program, as Dataset.to_netcdf, wrote or changed it, not nontwist.save_run(run, path)"
 EXPORTED = (".csv", ".npz", ".json")  # what `nontwist export` writes
 
 
@@ -119,9 +121,10 @@ def _write(run: xarray.Dataset, place: Path) -> None:
 
 
 def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read a run that `save_run` wrote, completely, and verify its seal.
+    """Read a run completely, and verify the seal that `save_run` gave it.
 
-    ``xarray.open_dataset(path, engine="h5netcdf")`` reads the same file lazily, without verification.
+    A run that ``run.to_netcdf(path)`` wrote has no seal; it is read with a warning. ``xarray.open_dataset(path,
+    engine="h5netcdf")`` reads a file lazily, without verification.
 
     Parameters
     ----------
@@ -135,12 +138,17 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     Raises
     ------
     ResultFileError
-        The file is not a run, is truncated, damaged, changed by another program, or of a newer format; or it contains
+        The file is not a run, is truncated, damaged, changed by another program, or of a newer format; or it has
         links, arrays that are stored in other files, or arrays larger than the file.
     ValueError
         `path` is not a path.
     OSError
         The file does not exist or cannot be read; it is a FIFO or a device.
+
+    Warns
+    -----
+    UserWarning
+        The file has no seal, so that nothing verifies it.
 
     Examples
     --------
@@ -156,7 +164,9 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
         raise FileNotFoundError(f"no such file: {path}")
     require_regular(path)
     with open(path, "rb") as file:
-        if reason := _broken_seal(file):
+        if (reason := _broken_seal(file)) == UNSEALED:
+            warn(f"{path} {reason}; it is read, unverified")
+        elif reason:
             raise ResultFileError(f"{path} {reason}")
         try:
             run = _loaded(file)
@@ -187,6 +197,7 @@ def _loaded(file: BinaryIO) -> xarray.Dataset:
         for name, stored in opened.variables.items():
             attributes = dict(stored.attrs)
             named.update(attributes.pop("coordinates", "").split())
+            attributes.pop("_FillValue", None)  # which xarray adds: NaN
             variables[name] = _decoded(name, stored.dimensions, _values(stored[...]), attributes)
     named.update(record.pop("coordinates", "").split())
     return reassembled(variables, record, named)
@@ -218,7 +229,8 @@ def _broken_seal(file: BinaryIO) -> str | None:
     file.seek(0)
     if match is None:
         alike = sum(a == b for a, b in zip(seal, SEAL.format(0, 0).encode("ascii"), strict=False))
-        return "is damaged: its seal cannot be read" if 2 * alike > LENGTH else _unsealed(file, length)
+        is_cut = BEGINS in seal or any(seal.endswith(BEGINS[:k]) for k in range(3, len(BEGINS)))
+        return "is damaged: its seal cannot be read" if is_cut or 2 * alike > LENGTH else _unsealed(file, length)
     checksum = size = 0
     while size < length - LENGTH:
         block = file.read(min(BLOCK, length - LENGTH - size))
@@ -249,10 +261,7 @@ def _unsealed(file: BinaryIO, length: int) -> str:
             attributes = dict(data.attrs)
     except Exception:  # HDF5 raises exceptions of any kind
         return f"is cut off or damaged: HDF5 cannot open the rest, {length} bytes"
-    return _foreign(attributes) or (
-        "has no seal of nontwist: another program, such as Dataset.to_netcdf, wrote it, changed it or cut it off; "
-        "nontwist.save_run(run, path) writes runs, xarray.open_dataset may read this file, unchecked"
-    )
+    return _foreign(attributes) or UNSEALED
 
 
 def _foreign(attributes: Mapping[str, Any]) -> str | None:

@@ -31,7 +31,7 @@ from ..geometry.arrays import as_array
 from ..geometry.attitudes import attitudes
 from ..geometry.values import shown
 from ..integrators import DEFAULT, Integrator
-from ..loads import Load
+from ..loads import Load, Term
 from ..models.system import DirectorSystem, as_system
 
 __all__ = ["function"]
@@ -46,7 +46,7 @@ def function(
     rotation: Any = None,
     scalar_first: bool | None = None,
     material_angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
-    load: Load | None = None,
+    load: Load | Term | None = None,
     integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     store: int | Literal["end"] = "end",

@@ -218,7 +218,8 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
         first = (code.co_filename, code.co_firstlineno) if code else None
         found = array_of(rebound(function)(*arguments))
         if found.shape != shape:
-            rows = "three rows of three numbers" if shape == (3, 3) else "three numbers" if shape else "one number"
+            known = {(3, 3): "three rows of three numbers", (3,): "three numbers", (): "one number"}
+            rows = known.get(shape) or f"{shape[0]} numbers in a row"
             raise TraceError(f"it returns {_what(found)}; return {rows}", first)
         for x in found.ravel().tolist():
             if isinstance(x, (complex, str, bytes)) or x is None:

@@ -1,10 +1,11 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment
+from .catalogue import body_moment, damping, dry_friction, memory_load, moment, pulse, rotor, sine, space_moment, wheel
 from .forces import DirectorForces
 from .generalised import dipole, director_forces, gravity_gradient, potential, spring
 from .kinds import LOADS
+from .memory import Memory
 from .potentials import Potential
 from .terms import Term
 
@@ -12,6 +13,7 @@ __all__ = [
     "LOADS",
     "DirectorForces",
     "Load",
+    "Memory",
     "Potential",
     "Term",
     "as_load",
@@ -19,7 +21,9 @@ __all__ = [
     "damping",
     "dipole",
     "director_forces",
+    "dry_friction",
     "gravity_gradient",
+    "memory_load",
     "moment",
     "potential",
     "pulse",
@@ -27,4 +31,5 @@ __all__ = [
     "sine",
     "space_moment",
     "spring",
+    "wheel",
 ]

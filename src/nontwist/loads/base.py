@@ -29,9 +29,12 @@ from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
+from .friction import DryFriction, require_apart
 from .kinds import LOADS, load_in_words
+from .memory import Memory
 from .potentials import GravityGradient, Potential
-from .terms import Damping, ForceTerm, Rotor, Table, Term
+from .terms import Damping, ForceTerm, Momentum, Table, Term
+from .wheels import Driven, Wheel
 
 MOST = 4  # terms that a repr names
 
@@ -77,11 +80,12 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        if unknown := [type(term).__name__ for term in self.terms if not isinstance(term, tuple(LOADS.values()))]:
+        if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, (*LOADS.values(), Driven))]:
             raise ValueError(
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
             )
+        require_apart(self.terms)
 
     def __repr__(self) -> str:
         more = len(self.terms) - MOST
@@ -152,15 +156,28 @@ class Load:
 
     @property
     def called(self) -> Load:
-        """The terms called with the state during the integration: of kind "state", except damping and rotors."""
-        return Load(
-            tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping | Rotor))
-        )
+        """The terms called with the state during the integration: of kind "state", and not known to the kernels."""
+        return Load(tuple(term for term in self.terms if term.kind == "state" and not term.in_kernels))
 
     @property
-    def rotors(self) -> tuple[Rotor, ...]:
-        """The terms that are rotors."""
-        return tuple(term for term in self.terms if isinstance(term, Rotor))
+    def frictions(self) -> tuple[DryFriction, ...]:
+        """The terms that are dry friction."""
+        return tuple(term for term in self.terms if isinstance(term, DryFriction))
+
+    @property
+    def without_frictions(self) -> Load:
+        """The load without its dry friction."""
+        return Load(tuple(term for term in self.terms if not isinstance(term, DryFriction)))
+
+    @property
+    def rotors(self) -> tuple[Momentum, ...]:
+        """The terms that are rotors or wheels."""
+        return tuple(term for term in self.terms if isinstance(term, Momentum))
+
+    @property
+    def wheels(self) -> tuple[Wheel, ...]:
+        """The terms that are wheels."""
+        return tuple(term for term in self.terms if isinstance(term, Wheel))
 
     def rotor_momentum(self, times: ArrayLike) -> Array:
         """Return the momentum of the rotors relative to the body, in body components: the sum of h a over all rotors.
@@ -181,15 +198,48 @@ class Load:
         at = as_array(times, "times", (None,))
         return sum((term.scale * term.momentum(at) for term in self.rotors), np.zeros((at.size, 3)))
 
+    def rotor_torque(self, times: Array) -> Array:
+        """Return the rate of that momentum at (n,) times, (n, 3), N m."""
+        found = (term.scale * term.history(times)[1][:, None] * term.direction for term in self.rotors)
+        return sum(found, np.zeros((times.size, 3)))
+
+    @property
+    def without_wheels(self) -> Load:
+        """The load without its wheels."""
+        return Load(tuple(term for term in self.terms if not isinstance(term, Wheel)))
+
     @property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
-        return all(term.c_function is not None for term in (*self.called.terms, *self.functions))
+        return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))
 
     @property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
         return tuple(term for term in self.terms if isinstance(term, ForceTerm) and not term.in_kernels)
+
+    @cached_property
+    def memories(self) -> tuple[Memory, ...]:
+        """The terms with memory, wheels first; wheels of which it is known beforehand are none."""
+        return tuple(term for term in self.remembering if not (isinstance(term, Wheel) and term.is_driven))
+
+    @cached_property
+    def remembering(self) -> tuple[Memory, ...]:
+        """The terms with internal states: wheels, then others."""
+        return (
+            *self.wheels,
+            *(term for term in self.terms if isinstance(term, Memory) and not isinstance(term, Wheel)),
+        )
+
+    @property
+    def internal_state(self) -> Array:
+        """The internal states z of the terms with memory at the start of a run, one behind the other, (k,)."""
+        return np.concatenate([np.zeros(0), *(term.state0 for term in self.remembering)])
+
+    @property
+    def internal_scale(self) -> Array:
+        """How large they become, (k,)."""
+        return np.concatenate([np.zeros(0), *(term.state_scale for term in self.remembering)])
 
     @property
     def potentials(self) -> tuple[Potential, ...]:
@@ -306,7 +356,7 @@ class Load:
 
 def is_called(term: Term) -> bool:
     """Whether a term depends on the state, and is nothing that kernels know: damping, a rotor, a dead force."""
-    if term.kind in ("body", "space") or isinstance(term, Damping | Rotor):
+    if term.kind in ("body", "space") or isinstance(term, Damping | Momentum | Wheel):
         return False
     return not isinstance(term, Potential) or term.dead_force is None
 

@@ -18,7 +18,11 @@ from ..kernels.numpy_functions import numbers
 Call = Callable[[Callable[..., Any], tuple[Any, ...], tuple[int, ...]], list[Any]]
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 OF_POTENTIALS = "let function return a finite number (J) and gradient its derivatives by γ (N m) for every γ"
-GIVEN = {1: "the time", 3: "the time, the directors and the angular velocity"}
+GIVEN = {
+    1: "the time",
+    3: "the time, the directors and the angular velocity",
+    4: "the time, the internal states, the directors and the angular velocity",
+}
 
 
 def array(x: Sequence[Any], *shape: int) -> Any:
@@ -62,6 +66,10 @@ def checked(function: Callable[..., Any], arguments: tuple[Any, ...], shape: tup
     name = f"the {name} {getattr(function, '__name__', None) or repr(function)}"
     remedy = REMEDY if is_of_time else OF_POTENTIALS
     remedy = remedy.replace("3 finite", "3 rows of 3 finite") if shape == (3, 3) else remedy
+    if is_of_time and not shape:
+        remedy = remedy.replace("3 finite numbers", "a finite number")
+    if is_of_time and len(shape) == 1 and shape != (3,):  # of internal states
+        remedy = remedy.replace("3 finite numbers (N m)", f"as many finite numbers as state0, {shape[0]},")
     try:
         value = as_floats(function(*arguments), name)
     except Exception as error:
@@ -71,7 +79,7 @@ def checked(function: Callable[..., Any], arguments: tuple[Any, ...], shape: tup
             f"{name} raised {type(error).__name__} at {_place(arguments[0])}: {error}; {remedy}"
         ) from error
     if value.shape != shape:
-        counted = {(): "a number", (3,): "3 numbers"}.get(shape) or f"{shape[0]} rows of 3 numbers"
+        counted = {(): "a number", (3, 3): "3 rows of 3 numbers"}.get(shape) or f"{shape[0]} numbers"
         at = f"at {_place(arguments[0])} it returned shape {value.shape}"
         raise ValueError(f"{name} must return {counted}, {at}; {remedy}")
     if not np.isfinite(value).all():

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import as_array, as_floats, as_tensor, increasing
-from ..geometry.values import as_function
+from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import as_c_function, is_c_function
+from .friction import DryFriction
+from .memory import MemoryFunction
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
+from .wheels import Wheel
 
 
 def body_moment(
@@ -155,6 +158,77 @@ def moment(
     return of_function(Function, "state", function, own, breakpoints=breakpoints, compiled=compiled or is_c)
 
 
+def memory_load(
+    derivative: Callable[..., ArrayLike],
+    moment: Callable[..., ArrayLike],
+    state0: ArrayLike,
+    *,
+    scale: ArrayLike = 1.0,
+    frame: Literal["body", "space"] = "space",
+    breakpoints: Sequence[float] = (),
+    compiled: bool = False,
+) -> Load:
+    """Return a moment with memory: it depends on internal states z of its own, with equations of their own.
+
+    An actuator that lags, liquid in a tank, the hysteresis of a magnetic rod. `gauss`, which alone accepts such loads,
+    solves for z in the same step as for the body, to its order. A run has z as ``internal_state``.
+
+    Parameters
+    ----------
+    derivative, moment : callable
+        ``derivative(t, z, directors, angular_velocity) -> (k,)`` is z', and
+        ``moment(t, z, directors, angular_velocity) -> (3,)`` the moment, N m. Directors are rows of a (3, 3) array, at
+        the stages of a step a little shorter or longer than one.
+    state0 : float or (k,) array
+        z at the start.
+    scale : float or (k,) array
+        How large z becomes: its error counts relative to this, as that of the attitude in radians does.
+    frame : "space" or "body"
+        What moment and angular velocity are components along: fixed axes, or the moving directors. What is exchanged
+        between the body and a part that turns in it is kept to round-off with "body".
+    breakpoints : sequence of float, s
+        Times at which a function or its derivatives jump.
+    compiled : bool
+        Compile both functions, as in `nontwist.moment`.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        `state0` is empty or not a list of real numbers, `scale` is not positive, `frame` is unknown, or a function
+        cannot be compiled.
+
+    Examples
+    --------
+    A motor that gets a moment of 2 N m at once reaches it with a lag of 0.5 s:
+
+    >>> from nontwist import memory_load, simulate, standard
+    >>> def derivative(t, z, directors, angular_velocity):
+    ...     return (2 - z) / 0.5
+    >>> def moment(t, z, directors, angular_velocity):
+    ...     return z[0], 0.0, 0.0
+    >>> motor = memory_load(derivative, moment, state0=0, compiled=True)
+    >>> run = simulate(standard([1, 2, 3]), t_end=1, step=0.1, load=motor)
+    >>> run.internal_state.values[-1].round(9)  # 2 (1 - exp(-2))
+    array([1.72932943])
+    """
+    z = as_floats(state0, "state0", 1)
+    scales = as_floats(scale, "scale")
+    return of_function(
+        MemoryFunction,
+        as_function(derivative, "derivative"),
+        as_function(moment, "moment"),
+        z,
+        np.full(z.shape, scales) if scales.ndim == 0 else scales,
+        frame,
+        breakpoints=breakpoints,
+        compiled=compiled,
+    )
+
+
 def damping(coefficient: ArrayLike) -> Load:
     """Return viscous damping ``m = -Λ C Λᵀ w``.
 
@@ -259,7 +333,7 @@ def sine(
 
 
 def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None) -> Load:
-    """Return a rotor, or wheel, that turns about an axis of the body and makes it a gyrostat.
+    """Return a rotor of given momentum relative to the body, which makes this a gyrostat.
 
     The rotor is symmetric about its axis a, which passes through its centre of mass, so the inertia J of the gyrostat
     does not depend on the angle of the rotor. J is that of the body with the rotor locked. The momentum of the rotor
@@ -305,6 +379,116 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     if h.ndim:
         raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
     return load_of(Rotor, axis, [0.0], as_array(h, "momentum", ())[None])
+
+
+def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
+    """Return dry (Coulomb) friction, about an axis of the body or against w: a set-valued law, without a smoothing.
+
+    About an axis a the moment is ``-limit sign(a·W) Λa``; while a·W = 0 it is what keeps a·W at 0, as long as that is
+    at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks: w = 0
+    exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it. A run
+    has the variables `sticking` and `dissipated_energy`. Where friction about axes leaves a body a single axis to turn
+    about, on a body with a constrained axis or under several of them, a run fails unless the body rests.
+
+    Parameters
+    ----------
+    limit : float, N m
+        The largest moment.
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
+        The direction a in body components, any length but zero.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        `limit` is negative, or the axis has length 0; in a sum, two act about one axis.
+
+    Examples
+    --------
+    A wheel slows down from 2 rad/s by 0.5 rad/s², and stands after 4 s:
+
+    >>> from nontwist import dry_friction, simulate, standard
+    >>> run = simulate(standard([2, 2, 2]), t_end=6, angular_velocity=(0, 0, 2), load=dry_friction(1))
+    >>> run.angular_velocity.sel(axis="z").interp(time=[2, 5]).values.round(9)
+    array([1., 0.])
+    >>> bool(run.sticking[-1]), run.dissipated_energy.sum().item()
+    (True, 4.0)
+    """
+    return load_of(DryFriction, limit, axis)
+
+
+def wheel(
+    axis: ArrayLike,
+    inertia: float,
+    speed: float = 0.0,
+    torque: Any = None,
+    viscous: float = 0.0,
+    friction: Callable[[float], float] | None = None,
+    *,
+    compiled: bool = True,
+) -> Load:
+    """Return a wheel that the body carries, driven by a motor or free.
+
+    The wheel is symmetric about its axis n, which passes through its centre of mass. The inertia J of the body includes
+    that of the wheel, locked. The state of the wheel is its axial momentum ``h = inertia (Ω + n·W)`` in space, Ω its
+    speed relative to the body; its motor changes it, ``h' = torque``. The total momentum changes by moments from
+    outside alone.
+
+    Parameters
+    ----------
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
+        The direction n in body components, any length but zero.
+    inertia : float, kg m²
+        Moment of inertia of the wheel about its axis.
+    speed : float, rad/s
+        Ω at the start of a run. A run that continues another has the speeds of that.
+    torque : float, N m; (times, values), s and N m; or a function ``f(t, speed) -> float``, optional
+        Torque of the motor on the wheel, about its axis; of a table linear between the times and zero outside.
+    viscous : float, N m s
+        Friction in the bearing per unit of Ω.
+    friction : function ``f(speed) -> float``, N m, optional
+        Friction of the sign of Ω, which is taken off the torque.
+    compiled : bool
+        Compile the functions, as in `nontwist.moment`.
+
+    Returns
+    -------
+    Load
+        A factor multiplies speed and torque.
+
+    Raises
+    ------
+    ValueError
+        The axis has length 0, `inertia` is not positive, times do not increase, friction adds energy, or a number is
+        not finite; of a run: ``J - Σ inertia n nᵀ``, what carries the wheels, is not positive definite; or the
+        integrator is not `gauss`, which alone solves for wheels with friction or a torque that is a function.
+
+    See Also
+    --------
+    rotor : a rotor whose momentum relative to the body is given.
+
+    Examples
+    --------
+    A motor slows a satellite down by 0.5 N m s:
+
+    >>> from nontwist import simulate, standard, wheel
+    >>> load = wheel("z", inertia=0.5, speed=2, torque=([0, 5], [0.1, 0.1]))
+    >>> run = simulate(standard([3, 4, 5]), t_end=6, step=0.5, angular_velocity=(0, 0, 0.2), load=load)
+    >>> run.angular_velocity.values[-1].round(9), run.wheel_momentum.values[[0, -1], 0].round(9)
+    (array([0.        , 0.        , 0.08888889]), array([1.1, 1.6]))
+    >>> run.total_momentum.values[[0, -1], 2].round(9)
+    array([2., 2.])
+    """
+    is_table = isinstance(torque, (tuple, list))
+    if (is_table and len(torque) != 2) or (np.ndim(torque) > 0 and not is_table):
+        raise ValueError(f"torque must be a number, (times, values) or a function, got {shown(torque)}")
+    number, motor = (0.0, torque) if callable(torque) else (torque, None)
+    table = torque if is_table else ((), ())
+    given = axis, inertia, speed, 0.0 if is_table or number is None else number, *table, viscous, friction, motor
+    return of_function(Wheel, *given, compiled=compiled and bool(motor or friction))
 
 
 def _moment_of_time(frame: str, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:

@@ -19,6 +19,7 @@ from ..kernels.memory import Pointer, call, scratch
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
 from .c_functions import CFunction, Moment, address_of
+from .memory import MOMENTS
 from .terms import Term
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
@@ -86,6 +87,24 @@ def c_function(parts: Parts, count: int = 3) -> Any:
         return found
 
     return _made(total, tuple(part for part, _ in parts))
+
+
+def response_of(parts: tuple[tuple[Any, float, int], ...]) -> Any:
+    """Return the C functions of terms with memory as one: moments times their factors, then z' of one and the other.
+
+    `parts` are C functions, factors, and how many internal states each has.
+    """
+
+    def total(t: Any, state: Pointer, z: Pointer) -> list[Any]:
+        moments, rates, first = [0.0] * MOMENTS, list[Any](), 0
+        for part, factor, count in parts:
+            own = scratch(MOMENTS + count)
+            call(part.address, t, state, z.shifted(first), own)
+            moments = [factor * own[k] + moments[k] for k in range(MOMENTS)]
+            rates, first = rates + [own[MOMENTS + k] for k in range(count)], first + count
+        return moments + rates
+
+    return _made(total, tuple(part for part, *_ in parts))
 
 
 def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> MachineFunction:

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats
-from ..geometry.values import as_function
+from ..geometry.arrays import Array, as_array, as_floats, as_number
+from ..geometry.values import as_function, shown
 from .base import Load
 from .border import load_of, of_function, values_of
 from .c_functions import is_c_function
@@ -149,7 +149,11 @@ def potential(
         lines, Q = _of_each(linear, "linear", (k, 3)), _of_each(quadratic, "quadratic", (k, 3, 3))
         return Load(tuple(Quadratic(linear=lines[i], quadratic=Q[i], vector=a[i]) for i in range(k)))
     if function is None or gradient is None:
-        raise ValueError("potential needs both: function= gives V, gradient= its derivatives by γ")
+        given = f"; {shown(function)} is no function" if function is not None and not callable(function) else ""
+        raise ValueError(
+            f"potential needs both: function= gives V, gradient= its derivatives by γ{given}; coefficients are "
+            "given by name, linear= and quadratic="
+        )
     functions = as_function(function, "function"), as_function(gradient, "gradient")
     _require_gradient(PotentialFunction(*functions, a, single, compiled=False))
     return of_function(PotentialFunction, *functions, a, single, compiled=compiled)
@@ -223,24 +227,35 @@ def dipole(moment: ArrayLike, field: ArrayLike) -> Load:
 
 
 def gravity_gradient(
-    mean_motion: float, radial: ArrayLike = (1, 0, 0), normal: ArrayLike = (0, 0, 1), start: float = 0.0
+    mean_motion: float,
+    radial: ArrayLike = (1, 0, 0),
+    normal: ArrayLike = (0, 0, 1),
+    start: float = 0.0,
+    *,
+    eccentricity: float = 0.0,
+    perigee_time: float | None = None,
 ) -> Load:
-    """Return the gravity gradient on a circular orbit, ``V = (3/2) n² c·Jc``, with the body moment ``3 n² c × Jc``.
+    """Return the gravity gradient on an orbit, ``V = (3/2) (GM/r³) c·Jc``, with the body moment ``3 (GM/r³) c × Jc``.
 
-    c = Λᵀ r is the direction from the centre of the earth, and r turns at the rate n about the normal o of the orbit. J
-    is the inertia of the body of the run, here about the centre of mass. K + V is not conserved; for a body without
-    constraint and other loads ``K + V - n o·π`` is. `gauss` conserves it exactly at every order, by integrating in axes
-    that turn with the orbit. The other integrators, and `gauss` with further loads, conserve it to their order.
+    c = Λᵀ r/|r| is the direction from the centre of the earth, and r moves about it counter-clockwise as seen from the
+    normal o of the orbit. J is the inertia of the body of the run, here about the centre of mass. K + V is not
+    conserved. On a circular orbit GM/r³ is n², and for a body without constraint and other loads ``K + V - n o·π`` is
+    conserved: by `gauss` exactly at every order, in axes that turn with the orbit, by the other integrators, and by
+    `gauss` with further loads, to their order. On an ellipse nothing but orthonormality is conserved.
 
     Parameters
     ----------
     mean_motion : float, rad/s
-        n; along a circular orbit of radius R about a planet of gravitational parameter GM, n² = GM/R³.
+        n; along an orbit of major half-axis a about a planet of gravitational parameter GM, n² = GM/a³.
     radial : (3,) array
-        Direction of r at the time `start`, in space.
+        Direction of r at the time `start`, in space; of an ellipse that of perigee.
     normal : (3,) array
         Direction of o, orthogonal to `radial`.
     start : float, s
+    eccentricity : float
+        e, from 0 and below 1. Kepler's equation is solved to round-off at every evaluation.
+    perigee_time : float, s, optional
+        Another name of `start`, for ellipses.
 
     Returns
     -------
@@ -249,7 +264,8 @@ def gravity_gradient(
     Raises
     ------
     ValueError
-        The mean motion is not positive, a direction has length 0, or the directions are not orthogonal.
+        The mean motion is not positive, a direction has length 0, the directions are not orthogonal, the eccentricity
+        is not from 0 and below 1, or both `start` and `perigee_time` are given.
 
     Examples
     --------
@@ -263,8 +279,19 @@ def gravity_gradient(
     >>> run = simulate(satellite, t_end=orbit, step=orbit / 100, load=gravity_gradient(n), **start)
     >>> run.directors.sel(director=1).values[-1].round(6) + 0.0  # after one orbit
     array([1., 0., 0.])
+
+    On an ellipse the radius does not turn evenly, and the satellite librates:
+
+    >>> run = simulate(satellite, t_end=2 * orbit, load=gravity_gradient(n, eccentricity=0.02), **start)
+    >>> rate = run.angular_velocity.sel(axis="z") / n
+    >>> round(rate.min().item(), 2), round(rate.max().item(), 2)
+    (0.85, 1.16)
     """
-    return load_of(GravityGradient, mean_motion, radial, normal, start)
+    if perigee_time is not None:
+        if as_number(start, "start"):
+            raise ValueError("start and perigee_time are one time: give one of them")
+        start = perigee_time
+    return load_of(GravityGradient, mean_motion, radial, normal, start, eccentricity)
 
 
 def _of_each(value: ArrayLike | None, name: str, shape: tuple[int, ...]) -> Array:

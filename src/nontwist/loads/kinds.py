@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 
 from ..geometry.values import Registry, shown
 from .forces import ForceFunction, ForceTable
+from .friction import DryFriction
+from .memory import MemoryFunction
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
+from .wheels import Wheel
 
 if TYPE_CHECKING:
     from .base import Load
@@ -40,6 +43,9 @@ LOADS.update(
         "function": Function,
         "damping": Damping,
         "rotor": Rotor,
+        "dry_friction": DryFriction,
+        "wheel": Wheel,
+        "memory": MemoryFunction,
         "director_forces": ForceTable,
         "function of director forces": ForceFunction,
         "potential": Quadratic,
@@ -48,7 +54,8 @@ LOADS.update(
         "function of a potential": PotentialFunction,
     }
 )
-FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record that name a function
+# Fields of a record that name a function.
+FUNCTIONS = ("function", "director_forces", "potential", "memory", "friction", "motor")
 
 
 def class_of(record: Record) -> type[Term] | str:
@@ -88,6 +95,11 @@ def load_of(records: Iterable[Record]) -> Load:
         except (KeyError, TypeError) as error:
             raise ValueError(f"the record of the load is damaged: {error}") from error
     return Load(tuple(found))
+
+
+def is_rotor(record: Record) -> bool:
+    """Whether a term of this record is a rotor or a wheel, which move momentum within the body alone."""
+    return "rotor" in record or "wheel" in record
 
 
 def rotors_of(records: Iterable[Record]) -> Load:

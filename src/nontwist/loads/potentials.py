@@ -21,6 +21,7 @@ from ..geometry.values import vector_text
 from ..kernels.dual import Dual, plain, tangent
 from ..spec import Spec
 from .calls import Call, array, checked, differentiated
+from .orbits import on_orbit
 from .terms import ForceTerm, Record, function_in_words
 
 MOST_VECTORS = 4
@@ -213,28 +214,38 @@ class Spring(Potential):
 
 @dataclass(frozen=True, eq=False)
 class GravityGradient(OfOneVector):
-    """The gravity gradient on a circular orbit."""
+    """The gravity gradient on an orbit."""
 
     mean_motion: Annotated[float, Spec("", unit="rad/s", rule="positive")]
     radial: Annotated[
-        Array, Spec("the radius at start, in space", shape=(3,), rule="direction in space", is_fixed=True)
+        Array,
+        Spec(
+            "the radius at start, perigee of an ellipse, in space", shape=(3,), rule="direction in space", is_fixed=True
+        ),
     ] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
     normal: Annotated[
         Array, Spec("the normal of the orbit, in space", shape=(3,), rule="direction in space", is_fixed=True)
     ] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
+    eccentricity: Annotated[float, Spec("", rule="from 0 and below 1")] = 0.0
     inertia: Any = None  # J, (3, 3), when a run has told its body
     linear = np.zeros(3)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set(resolution=0.3 / self.mean_motion)
+        fastest = self.mean_motion * ((1 + (e := self.eccentricity)) / (1 - e) ** 3) ** 0.5  # at perigee
+        self._set(resolution=0.3 / fastest)
         if self.inertia is not None:  # a copy
             return
         if abs(cosine := self.radial @ self.normal) > 1e-9:
             raise ValueError(f"normal must be orthogonal to radial, but the cosine between them is {cosine:.3g}")
         r = self.radial - cosine * self.normal
         self._set(radial=r / np.linalg.norm(r), inertia=np.full((3, 3), np.nan))
+
+    @property
+    def varying(self) -> list[str]:
+        """The mean motion; of an ellipse the eccentricity as well."""
+        return ["mean_motion", "eccentricity"][: 1 + bool(self.eccentricity)]
 
     def of_body(self, inertia: Array) -> GravityGradient:
         """Return the term for a body with this inertia."""
@@ -246,9 +257,10 @@ class GravityGradient(OfOneVector):
         return self.radial[None]
 
     def vectors_at(self, times: Array) -> Array:
-        """Return the direction of the radius."""
+        """Return the direction of the radius, on an ellipse times (a/|r|)^{3/2}."""
         angle = (self.mean_motion * (times - self.start))[..., None, None]
-        found: Array = np.cos(angle) * self.radial + np.sin(angle) * np.cross(self.normal, self.radial)
+        x, y = on_orbit(angle, self.eccentricity) if self.eccentricity else (np.cos(angle), np.sin(angle))
+        found: Array = x * self.radial + y * np.cross(self.normal, self.radial)
         return found
 
     @property
@@ -259,8 +271,10 @@ class GravityGradient(OfOneVector):
 
     @classmethod
     def words(cls, record: Record) -> str:
-        """Return the mean motion."""
-        return f"gravity gradient on a circular orbit, mean motion {record['mean_motion']:.6g} rad/s"
+        """Return the form of the orbit, and the mean motion."""
+        e = record.get("eccentricity", 0.0)
+        orbit = f"an orbit of eccentricity {e:.6g}" if e else "a circular orbit"
+        return f"gravity gradient on {orbit}, mean motion {record['mean_motion']:.6g} rad/s"
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,8 +33,13 @@ XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
 MOST_NUMBERS = 24  # of a term whose text of the state is differentiated by them
 LONGEST = 60  # characters of a function's name in words
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
-Kind = Literal["body", "space", "state", "forces", "potential"]
-TEXTS: dict[str, Kind] = {"moment": "state", "body_moment": "body", "space_moment": "space"}  # and their kinds
+Kind = Literal["body", "space", "state", "forces", "potential", "memory"]
+TEXTS: dict[str, Kind] = {
+    "moment": "state",
+    "body_moment": "body",
+    "space_moment": "space",
+    "response": "memory",
+}  # and their kinds
 Frame = Annotated[Literal["body", "space"], Spec(FRAME)]
 Moment = Callable[[float, Array, Array], ArrayLike]
 Record = Mapping[str, Any]
@@ -428,36 +433,60 @@ class Damping(Term):
         return f"damping {C[0, 0]:.6g} N m s" if isotropic else "damping by a matrix"
 
 
-@dataclass(frozen=True, eq=False)
-class Rotor(Term):
-    """A symmetric rotor that turns about an axis of the body, which the kernels know: it is not called as they march.
+class Momentum(Term):
+    """A momentum h n along an axis of the body, which the kernels know: it is not called as they march.
 
-    ``h a`` is its momentum relative to the body, h piecewise linear between `times` and constant outside; on the body
-    it acts with the moment ``-(h Λa)' = Λ (h a × W - h' a)``.
+    On the body it acts with the moment ``-(h Λn)' = Λ (h n × W - h' n)``.
     """
 
     in_kernels = True
+    is_linear = True
+
+    @property
+    def direction(self) -> Array:
+        """The axis n, (3,)."""
+        raise NotImplementedError
+
+    def history(self, times: Array) -> tuple[Array, Array]:
+        """Return h and h' at (n,) times, without the factor."""
+        raise NotImplementedError
+
+    def momentum(self, times: Array) -> Array:
+        """Return h n at (n,) times, (n, 3), without the factor."""
+        found: Array = self.history(times)[0][:, None] * self.direction
+        return found
+
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the moment."""
+        (h,), (rate,) = self.history(np.array([t]))
+        found: Array = (h * np.cross(self.direction, directors @ angular_velocity) - rate * self.direction) @ directors
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor(Momentum):
+    """A symmetric rotor that turns about an axis of the body.
+
+    ``h a`` is its momentum relative to the body, h piecewise linear between `times` and constant outside.
+    """
+
     rotor: Annotated[Array, Spec("", option="axis of the rotor", shape=(3,), rule="direction in the body")]
     times: Annotated[Array, Spec("", unit="s", shape=(None,), is_fixed=True)]
     values: Annotated[Array, Spec("h", unit="kg m² s⁻¹", shape=("times",))]
-    is_linear = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.times.size > 1:
             self._set(breakpoints=smoothness(self.times)["breakpoints"])
 
-    def momentum(self, times: Array) -> Array:
-        """Return h a at (n,) times, (n, 3), without the factor."""
-        return np.interp(times, self.times, self.values)[:, None] * self.rotor
+    @property
+    def direction(self) -> Array:
+        """The axis a."""
+        return self.rotor
 
-    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return the moment."""
-        k = int(np.searchsorted(self.times, t, side="right"))
-        inside = 0 < k < len(self.times)
-        rate = (self.values[k] - self.values[k - 1]) / (self.times[k] - self.times[k - 1]) if inside else 0.0
-        h = np.interp(t, self.times, self.values)
-        return (h * np.cross(self.rotor, directors @ angular_velocity) - rate * self.rotor) @ directors
+    def history(self, times: Array) -> tuple[Array, Array]:
+        """Return h and h' at (n,) times, without the factor."""
+        return np.interp(times, self.times, self.values), chord(self.times, self.values, times)
 
     @classmethod
     def words(cls, record: Record) -> str:

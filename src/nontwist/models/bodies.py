@@ -17,7 +17,7 @@ from ..geometry.arrays import Array
 from .catalogue import heavy_top, nontwisting, standard, suslov
 from .system import DirectorSystem
 
-KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity", "spin")  # of the table [body]
+KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity", "spin", "physical")  # of the table [body]
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class BodyKind:
     ----------
     make : callable
         Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file:
-        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`. Parameters with a default are
-        optional there.
+        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`, `physical`. Parameters with a
+        default are optional there.
     words : str
         Its name in the viewer and in `nontwist validate`.
     sample : dict

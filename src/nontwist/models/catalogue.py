@@ -18,13 +18,16 @@ from .system import DirectorSystem, as_system, convected_inertia, euler_inertia,
 D3 = np.array([0.0, 0.0, 1.0])
 
 
-def standard(inertia: ArrayLike) -> DirectorSystem:
+def standard(inertia: ArrayLike, *, physical: bool = True) -> DirectorSystem:
     """Return the standard rigid body, free to turn about a fixed point (eq-standard, eq_weak_form_rigid_body).
 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point, in body components.
+    physical : bool
+        False accepts principal moments that violate the triangle inequality, as some published problems do: the
+        equations need J positive definite only. Every integrator keeps what it keeps of other bodies.
 
     Returns
     -------
@@ -34,7 +37,8 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
     ------
     ValueError
         `inertia` is not (3, 3) or (3,), not finite, not symmetric (beyond 1e-12 relative), not positive definite, or
-        violates the triangle inequality (beyond 1e-9 tr J; plates and rods are accepted).
+        violates the triangle inequality (beyond 1e-9 tr J; plates and rods are accepted); or `physical` is not True or
+        False.
 
     Examples
     --------
@@ -44,10 +48,12 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
     array([[0.3, 8. , 0.5],
            [0.3, 8. , 0.5]])
     """
-    return DirectorSystem(euler_inertia(inertia), name="standard")
+    return DirectorSystem(euler_inertia(inertia, physical=physical), name="standard", physical=physical)
 
 
-def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | Spin | None = None) -> DirectorSystem:
+def nontwisting(
+    inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | Spin | None = None, *, physical: bool = True
+) -> DirectorSystem:
     """Return the body on a non-twisting frame (eq-nonholonomic, eq_weak_form_rigid_body_alternative).
 
     The body may not turn about its own third director, ``w·d3 = 0``, or turns about it at a prescribed rate,
@@ -58,10 +64,13 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
-        Convected inertia J about the fixed point; D3 must be a principal direction (eq-irho-decomp).
+        Convected inertia J about the fixed point; D3 must be a principal direction (eq-irho-decomp). J3 may be 0
+        without a spin: a point mass on a massless rod, the spherical pendulum.
     spin : float, rad/s; or a pair of (k,) arrays, times in s and values in rad/s, optional
         c(t): constant, or piecewise linear between the times and constant outside. `gauss`, `lie-midpoint` and
         `continuous` support it. The component of the initial angular velocity along d3 must be c or zero.
+    physical : bool
+        As in `standard`.
 
     Returns
     -------
@@ -88,13 +97,13 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
     >>> run.twist_rate.values.round(12)
     array([0., 1., 2., 2., 2.])
     """
-    E = euler_inertia(inertia)
+    E = euler_inertia(inertia, physical=physical, axis=D3)
     require_principal(convected_inertia(E), D3)
     E[:2, 2] = E[2, :2] = 0.0
-    return DirectorSystem(E, D3, name="nontwisting", spin=spin)
+    return DirectorSystem(E, D3, name="nontwisting", spin=spin, physical=physical)
 
 
-def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
+def suslov(inertia: ArrayLike, axis: ArrayLike, *, physical: bool = True) -> DirectorSystem:
     """Return the Suslov body, which may not turn about a given body axis, principal or not.
 
     Parameters
@@ -102,7 +111,9 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point.
     axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
-        The constrained axis n in body components, any length but zero: ``W·n = 0``.
+        The constrained axis n in body components, any length but zero: ``W·n = 0``. ``J n = 0`` is accepted.
+    physical : bool
+        As in `standard`.
 
     Returns
     -------
@@ -126,11 +137,17 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     array([[-1.   ,  0.4  ],
            [ 0.561,  0.842]])
     """
-    return DirectorSystem(euler_inertia(inertia), as_axis(axis, "axis"), name="suslov")
+    n = as_axis(axis, "axis")
+    return DirectorSystem(euler_inertia(inertia, physical=physical, axis=n), n, name="suslov", physical=physical)
 
 
 def heavy_top(
-    inertia: ArrayLike, mass: float, centre_of_mass: ArrayLike, gravity: ArrayLike = (0, 0, -9.81)
+    inertia: ArrayLike,
+    mass: float,
+    centre_of_mass: ArrayLike,
+    gravity: ArrayLike = (0, 0, -9.81),
+    *,
+    physical: bool = True,
 ) -> DirectorSystem:
     """Return the heavy top: a standard body under gravity.
 
@@ -143,6 +160,8 @@ def heavy_top(
         From the fixed point, in body components.
     gravity : (3,) array, m/s²
         In space.
+    physical : bool
+        As in `standard`. False also accepts a mass that is too large for the inertia: the motion depends on m ρ g only.
 
     Returns
     -------
@@ -164,7 +183,8 @@ def heavy_top(
     >>> (run.kinetic_energy + run.potential_energy).values[[0, -1]].round(9)
     array([50., 50.])
     """
-    return replace(with_gravity(standard(inertia), mass, centre_of_mass, gravity), name="heavy_top")
+    body = standard(inertia, physical=physical)
+    return replace(with_gravity(body, mass, centre_of_mass, gravity), name="heavy_top")
 
 
 def with_gravity(
@@ -188,7 +208,8 @@ def with_gravity(
     Raises
     ------
     ValueError
-        The mass is not positive or not finite, or the inertia is smaller than ``mass |centre_of_mass|²`` requires.
+        The mass is not positive or not finite, or the inertia of a body made without ``physical=False`` is smaller than
+        ``mass |centre_of_mass|²`` requires.
 
     Examples
     --------
@@ -204,6 +225,7 @@ def with_gravity(
     system = as_system(system)
     m = float(as_positive(mass, "mass", (), "kg"))
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
-    require_mass(system.euler_inertia, m, rho)
+    if system.physical:
+        require_mass(system.euler_inertia, m, rho)
     force: Array = system.dead_force + m * np.outer(rho, g)
     return replace(system, dead_force=force, name=f"{system.name} under gravity")

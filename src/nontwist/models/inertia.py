@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_direction, as_positive
 from .system import checked_inertia, convected_inertia, euler_inertia, require_mass
 
-ON_A_LINE = 1e-14  # moment about the line through all points, relative to the largest: below it is round-off
+ON_A_LINE = 1e-14  # second moment across the line through all points, relative to that along it: below is round-off
 
 
 def inertia_of_points(
@@ -46,13 +46,13 @@ def inertia_of_points(
     -------
     (3, 3) array, kg m²
         Points in one plane through `about` form a flat body, with an Euler inertia that is singular across the plane.
-        All bodies of the package accept it.
+        All bodies of the package accept it. Points on one line have no inertia about it: only a body that is held about
+        the line accepts it, as `nontwisting` of points along the third axis.
 
     Raises
     ------
     ValueError
-        A mass is negative, all masses are zero, or all points lie on one line through `about`, about which they have no
-        inertia.
+        A mass is negative, all masses are zero, or all points with mass lie at `about`.
 
     Examples
     --------
@@ -76,14 +76,13 @@ def inertia_of_points(
     else:
         point = as_array(about, "about", (3,))
     y = np.sqrt(m)[:, None] * (x - point)
-    J = convected_inertia(y.T @ y)
-    smallest, _, largest = np.linalg.eigvalsh(J)
-    if smallest <= ON_A_LINE * largest:
+    E = y.T @ y
+    (_, second, largest), axes = np.linalg.eigh(E)
+    if not largest:
         raise ValueError(
-            f"the inertia is not positive definite: all {len(m)} masses lie on one line through {point.tolist()} m and "
-            "have no inertia about it; give the body some thickness, or about= a point off the line"
+            f"all {len(m)} masses lie at {point.tolist()} m and have no inertia about it; give another about="
         )
-    return J
+    return convected_inertia(largest * np.outer(axes[:, 2], axes[:, 2]) if second <= ON_A_LINE * largest else E)
 
 
 def inertia_of_cuboid(mass: float, lengths: ArrayLike) -> Array:

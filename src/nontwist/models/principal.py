@@ -22,7 +22,9 @@ Rank = Literal["smallest", "middle", "largest"]
 RANKS = get_args(Rank)
 
 
-def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> tuple[Array, Array]:
+def principal_frame(
+    inertia: ArrayLike, third: Rank | ArrayLike = "largest", *, physical: bool = True
+) -> tuple[Array, Array]:
     """Return the principal values and axes of an inertia, with the chosen axis as the third.
 
     Parameters
@@ -32,6 +34,8 @@ def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> 
     third : "smallest", "middle", "largest" or (3,) array
         Which principal axis becomes E3: by its moment of inertia, or the one nearest to a direction given in body
         components, with the sign of the direction. Of axes equally near, that of the largest moment is chosen.
+    physical : bool
+        As in `standard`.
 
     Returns
     -------
@@ -67,7 +71,7 @@ def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> 
     >>> round(float(abs(run.twist_rate).max()), 9)
     0.0
     """
-    J = checked_inertia(inertia)
+    J = checked_inertia(inertia, physical)
     values, axes = np.linalg.eigh(J)
     near = SYMMETRY * values[2]
     if isinstance(third, str):

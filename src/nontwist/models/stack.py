@@ -36,6 +36,8 @@ class SystemStack:
         Prescribed spin, as in `DirectorSystem`, the same for all members.
     spin_factor : (m,) array, optional
         Factors that multiply the spin of each member; by default 1.
+    physical : bool
+        As in `DirectorSystem`; False accepts all members.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class SystemStack:
     name: str = "body"
     spin: Any = None
     spin_factor: Array | None = None
+    physical: bool = True
 
     def __post_init__(self) -> None:
         E = as_array(self.euler_inertia, "euler_inertia", (None, 3, 3))
@@ -74,7 +77,8 @@ class SystemStack:
         axis = None if self.axis is None else as_array(self.axis, "axis", (m, 3))
         for i in np.flatnonzero(_doubtful(E, axis)):
             try:
-                body = DirectorSystem(E[i], None if axis is None else axis[i])
+                n, spin = None if axis is None else axis[i], None if self.spin is None or axis is None else 1.0
+                body = DirectorSystem(E[i], n, spin=spin, physical=self.physical)
             except ValueError as error:
                 raise ValueError(f"member {i}: {error}") from error
             E[i] = body.euler_inertia
@@ -144,6 +148,7 @@ class SystemStack:
             names[0] if len(names) == 1 else "mixed",
             spin,
             factor,
+            all(body.physical for body in bodies),
         )
         keep(found, _bodies=tuple(bodies))
         return found
@@ -161,7 +166,12 @@ class SystemStack:
             return body
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
-            self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member)
+            self.euler_inertia[member],
+            axis,
+            self.dead_force[member],
+            self.name,
+            self.spin_of(member),
+            self.physical,
         )
 
     @property
@@ -226,7 +236,7 @@ def part_of(systems: SystemStack, first: int, last: int) -> SystemStack:
         return systems
     E, dead = systems.euler_inertia[first:last], systems.dead_force[first:last]
     axis, factor = (None if array is None else array[first:last] for array in (systems.axis, systems.spin_factor))
-    return SystemStack(E, axis, dead, systems.name, systems.spin, factor)
+    return SystemStack(E, axis, dead, systems.name, systems.spin, factor, systems.physical)
 
 
 def transverse_momentum(systems: SystemStack) -> Array:

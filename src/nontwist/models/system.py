@@ -7,6 +7,12 @@ With directors as rows of ``q[i, x]`` the kinetic energy (eq-director-K) is ``K 
 
 so the eigenvalues of E are ``1/2 (J_j + J_k - J_i)``: they are non-negative exactly when the principal moments obey
 the triangle inequality, that is when a mass distribution with this J exists.
+
+The equations ask for less. Of a rigid motion ``v_i = w × d_i`` the form ``<v, E v>`` is ``W·J W``, whatever the sign of
+E, so J positive definite is enough for each velocity, momentum and multiplier to be determined, in both descriptions;
+`physical` = False takes such a J as it stands. What is lost is that K bounds velocities of directors that are not
+rigid, those of the energy-momentum scheme between its nodes: it keeps K + V and momentum all the same, as it is derived
+for any symmetric E. About a constrained axis n with ``J n = 0`` nothing turns: J need be positive definite across n.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_direction, as_floats, as_tensor
-from ..geometry.values import shown, vector_text
+from ..geometry.values import as_flag, shown, vector_text
 from .spin import as_spin
 
 if TYPE_CHECKING:
@@ -59,23 +65,27 @@ def convected_inertia(E: ArrayLike) -> Array:
     return J
 
 
-def euler_inertia(J: ArrayLike) -> Array:
+def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: ArrayLike | None = None) -> Array:
     """Return the Euler inertia ``E = 1/2 tr(J) I - J`` (eq-euler-inertia) of a convected inertia.
 
     Parameters
     ----------
     J : (3, 3) array or 3 principal values, kg m²
+    physical : bool
+        False: J may violate the triangle inequality; E is then indefinite.
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
+        A constrained axis, of any length but zero, about which J may vanish.
 
     Returns
     -------
     (3, 3) array, kg m²
-        Positive semidefinite; eigenvalues between -1e-9 tr J and 0 (plates, rods) are set to 0.
+        Positive semidefinite where physical; eigenvalues between -1e-9 tr J and 0 (plates, rods) are set to 0.
 
     Raises
     ------
     ValueError
         J has the wrong shape, is not finite, not symmetric or not positive definite, or violates the triangle
-        inequality.
+        inequality; `physical` is not True or False, or `axis` has length 0.
 
     Examples
     --------
@@ -87,24 +97,27 @@ def euler_inertia(J: ArrayLike) -> Array:
         ...
     ValueError: inertia violates the triangle inequality: principal moments 1, 1, 3, but 3 > 1 + 1; ...
     """
-    J = checked_inertia(J)
-    return _semidefinite(np.trace(J) / 2 * np.eye(3) - J)
+    J = checked_inertia(J, physical, None if axis is None else as_direction(axis, "axis"))
+    E = np.trace(J) / 2 * np.eye(3) - J
+    return _semidefinite(E) if physical else E
 
 
-def checked_inertia(J: ArrayLike) -> Array:
+def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = None) -> Array:
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
-    principal = np.linalg.eigvalsh(J)
-    if principal[0] <= 4 * np.finfo(float).eps * abs(principal).max():
+    a, b, c = principal = np.linalg.eigvalsh(J)
+    is_held = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
+    if (b if is_held else a) <= 4 * np.finfo(float).eps * abs(principal).max():
         raise ValueError(
-            f"inertia is not positive definite: its smallest principal moment is {principal[0]:.6g}"
-            + (" (a rod needs a small moment about its own axis)" if principal[0] > -TRIANGLE * np.trace(J) else "")
+            f"inertia is not positive definite: its smallest principal moment is {a:.6g}"
+            + (" (0 is accepted about the third axis of nontwisting)" if b > 0 and abs(a) < SYMMETRY * c else "")
         )
-    if principal[0] + principal[1] < principal[2] - 2 * TRIANGLE * principal.sum():
-        a, b, c = principal
+    if not as_flag(physical, "physical"):
+        return J
+    if a + b < c - 2 * TRIANGLE * principal.sum():
         raise ValueError(
-            f"inertia violates the triangle inequality: principal moments {a:.6g}, {b:.6g}, {c:.6g}, "
-            f"but {c:.6g} > {a:.6g} + {b:.6g}; no distribution of mass has such moments"
+            f"inertia violates the triangle inequality: principal moments {a:.6g}, {b:.6g}, {c:.6g}, but {c:.6g} > "
+            f"{a:.6g} + {b:.6g}; no distribution of mass has such moments, physical=False accepts them"
         )
     return J
 
@@ -164,7 +177,8 @@ def require_mass(E: Array, m: float, rho: Array) -> None:
     if smallest < -2e-9 * np.trace(E):
         raise ValueError(
             f"inertia is too small for a mass of {m:g} kg at {rho.tolist()} m: the Euler inertia about the centre of "
-            f"mass would have the eigenvalue {smallest:.6g} kg m²; is the inertia about the fixed point?"
+            f"mass would have the eigenvalue {smallest:.6g} kg m²; is the inertia about the fixed point? If m g ρ "
+            "alone is known, a smaller mass and larger gravity make the same top; physical=False accepts any mass"
         )
 
 
@@ -198,6 +212,8 @@ class DirectorSystem:
         The prescribed rate c(t) about the axis, ``w·Λn = c``, rad/s: a number, or a table, piecewise linear between its
         times and constant outside. The axis must be principal. Stored as a table with `times` and `values`, or None if
         it is zero.
+    physical : bool
+        As in `nontwist.standard`. With an axis and no spin the moment of inertia about the axis may be 0.
 
     Raises
     ------
@@ -222,16 +238,17 @@ class DirectorSystem:
     dead_force: Array = field(default_factory=lambda: np.zeros((3, 3)))
     name: str = "body"
     spin: Any = None
+    physical: bool = True
 
     def __post_init__(self) -> None:
         E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")
-        euler_inertia(convected_inertia(E))  # raises where no body has this inertia
-        E = _semidefinite(E)
         axis = None if self.axis is None else as_direction(self.axis, "axis")
         dead = as_array(self.dead_force, "dead_force", (3, 3))
         if not isinstance(self.name, str):
             raise ValueError(f"name must be a string, got {shown(self.name)}")
         spin = as_spin(self.spin)
+        checked_inertia(convected_inertia(E), self.physical, None if spin is not None else axis)
+        E = _semidefinite(E) if self.physical else E
         if spin is not None:
             if axis is None:
                 raise ValueError("spin needs the axis that it is about: axis=")
@@ -262,7 +279,8 @@ class DirectorSystem:
             constant = self.spin.is_constant
             axis += f", spin {f'{self.spin.values[0]:.6g} rad/s' if constant else 'by a table'}"
         forces = ", dead forces" if self.dead_force.any() else ""
-        return f"<DirectorSystem {shown(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}>"
+        note = "" if self.physical else ", physical=False"
+        return f"<DirectorSystem {shown(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}{note}>"
 
     @staticmethod
     def stack(systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -293,6 +311,8 @@ class DirectorSystem:
         data = {"name": self.name, "euler_inertia": self.euler_inertia.tolist(), "axis": axis, "dead_force": force}
         if self.spin is not None:
             data["spin"] = [self.spin.times.tolist(), self.spin.values.tolist()]
+        if not self.physical:
+            data["physical"] = False
         return json.dumps(data)
 
     @classmethod
@@ -318,6 +338,7 @@ class DirectorSystem:
             if (spin := data.get("spin")) is not None:
                 times, values = (as_floats(part, "spin") for part in spin)
                 system["spin"] = values[0] if times.size == 1 else (times, values)
+            system["physical"] = data.get("physical", True)
         except (TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError) as error:
             raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
         return cls(**system)

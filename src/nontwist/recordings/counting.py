@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array, as_axis
+from ..geometry import arrays
+from ..geometry.arrays import Array, as_array
 from ..geometry.directors import triad_about
 from ..geometry.twist_kernels import SIZE, count
 from ..geometry.values import among, shown
@@ -26,12 +27,10 @@ _FOUND_AT = 40  # bytes of a quaternion and a time before what is found
 
 def as_direction(axis: ArrayLike | str, axis_frame: str) -> tuple[Array, float]:
     """Return an axis as a unit vector, and the sign of a twist about it: -1 where it is fixed in space."""
-    n = as_axis(axis, "axis")
-    if not n.any():
-        raise ValueError("axis is zero: it must be a direction")
+    n = arrays.as_direction(axis, "axis", "the body or in space")
     if not among(axis_frame, ("body", "space")):
         raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
-    return n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
+    return n, 1.0 if axis_frame == "body" else -1.0
 
 
 class TwistCount(NamedTuple):

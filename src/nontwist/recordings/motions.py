@@ -157,7 +157,11 @@ def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None, line
             return
         refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
         defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
-    refuse(~(defect <= tolerance), "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}", defect)
+    off = "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}"
+    refuse(~(defect <= MEASURED), off, defect)
+    refuse(
+        defect > tolerance, f"{off}; if digits are missing, SciPy's Rotation.from_matrix has the nearest one", defect
+    )
     det = np.linalg.det(values)
     refuse(det < 0, "rotation{} is left-handed: its determinant is {:.6g}", det)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ..errors import InputError, Option
+from ..geometry.euler import require_sequence
 from ..spec import Spec, require_types
 
 COLUMNS = Spec(
@@ -61,8 +61,8 @@ class ReadOptions:
             raise InputError("rate", rate=self.rate)
         if self.euler is not None and self.rotation_vector:
             raise InputError("option-without-effect", name=Option("rotation_vector"), why="three angles are read")
-        if self.euler is not None and not re.fullmatch(r"(?!.*(.)\1)([xyz]{3}|[XYZ]{3})", self.euler):
-            raise InputError("euler", letters=self.euler)
+        if self.euler is not None:
+            require_sequence(self.euler)
 
     def require_without(self, name: str, why: str) -> None:
         """Refuse an option that has no effect."""

@@ -70,7 +70,6 @@ SENTENCES |= {
     "no-messages": "no topic contains an orientation; there are {topics}",
     "scalar-unknown": "{who} not show which number is the scalar; {option[scalar_first=True]} or "
     "{option[scalar_first=False]} states it",
-    "euler": "{option[euler]} requires 3 axes, neighbours unlike: ZYX about moving, zyx fixed axes; got {letters!r}",
     "which-angles": "it is not clear which columns are {what}: {names}; name three in this order: {option[columns]}",
     "angles": "the columns {three} are angles: {option[euler]} gives their order, as ZYX for yaw, pitch, roll about "
     "the moving axes; zyx is about fixed ones",

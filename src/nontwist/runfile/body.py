@@ -57,6 +57,10 @@ class Body(Section):
         "values",
     )
 
+    physical: bool | None = Field(
+        default=None, description="false for an inertia that no distribution of mass has, as in some published problems"
+    )
+
     @property
     def takes(self) -> tuple[str, ...]:
         """The keys that this kind of body needs."""
@@ -80,8 +84,8 @@ class Body(Section):
         mass, centre = weight or (None, None)
         heavy: dict[str, Any] = {"mass": mass, "centre_of_mass": centre, "gravity": self.gravity or GRAVITY}
         spin = (self.spin.times, self.spin.values) if isinstance(self.spin, SpinTable) else self.spin
-        given = {"inertia": J, "axis": self.axis, "spin": spin, **heavy}
+        given = {"inertia": J, "axis": self.axis, "spin": spin, "physical": self.physical, **heavy}
         kind = BODIES[self.kind]
-        own = {key for key in ("gravity", "spin") if getattr(self, key) is None and key in kind.has_default}
+        own = {key for key in ("gravity", "spin", "physical") if getattr(self, key) is None and key in kind.has_default}
         system = kind.make(**{key: given[key] for key in self.takes if key not in own})
         return system if weight is None or "mass" in self.takes else with_gravity(system, **heavy)

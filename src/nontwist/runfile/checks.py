@@ -66,7 +66,7 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     load = Load()
     for k, one in tables.get("load", {}).items():
         if place is not None or not one.needs_times:
-            load += _load(f"load.{k}", one, place or Place(folder, 0.0, 1.0), problems)
+            load = _with_load(load, f"load.{k}", one, place or Place(folder, 0.0, 1.0), problems)
     problems += wrong
     if "integrator" in tables:
         scheme = _scheme(tables["integrator"], problems)
@@ -101,7 +101,8 @@ def _system(body: Body, folder: Folder, problems: list[Problem]) -> DirectorSyst
         try:
             return folder.system(body)
         except ValueError as error:
-            problems.append(_about("body.inertia", body.inertia, error, Body))
+            worded = ValueError(str(error).replace("physical=False", "body.physical = false"))
+            problems.append(_about("body.inertia", body.inertia, worded, Body))
     return None
 
 
@@ -115,6 +116,10 @@ def _body(body: Body) -> Iterator[Problem]:
         able = [f'"{name}"' for name, kind in BODIES.items() if "axis" in kind.takes]
         words = f"{' and '.join(able)} take{'s' * (len(able) == 1)} an axis"
         yield Problem("body.axis", shown(body.axis), f'left out for kind = "{body.kind}"; {words}')
+    if "physical" not in body.takes and body.physical is not None:
+        yield Problem(
+            "body.physical", shown(body.physical), f'left out for kind = "{body.kind}", which does not take it'
+        )
     if "spin" not in body.takes and body.spin is not None:
         spun = " and ".join(f'"{name}"' for name, kind in BODIES.items() if "spin" in kind.takes)
         yield Problem("body.spin", shown(body.spin), f'left out for kind = "{body.kind}"; {spun} takes a spin')
@@ -174,14 +179,14 @@ def _begin(
         return None
 
 
-def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) -> Load:
+def _with_load(others: Load, key: str, load: LoadSection, place: Place, problems: list[Problem]) -> Load:
     try:
-        return load.load(place)
+        return others + load.load(place)
     except ValueError as error:
         if not any(problem.key.startswith(f"{key}.") for problem in problems):  # else it follows from what is reported
             wrong = _named(error, load, load.wrong_key)
             problems.append(_about(f"{key}.{wrong}", getattr(load, wrong), error, type(load)))
-        return Load()
+        return others
 
 
 def _steps(time: Time, problems: list[Problem]) -> int | None:

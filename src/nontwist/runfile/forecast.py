@@ -13,6 +13,7 @@ import numpy as np
 
 from ..driver import costs
 from ..driver.coarseness import coarseness, phase_error
+from ..driver.friction import refusal
 from ..driver.grid import load_messages
 from ..integrators import DEFAULT
 from ..integrators.compiled import Compiled
@@ -49,7 +50,7 @@ def forecast(run_file: RunFile) -> Forecast:
     degrees, phase = math.degrees(h * fastest), None
     task = plan.problem(begin, grid, np.array([0, N]))
     cost, problems = costs.run_cost(scheme, task, states), []
-    if reason := scheme.refusal(task):
+    if reason := refusal(scheme, task):
         problems.append(Problem("integrator.name", f"{shown(run_file.integrator.name)} ({reason})", CAPABLE))
     elif reason := costs.excess(cost):
         store = Time.model_fields["store"].description or ""

@@ -244,7 +244,8 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     for name, (form, default, spec) in specs(cls).items():
         given = {} if default is MISSING else {"default": _plain(default)}
         described = Field(description=accepted(form, spec), **given)
-        keys[keys_of_fields[name]] = Annotated[type_of(form, spec), spec], described
+        kind_of_key = type_of(form, spec) if default is not None else type_of(form, spec) | None
+        keys[keys_of_fields[name]] = Annotated[kind_of_key, spec], described
         required += [keys_of_fields[name]] * (default is MISSING)
     made = create_model(cls.__name__, __base__=OfTerm, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
     made.makes, made.error_key, made.is_swept = cls, required[-1], not issubclass(cls, ForceTerm)
@@ -283,7 +284,9 @@ def accepted(form: Any, spec: Spec) -> str:
             words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
         elif words != "numbers" and spec.rule != "increasing":
             words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
-    words += ", not negative" * (spec.rule == "not negative") + f", {spec.unit}" * bool(spec.unit)
+    words += f", {spec.rule}" * (spec.rule in ("not negative", "from 0 and below 1")) + f", {spec.unit}" * bool(
+        spec.unit
+    )
     return words + f": {spec.text}" * bool(spec.text)
 
 

@@ -12,9 +12,8 @@ from ..analysis.trajectory import Trajectory
 from ..driver.events import Event
 from ..driver.grid import automatic_grid, even_step, stored_count
 from ..driver.planning import Plan
-from ..driver.single_run import run_of
+from ..driver.single_run import first_run, run_of
 from ..driver.starts import Starts
-from ..driver.tolerance import first_grid
 from ..integrators import Integrator
 from ..integrators.time_grid import Stretches, stretched
 
@@ -34,12 +33,13 @@ class Prepared:
         plan = self.plan
         if plan.is_controlled:
             return self.first[1]
-        return plan.grid or automatic_grid(plan.systems, self.begin.velocity, plan.paced, plan.t_start, plan.t_end)
+        how = (plan.systems, self.begin.velocity, plan.paced, plan.t_start, plan.t_end)
+        return plan.grid or automatic_grid(*how, is_a_stable=plan.scheme.is_a_stable)
 
     @cached_property
-    def first(self) -> tuple[Integrator, Stretches]:
-        """The integrator and the grid that a tolerance would begin with."""
-        return first_grid(self.plan, self.begin)
+    def first(self) -> tuple[Integrator, Stretches, int]:
+        """The integrator, the grid and the number of states that a run to a tolerance begins with."""
+        return first_run(self.plan._replace(shows=self.shows), self.begin)
 
     @property
     def scheme(self) -> Integrator:
@@ -51,6 +51,8 @@ class Prepared:
         """How many states are stored; a ValueError where they do not fit into memory."""
         if self.plan.asked is not None:
             return len(self.plan.asked)
+        if self.plan.is_controlled:
+            return self.first[2]
         return stored_count(self.grid.steps, self.plan.store)
 
     @property

@@ -12,14 +12,17 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..recordings.motions import rotation
+from ..units import RATE
 from .folder import Folder
 from .section import Matrix, Section, Vector, by_key
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Unit = Literal["radians", "degrees"]
-UNIT = '"radians" or "degrees"'
+Unit = Literal["radians", "degrees", "rad", "deg"]
+UNIT = '"radians", "degrees", "rad" or "deg"'
+RateUnit = Annotated[Literal["rad/s", "deg/s", "rpm"], Field(description='"rad/s" (by default), "deg/s" or "rpm"')]
+IN_UNIT = "3 numbers, rad/s, or in the stated unit"
 
 
 class MatrixRotation(Section):
@@ -55,7 +58,7 @@ class VectorRotation(Section):
         """Return Λ."""
         from scipy.spatial.transform import Rotation
 
-        return rotation(Rotation.from_rotvec(self.vector, degrees=self.unit == "degrees").as_matrix())
+        return rotation(Rotation.from_rotvec(self.vector, degrees=self.unit.startswith("deg")).as_matrix())
 
 
 class EulerRotation(Section):
@@ -77,19 +80,21 @@ class EulerRotation(Section):
 
         if len(self.euler) != len(self.sequence):
             raise ValueError(f"{len(self.euler)} angles for the {len(self.sequence)} axes of {self.sequence!r}")
-        return Rotation.from_euler(self.sequence, self.euler, degrees=self.unit == "degrees")
+        return Rotation.from_euler(self.sequence, self.euler, degrees=self.unit.startswith("deg"))
 
 
 class BodyVelocity(Section):
     """Angular velocity in body components."""
 
-    body: Vector = Field(description="3 numbers, rad/s: components along the directors")
+    body: Vector = Field(description=f"{IN_UNIT}: components along the directors")
+    unit: RateUnit = "rad/s"
 
 
 class SpaceVelocity(Section):
     """Angular velocity in space components."""
 
-    space: Vector = Field(description="3 numbers, rad/s: components along the fixed axes")
+    space: Vector = Field(description=f"{IN_UNIT}: components along the fixed axes")
+    unit: RateUnit = "rad/s"
 
 
 Attitude = Annotated[
@@ -127,7 +132,7 @@ class Start(Section):
     )
     angular_velocity: Velocity = Field(
         default=BodyVelocity(body=[0.0, 0.0, 0.0]),
-        description="{ body = [...] } or { space = [...] }: 3 numbers, rad/s",
+        description="{ body = [...] } or { space = [...] }: 3 numbers, rad/s, or { body = [...], unit = ... }",
     )
     project: bool = Field(
         default=False, description="true to remove a spin about the constrained axis, false to refuse it"
@@ -137,11 +142,11 @@ class Start(Section):
         """Return what `simulate` takes; a ValueError where a result file cannot be read."""
         if self.run is not None:
             return {"start": folder.result(self.run, self.sha256)[0], "project": self.project}
-        velocity = self.angular_velocity
+        velocity, factor = self.angular_velocity, RATE[self.angular_velocity.unit]
         if isinstance(velocity, BodyVelocity):
-            given: dict[str, Any] = {"material_angular_velocity": velocity.body}
+            given: dict[str, Any] = {"material_angular_velocity": [factor * x for x in velocity.body]}
         else:
-            given = {"angular_velocity": velocity.space}
+            given = {"angular_velocity": [factor * x for x in velocity.space]}
         rotation = None if self.rotation == IDENTITY else self.rotation.rotation()  # which would import SciPy's
         return {"rotation": rotation, **given, "project": self.project}
 

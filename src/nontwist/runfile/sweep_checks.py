@@ -119,6 +119,8 @@ def key_problems(sweep: Sweep, data: Tables, prepared: Prepared | None) -> Itera
     if sweep.reduce and curved:
         accepted = f"no reductions with load.{curved[0]}, a potential that is not linear: leave reduce out"
         yield Problem("sweep.reduce", shown(sweep.reduce), accepted)
+    if sweep.reduce and any(load["kind"] == "dry_friction" for load in data.get("load") or ()):
+        yield Problem("sweep.reduce", shown(sweep.reduce), "no reductions under dry_friction: leave reduce out")
     if sweep.reduce and integrator.any_times:
         yield Problem("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
 
@@ -130,6 +132,7 @@ def step_problems(step: float | None, integrator: type[Integrator], prepared: Pr
     accepted = "a step, s, which all members take"
     with suppress(ValueError):  # too many steps
         if prepared is not None:
+            prepared = prepared.on_grid  # members store the states at their steps
             order = getattr(prepared.scheme, "order", None)
             at = f" with integrator.order = {order}" if order else ""
             accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep], and "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..units import in_datasets
+from ..units import RATE, in_datasets
 from .document import RunFile
 from .section import Section
 
@@ -19,6 +19,8 @@ def unit_of(file: RunFile, key: str) -> str | None:
         if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
             value = value[int(part)]
         elif isinstance(value, Section) and part in type(value).model_fields:
+            if (unit := getattr(value, "unit", None)) in RATE:
+                return in_datasets(unit)
             text = type(value).model_fields[part].description or text
             value = getattr(value, part)
     found = UNIT.search(text)

@@ -104,6 +104,7 @@ def _at_once(body: Body, values: Values) -> SystemStack:
     J = given["inertia"]
     J = given["inertia"] = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
     assert kind.at_once is not None
+    how: dict[str, Any] = {} if body.physical is None else {"physical": body.physical}
     E, fixed = kind.at_once(J), None if "axis" in given else kind.make(**kind.sample).axis
     axis = given.get("axis") if fixed is None else np.repeat(fixed[None], m, axis=0)
     doubtful = np.linalg.eigvalsh(E)[:, 0] <= DOUBTFUL * np.trace(E, axis1=1, axis2=2)
@@ -114,8 +115,8 @@ def _at_once(body: Body, values: Values) -> SystemStack:
         axis = axis / np.where(length == 0, 1.0, length)[:, None]
     for i in np.flatnonzero(doubtful).tolist():
         try:
-            E[i] = kind.make(**{name: array[i] for name, array in given.items()}).euler_inertia
+            E[i] = kind.make(**{name: array[i] for name, array in given.items()}, **how).euler_inertia
         except ValueError as error:
             invalid[i] = str(error)
     _require(invalid)
-    return SystemStack(E, axis, name=body.kind)
+    return SystemStack(E, axis, name=body.kind, **how)

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from ..analysis import ensemble_dataset, statistics
-from ..analysis.variables import SIZES, VARIABLES, observables, potentials_of
+from ..analysis.variables import SIZES, VARIABLES, Wheels, observables, potentials_of
 from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.planning import known_body
@@ -37,6 +37,7 @@ from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
 from ..runfile.toml_data import parsed
+from ..units import RATE
 from .bodies import InvalidMembersError, components, stack, with_values
 from .draws import Values
 
@@ -186,7 +187,8 @@ class Members:
         ends = outcome.states.part(slice(None), slice(-1, None))
         rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
         held = potentials_of(problem.load, problem.output[-1:], problem.load_scale)
-        for name, found in observables(self._states, problem.systems, ends, rotors, held).items():
+        wheels = Wheels.of(problem.load.description)
+        for name, found in observables(self._states, problem.systems, ends, rotors, held, wheels).items():
             last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
         if outcome.observed is not None:
@@ -215,8 +217,9 @@ class Members:
             plan = plan._replace(load=file.load[0].unscaled(Place(self.folder, plan.t_start, plan.t_end)))
         plan = plan._replace(load=known_body(plan.load, plan.systems))
         velocity = file.start.angular_velocity
-        (frame,) = type(velocity).model_fields
+        frame = next(iter(type(velocity).model_fields))
         given = components(getattr(velocity, frame), frame, _below("start.angular_velocity.", values), m)
+        given *= RATE[velocity.unit]
         W, w = (given, None) if frame == "body" else (None, given)
         rotation = self._rotations(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales

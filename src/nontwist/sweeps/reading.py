@@ -21,7 +21,11 @@ from .store import SweepStore, open_store
 if TYPE_CHECKING:
     import xarray
 
-DIMS = {"start.rotation": ("quat",), "start.angular_velocity.space": ("axis",)}
+# What three numbers of a key are components along; those of a load by their last word.
+DIMS = {"start.rotation": "quat", "start.angular_velocity.space": "axis", "start.angular_velocity.body": "director"}
+DIMS |= {"body.gravity": "axis"} | dict.fromkeys(("body.axis", "body.centre_of_mass", "body.inertia"), "director")
+DIMS |= dict.fromkeys(("field", "anchor", "vector", "radial", "normal"), "axis")
+DIMS |= dict.fromkeys(("point", "axis", "coefficient"), "director")
 
 
 def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.Dataset:
@@ -118,7 +122,8 @@ def _swept(kept: SweepStore) -> dict[str, Any]:
         parts = [
             lazy.array.from_delayed(part[key], (last - first, *shape), array.dtype) for part, (first, last) in blocks
         ]
-        own = DIMS.get(key, ("director",) if shape == (3,) else tuple(f"{key}.{n}" for n in range(len(shape))))
+        named = DIMS.get(key.rpartition(".")[2] if key.startswith("load.") else key)
+        own = (named,) if named and len(shape) == 1 else tuple(f"{key}.{n}" for n in range(len(shape)))
         known = unit_of(kept.members.file, key)
         attributes = {"long_name": f"{key}, swept"} | ({} if known is None else {"units": known})
         found[key] = (("member", *own), lazy.array.concatenate(parts), attributes)

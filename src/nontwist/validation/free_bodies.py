@@ -24,7 +24,7 @@ from .. import exact
 from ..driver import integrate
 from ..geometry import rotations
 from ..integrators import Split
-from ..loads import rotor
+from ..loads import rotor, wheel
 from ..models.catalogue import standard
 from .checks import Check
 from .measures import error, turns_apart
@@ -73,12 +73,13 @@ def digits() -> Iterator[Check]:
 def continuous() -> Iterator[Check]:
     """Compare the standard body with DOP853, on both sides of the separatrix and with axes that are not principal."""
     motions = {"full inertia": (FULL_J, np.array([3.0, -6, 1]))}
+    motions["moments of no body (2, 1, 2/3)"] = np.diag([2, 1, 2 / 3]), np.array([1.0, -2, 4])
     for motion in many_digits()["free"]:
         if "1e-08" in motion["name"]:
             motions[motion["name"].split(",")[0]] = np.diag(motion["moments"]), 15 * np.array(motion["velocity"])
     for name, (J, W) in motions.items():
-        run = integrate(standard(J), times=[0, 1, 2], material_angular_velocity=W, integrator=FINE)
-        R, w = exact.free_standard(J, W, run.time)
+        run = integrate(standard(J, physical=False), times=[0, 1, 2], material_angular_velocity=W, integrator=FINE)
+        R, w = exact.free_standard(J, W, run.time, physical=False)
         gaps = np.append(R - attitude(run), w - velocity(run))
         yield error(f"standard body, {name}, 2 s: Λ, W against DOP853", gaps, 1e-11, TOP, "independent")
 
@@ -127,6 +128,17 @@ def gyrostat() -> Iterator[Check]:
     yield error("gyrostat, 100 s: π, K, relative", kept, 1e-13, GYROSTAT, "invariant")
 
 
+def driven_wheel() -> Iterator[Check]:
+    """Compare a hub of 2 kg m², and a wheel that a motor drives with 0.2 N m from 5 to 10 s, with their momenta."""
+    inertia, speed = 0.159155, 628.0
+    load = wheel("z", inertia, speed=speed, torque=([5, 10], [0.2, 0.2]))
+    for scheme in ("gauss", "lie-midpoint", "energy-momentum"):
+        body = standard([2, 2, 2 + inertia])
+        run = integrate(body, t_end=10, step=0.5, angular_velocity=(0, 0, 0.35), load=load, integrator=scheme)
+        gap = [run.material_angular_velocity[-1, 2] + 0.15, run.wheel_momentum[-1, 0] - inertia * (speed + 0.35) - 1]
+        yield error(f"driven wheel, {scheme}: W₃ of the hub, momentum", gap, 1e-12, GYROSTAT, "closed form")
+
+
 def montgomery() -> Iterator[Check]:
     """Compare the geometric phase, and the state after one period of the momentum."""
     moments = np.diag([3.0, 4, 5])
@@ -152,4 +164,4 @@ def montgomery() -> Iterator[Check]:
         yield error(f"after one period of the momentum, {name}: Λ, W", gaps, 1e-12, "Montgomery 1991", "closed form")
 
 
-CHECKS = (nontwisting_body, digits, continuous, symmetric, gyrostat, montgomery)
+CHECKS = (nontwisting_body, digits, continuous, symmetric, gyrostat, driven_wheel, montgomery)

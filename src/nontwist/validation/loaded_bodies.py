@@ -17,6 +17,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from .. import exact
@@ -25,8 +27,8 @@ from ..analysis.trajectory import Trajectory
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, pulse, sine
-from ..models.catalogue import with_gravity
+from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine
+from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.cases import CASES
 from .checks import Check
@@ -34,6 +36,8 @@ from .measures import error, slope
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
 
 BODY = SAMPLES["nontwisting"]
+ELLIPSE = "loads.orbits"
+FRICTION = "nontwist.driver.friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -83,6 +87,25 @@ def integrators() -> Iterator[Check]:
         yield error(f"case 3 at 5 s: Λ by {scheme} {k}", attitude(run)[-1] - end, 1e-11, "sec-results", "independent")
 
 
+def orbit() -> Iterator[Check]:
+    """Let a body tumble on an ellipse: the orbit by Newton's law of gravity beside Euler's equations, by DOP853."""
+    n, e, J, W0 = 1.0, 0.3, np.array([3.0, 4.0, 5.0]), np.array([0.1, 0.2, 1.2])
+
+    def rates(t: float, y: Array) -> Array:
+        q, W, r, v = y[:9].reshape(3, 3), y[9:12], y[12:15], y[15:]
+        size = np.sqrt(r @ r)
+        c = q @ r / size
+        moment = 3 * n**2 / size**3 * np.cross(c, J * c)
+        return np.concatenate([np.cross(W @ q, q).ravel(), (np.cross(J * W, W) + moment) / J, v, -(n**2) * r / size**3])
+
+    fastest = n * np.sqrt((1 + e) / (1 - e))
+    start = np.concatenate([np.eye(3).ravel(), W0, [1 - e, 0, 0], [0, fastest, 0]])
+    end = solve_ivp(rates, (0, 10), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:9, -1].reshape(3, 3).T
+    how: Arguments = {"material_angular_velocity": W0, "load": gravity_gradient(n, eccentricity=e)}
+    run = integrate(standard(J), t_end=10, step=0.02, integrator="gauss", order=8, **how)
+    yield error("tumbling on an ellipse: Λ after 10 s", attitude(run)[-1] - end, 1e-10, ELLIPSE, "independent")
+
+
 MOTIONS: dict[str, tuple[DirectorSystem, tuple[float, float, float], Load]] = {
     "case 2 of the paper": (BODY, CASES[2].angular_velocity, CASES[2].load()),
     "case 3 of the paper": (BODY, CASES[3].angular_velocity, CASES[3].load()),
@@ -123,4 +146,23 @@ def multipliers() -> Iterator[Check]:
             yield Check(title, 2, slope(COUNTS, errors, 2), 0.1, f"{SPLIT}; eq-discrete-nonholonomic", "order")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers)
+def friction() -> Iterator[Check]:
+    """Let a pendulum with dry friction swing to rest: by its energy each swing ends where weight has done the work."""
+    weight, c, angle = 9.81, 1.0, -1.0
+    while abs(weight * np.sin(angle)) > c:
+        start, side = angle, np.sign(angle)
+
+        def gained(x: float, start: float = start, side: float = side) -> float:
+            return float(weight * (np.cos(x) - np.cos(start)) - c * side * (start - x))
+
+        angle = brentq(gained, -start, start - 1e-3 * side)
+    pendulum, tilted = heavy_top([1.01, 1.01, 0.01], 1, (0, 0, 1)), Rotation.from_euler("x", np.pi - 1)
+    for axis in ("x", None):
+        run = integrate(pendulum, t_end=6, step=0.02, load=dry_friction(c, axis), rotation=tilted)
+        at = np.arctan2(run.directors[-1, 2, 1], -run.directors[-1, 2, 2])
+        about = f"about {axis}" if axis else "against w"
+        gaps = np.append(run.material_angular_velocity[-1], at - angle)
+        yield error(f"pendulum under dry friction {about}: W and angle at rest", gaps, 1e-12, FRICTION, "closed form")
+
+
+CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction)

@@ -24,7 +24,7 @@ from scipy.special import ellipj, ellipk
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import Continuous
-from ..models.catalogue import heavy_top
+from ..models.catalogue import heavy_top, nontwisting, with_gravity
 from .checks import Check
 from .measures import drift, error
 from .problems import Arguments, attitude, energy, momentum, velocity
@@ -37,6 +37,7 @@ ACROSS, ALONG, TORQUE = INERTIA[0, 0], INERTIA[1, 1], MASS * GRAVITY * HEIGHT
 W0 = np.array([0.0, 150.0, -4.61538])
 TOP = heavy_top(INERTIA, MASS, CENTRE, (0, 0, -GRAVITY))
 DOP853 = Continuous(rtol=1e-13, atol=1e-14, form="director")  # the quicker form
+PENDULUM = "Landau & Lifshitz §11"
 BENCHMARK, LAGRANGE = "Brüls, Cardona & Arnold 2012", "Whittaker §71; Landau & Lifshitz §35"
 
 
@@ -69,6 +70,16 @@ def benchmark() -> Iterator[Check]:
         yield error(f"{title}: π·e3, relative", drift(momentum(run)[:, 2]), 1e-12, LAGRANGE, "invariant")
 
 
+def pendulum() -> Iterator[Check]:
+    """Let a point on a massless rod, J3 = 0, swing in a plane from rest, 2 rad from the lowest place."""
+    body, t, amplitude = with_gravity(nontwisting([1, 1, 0]), 1, (0, 0, -1)), np.linspace(0, 6, 13), 2.0
+    run = integrate(body, times=t, rotation=Rotation.from_rotvec([amplitude, 0, 0]), integrator=DOP853)
+    k = np.sin(amplitude / 2)
+    sn = ellipj(ellipk(k**2) + np.sqrt(9.81) * t, k**2)[0]
+    gap = attitude(run)[:, 2, 2] - (1 - 2 * (k * sn) ** 2)
+    yield error("pendulum, a point on a rod without mass: cosine of its angle", gap, 1e-10, PENDULUM, "closed form")
+
+
 def precession() -> Iterator[Check]:
     """Let the same body precess evenly, 1 rad from the vertical: A Ω² cos θ - p Ω + mgl = 0, Ω the slower rate."""
     theta, spin, p = 1.0, 200.0, ALONG * 200.0
@@ -84,4 +95,4 @@ def precession() -> Iterator[Check]:
     yield error("steady precession, 200 rad: Λ by gauss 8", gap, 1e-11, LAGRANGE, "closed form")
 
 
-CHECKS = (benchmark, precession)
+CHECKS = (benchmark, pendulum, precession)

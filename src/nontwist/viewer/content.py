@@ -28,10 +28,9 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
 from ..geometry.values import shown
-from ..loads.kinds import rotors_of
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
-from .panels import packed, panels
+from .panels import momenta_of_rotors, packed, panels
 from .weights import Weight, box_of, weight_of
 from .words import (
     SLAB_IN_WORDS,
@@ -118,11 +117,10 @@ def content(run: Any) -> dict[str, Any]:
         **arrows_in_words(n),
     }
     data = _motion(run, twist_of_run(run, n), attitudes, about)
-    load = rotors_of(json.loads(run.attrs.get("load", "[]")))
     times, events = _shown(run["time"].values), run["t_events"].values if "t_events" in run.variables else np.empty(0)
     wheels = [
-        {"axis": (triad @ wheel.rotor).tolist(), "momentum": packed(wheel.scale * wheel.momentum(times) @ wheel.rotor)}
-        for wheel in load.rotors
+        {"axis": (triad @ axis).tolist(), "momentum": packed(np.interp(times, run["time"].values, momentum))}
+        for axis, momentum in momenta_of_rotors(run)
     ]
     return data | {
         "title": tomllib.loads(run.attrs.get("run_file", "")).get("title", ""),

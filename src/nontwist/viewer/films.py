@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -234,11 +235,12 @@ def _mp4(pictures: Iterator[Image], rate: float) -> bytes:
             assert process.stdin is not None
             assert process.stderr is not None
             shot = first
-            for shot in (first, *pictures):
-                process.stdin.write(shot.crop((0, 0, width, height)).tobytes())
-            process.stdin.write(shot.crop((0, 0, width, height)).tobytes() * round(PAUSE * rate))
-            process.stdin.close()
+            with suppress(BrokenPipeError):  # it has ended, and says why
+                for shot in (first, *pictures):
+                    process.stdin.write(shot.crop((0, 0, width, height)).tobytes())
+                process.stdin.write(shot.crop((0, 0, width, height)).tobytes() * round(PAUSE * rate))
+                process.stdin.close()
             trouble = process.stderr.read().decode(errors="replace").strip()
-        if process.returncode:
-            raise OSError(f"ffmpeg could not write the film: {trouble}")
+        if process.returncode or not target.is_file():
+            raise OSError(f"ffmpeg could not write the film: {trouble or f'it ended with status {process.returncode}'}")
         return target.read_bytes()

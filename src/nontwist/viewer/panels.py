@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..loads.kinds import rotors_of
+from ..loads.wheels import columns_of
 
 if TYPE_CHECKING:
     import xarray
@@ -43,8 +44,7 @@ def panels(run: xarray.Dataset, twisted: xarray.Dataset) -> list[dict[str, Any]]
         mu, W = run["reaction_moment"], run["material_angular_velocity"].transpose("time", ...).values
         scale = max(size * float(np.linalg.norm(W, axis=1).max()), float(abs(mu).max()))
         found.append(_panel(mu["midtime"].values - start, "Reaction moment", "N m", "", {"−μ": mu.values}, scale))
-    if rotors := rotors_of(json.loads(run.attrs.get("load", "[]"))).rotors:
-        wheels = [wheel.scale * wheel.momentum(run["time"].values) @ wheel.rotor for wheel in rotors]
+    if wheels := [momentum for _, momentum in momenta_of_rotors(run)]:
         h = {str(k + 1): values for k, values in enumerate(wheels[:3])} if len(wheels) > 1 else {"": wheels[0]}
         found.append(_panel(time, "Rotor momentum", "kg m²/s", "h", h, max(size, float(np.max(np.abs(wheels))))))
     energies = {"K": K, "V": V, "K+V": K + V} if abs(V).max() > 0 else {"K": K}
@@ -83,3 +83,13 @@ def extremes(y: Array) -> NDArray[np.int64]:
 def packed(values: Array) -> str:
     """Return the numbers in base64, float32, little-endian."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
+    """Return the axis in the body and the momentum relative to it, at all times, of each rotor and wheel of a run."""
+    records, times = json.loads(run.attrs.get("load", "[]")), run["time"].values
+    rotors = [(one.direction, one.scale * one.history(times)[0]) for one in rotors_of(records).rotors]
+    if "wheel_speed" not in run:
+        return rotors
+    speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, columns_of(records)
+    return rotors + [(axis, inertia * speed) for (axis, inertia, _, _), speed in zip(wheels, speeds, strict=True)]

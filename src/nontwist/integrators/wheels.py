@@ -1,0 +1,104 @@
+"""Bodies with wheels, integrated as gyrostats (`loads.wheels`): by every scheme, where h is known beforehand.
+
+A problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h, or loads with memory
+h. Its constraints and their multipliers are the same. What is said of its intervals becomes again what is said of the
+body with its wheels locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the
+mean moment of the load has beside that on the carrier the change of Λz, its work that of ½ W·z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States, attitudes
+from ..loads import Load
+from ..loads.wheels import Driven, Wheel
+from ..models.stack import SystemStack, stacked
+from ..models.system import DirectorSystem
+from .problem import Outcome, Problem
+
+
+def internal_states(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
+    """Return the internal states at the start of runs that continue none, (m, k), given W, (m, 3)."""
+    found = np.tile(load.internal_state, (len(velocity), 1))
+    W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
+    for wheel, column in places(load):
+        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + W @ wheel.direction)
+    return found
+
+
+def places(load: Load) -> Iterator[tuple[Wheel, int]]:
+    """Yield each wheel, and the column of its h among the internal states."""
+    column = 0
+    for wheel in load.wheels:
+        yield wheel, column
+        column += wheel.state0.size
+
+
+def driven_columns(load: Load) -> list[int]:
+    """Return the columns of h of the wheels of which it is known beforehand."""
+    return [column for wheel, column in places(load) if wheel.is_driven]
+
+
+def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
+    """Return what carries the wheels of a body; a ValueError where nothing is left of it."""
+    J = system.convected_inertia - sum(one.locked for one in load.wheels)
+    if (least := np.linalg.eigvalsh(J)[0]) <= 0:
+        raise ValueError(
+            "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
+            f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
+        )
+    return replace(system, euler_inertia=np.trace(J) / 2 * np.eye(3) - J, physical=False)
+
+
+def as_gyrostat(problem: Problem) -> Problem:
+    """Return a problem of one body, with wheels, as that of their carrier."""
+    one = problem.member(0)
+    assert one.internal is not None
+    z, t, columns = one.internal[0], one.t_start, iter(places(one.load))
+
+    def term_of(wheel: Wheel) -> Driven | Wheel:
+        _, column = next(columns)
+        own = wheel.of_factor()
+        return (
+            Driven(own, t, float(z[column]), breakpoints=own.breakpoints, resolution=own.resolution)
+            if wheel.is_driven
+            else own
+        )
+
+    load = Load(tuple(term_of(term) if isinstance(term, Wheel) else term for term in one.load.terms))
+    internal = np.delete(one.internal, driven_columns(one.load), axis=1) if load.memories else None
+    return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, internal=internal)
+
+
+def with_wheels(problem: Problem, states: States) -> States:
+    """Return the states of `as_gyrostat` at the times of output, with all internal states of the problem."""
+    assert problem.internal is not None
+    at, driven, first = np.append(problem.t_start, problem.output), driven_columns(problem.load), problem.internal
+    shape = states.velocity.shape[:-1]  # of one body, or of several
+    internal = np.empty((*shape, first.shape[1]))
+    if states.internal is not None:
+        internal[..., np.delete(np.arange(first.shape[1]), driven)] = states.internal
+    for wheel, column in places(problem.load):
+        if wheel.is_driven:
+            change = wheel.scale * (wheel.impulse(at)[1:] - wheel.impulse(at)[0])
+            momenta = first[:, column, None] + problem.load_scale[:, None] * change
+            internal[..., column] = momenta if len(shape) > 1 else momenta[0]
+    return states._replace(internal=internal)
+
+
+def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
+    """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
+    outcome = outcome._replace(states=with_wheels(problem, outcome.states))
+    if outcome.intervals is None:
+        return outcome
+    p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
+    z, kept, length = W @ locked, outcome.intervals, np.diff(problem.output)
+    with np.errstate(all="ignore"):  # states behind a failure are undefined
+        moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
+    work = np.diff((W * z).sum(axis=-1), axis=1) / 2
+    return outcome._replace(intervals=kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work))

@@ -1,0 +1,209 @@
+"""Wheels that a body carries: each turns about an axis of the body, driven by a motor, with friction, or free.
+
+A wheel is symmetric about its axis n, which passes through its centre of mass, and has the moment of inertia I about
+it. J is that of the body with all wheels locked, W its angular velocity, Ω the speed of a wheel relative to the body.
+The axial momentum of a wheel in space is
+
+    h = I (Ω + n·W),        h' = τ - f(Ω),
+
+τ the torque of the motor on the wheel, f friction in its bearing. What carries the wheels has J_c = J - Σ I n nᵀ, and
+with Σ h n in place of a rotor's momentum it is a gyrostat:
+
+    J_c W' = (J_c W + Σ h n) × W + M - Σ h' n.
+
+`h' = τ` is not `I Ω' = τ`: a motor that holds Ω has to turn the wheel with the body. The total momentum
+Λ (J_c W + Σ h n) changes by moments from outside alone. As Σ h n + J_c W = J W + Σ I Ω n, the wheels are, seen from the
+locked body, rotors of momentum I Ω.
+
+Without friction, and under torques of time, h is known beforehand, whatever the body does: such a wheel is `Driven`.
+Else h is an internal state z of a load with memory (`memory`), of moment ``h n × W - h' n`` along the moving frame; so
+are then the work of the motor and what friction takes, ``A' = τ Ω`` and ``D' = f Ω``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..geometry.values import vector_text
+from ..kernels.elements import select
+from ..spec import Spec
+from .calls import Call, checked
+from .memory import Memory
+from .terms import Momentum, Record, smoothness, within
+
+ONE, SPEEDS = np.ones(1), np.logspace(-3, 4, 29)  # rad/s, at which friction is looked at
+Function = Callable[..., Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel(Memory):
+    """A wheel with a motor and friction.
+
+    The torque is a number, or a table that is linear between its times and zero outside, and a function of time and
+    speed. Friction is viscous, or a function of the speed.
+    """
+
+    kind = "memory"
+    frame = "body"
+    wheel: Annotated[Array, Spec("", option="axis", shape=(3,), rule="direction in the body", is_fixed=True)]
+    inertia: Annotated[float, Spec("about its axis", unit="kg m²", rule="positive", is_fixed=True)]
+    speed: Annotated[float, Spec("at the start, relative to the body", unit="rad/s")] = 0.0
+    torque: Annotated[float, Spec("of the motor", unit="N m")] = 0.0
+    times: Annotated[Array, Spec("", unit="s", shape=(None,), is_fixed=True)] = ()  # type: ignore[assignment]
+    values: Annotated[Array, Spec("the torque", unit="N m", shape=("times",), is_fixed=True)] = ()  # type: ignore[assignment]
+    viscous: Annotated[float, Spec("friction", unit="N m s", rule="not negative", is_fixed=True)] = 0.0
+    friction: Function | None = None
+    motor: Function | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.times.size:
+            self._set(**smoothness(self.times))
+        if self.friction is not None:
+            for speed in (*-SPEEDS, *SPEEDS):
+                (drag,) = checked(self.friction, (float(speed),), ())
+                if drag * speed < 0:
+                    raise ValueError(
+                        f"friction must slow the wheel down, but at {speed:.6g} rad/s it is {drag:.6g} N m: "
+                        "return a number of the sign of the speed"
+                    )
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether h is known beforehand."""
+        return not self.viscous and self.friction is None and self.motor is None
+
+    @property
+    def direction(self) -> Array:
+        """The axis n."""
+        return self.wheel
+
+    @property
+    def varying(self) -> list[str]:
+        """The names of the fields that are parameters of derivatives."""
+        return ["speed", "torque"] if self.is_driven else []
+
+    @property
+    def state0(self) -> Array:  # type: ignore[override]
+        """The internal states of a body at rest: h, and where it is not known beforehand, the work and the loss."""
+        return np.array([self.inertia * self.speed, 0.0, 0.0][: 1 if self.is_driven else 3])
+
+    @property
+    def state_scale(self) -> Array:  # type: ignore[override]
+        """How large they become."""
+        speed = max(abs(self.speed), 1.0)
+        return np.array([self.inertia * speed, *[self.inertia * speed**2] * 2][: self.state0.size])
+
+    @property
+    def locked(self) -> Array:
+        """What the wheel gives to J, I n nᵀ, (3, 3), kg m²."""
+        return self.inertia * np.outer(self.wheel, self.wheel)
+
+    def of_factor(self, factor: float = 1.0) -> Wheel:
+        """Return the wheel of the factor 1 whose speed and torques are those of this one, times a factor."""
+        c, motor = factor * self.scale, self.motor
+        driven = motor if motor is None or c == 1 else (lambda t, speed: c * motor(t, speed))
+        return self._copy(scale=1.0, speed=c * self.speed, torque=c * self.torque, values=c * self.values, motor=driven)
+
+    def impulse(self, times: Array) -> Array:
+        """Return the integral of the torque at (n,) times, without the factor; of the table from its beginning."""
+        found: Array = self.torque * times
+        if not self.times.size:
+            return found
+        T, y = self.times, self.values
+        t = np.clip(times, T[0], T[-1])
+        k = np.clip(np.searchsorted(T, t, side="right") - 1, 0, max(len(T) - 2, 0))
+        sums = np.append(0.0, np.cumsum(np.diff(T) * (y[1:] + y[:-1]) / 2))
+        found = found + sums[k] + (t - T[k]) * (y[k] + np.interp(t, T, y)) / 2
+        return found
+
+    def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
+        """Return the moment, and h', A', D'."""
+        t, (h, *_), _, W = given
+        n = [float(x) for x in self.wheel]
+        speed = h * (1.0 / self.inertia) - (n[0] * W[0] + n[1] * W[1] + n[2] * W[2])
+        torque = self.torque + 0.0 * speed
+        for k in range(len(self.times) - 1):
+            (a, b), (y, z) = self.times[k : k + 2].tolist(), self.values[k : k + 2].tolist()
+            torque = torque + select((t >= a) & (t < b), y + (z - y) / (b - a) * (t - a), 0.0)
+        if self.motor is not None:
+            torque = torque + call(self.motor, (t, speed), ())[0]
+        drag = self.viscous * speed
+        if self.friction is not None:
+            drag = drag + call(self.friction, (speed,), ())[0]
+        rate, c = torque - drag, [h * x for x in n]
+        across = [c[1] * W[2] - c[2] * W[1], c[2] * W[0] - c[0] * W[2], c[0] * W[1] - c[1] * W[0]]
+        return [x - rate * y for x, y in zip(across, n, strict=True)], [rate, torque * speed, drag * speed]
+
+    @property
+    def called(self) -> Function:
+        """The text."""
+        return self.responses
+
+    def slopes_of_momentum(self, name: str, times: Array) -> Array:
+        """Return the derivatives of the factor times h at (n,) times after the start by a parameter.
+
+        Raises
+        ------
+        ValueError
+            The parameter is the factor of a table, to which steps of many nodes are not linear.
+        """
+        if name == "scale" and self.times.size:
+            raise ValueError("runs have no derivatives by the factor of a wheel whose torque is a table")
+        speed, torque = self.inertia * np.ones(len(times)), times
+        found: dict[str, Array] = {"speed": self.scale * speed, "torque": self.scale * torque}
+        return found[name] if name in found else self.speed * speed + self.torque * torque
+
+    @classmethod
+    def words(cls, record: Record) -> str:
+        """Return inertia, axis and speed."""
+        about, speed = f"about {vector_text(record['wheel'])}", record["scale"] * record["speed"]
+        has_motor = record["torque"] or len(record["times"]) or "motor" in record
+        parts = ["a motor"] * bool(has_motor) + ["friction"] * bool(record["viscous"] or "friction" in record)
+        more = f", with {' and '.join(parts)}" if parts else ""
+        return f"wheel of {record['inertia']:.6g} kg m² {about}, at first {speed:.6g} rad/s{more}"
+
+
+@dataclass(frozen=True, eq=False)
+class Driven(Momentum):
+    """A wheel whose momentum is known beforehand: in the run it is `h` at the time `begin`."""
+
+    of: Wheel
+    begin: float
+    h: float
+
+    @property
+    def is_linear(self) -> bool:  # type: ignore[override]
+        """Whether h is, between its breakpoints."""
+        return not self.of.times.size
+
+    @property
+    def direction(self) -> Array:
+        """The axis n."""
+        return self.of.wheel
+
+    def history(self, times: Array) -> tuple[Array, Array]:
+        """Return h and h' at (n,) times."""
+        of = self.of
+        momentum: Array = self.h + (of.impulse(times) - of.impulse(np.array([self.begin])))
+        table = within(of.times, of.values[:, None], times)[0] if of.times.size else 0.0 * times
+        return momentum, of.torque + table
+
+
+def columns_of(records: Sequence[Record]) -> list[tuple[Array, float, int, bool]]:
+    """Return, of each wheel: axis, inertia, the column of h among the internal states, whether it is not driven.
+
+    The internal states of wheels come before those of other loads.
+    """
+    found, column = list[tuple[Array, float, int, bool]](), 0
+    for one in records:
+        if "wheel" in one:
+            has_friction = bool(one["viscous"] or "friction" in one or "motor" in one)
+            found.append((np.array(one["wheel"]), float(one["inertia"]), column, has_friction))
+            column += 3 if has_friction else 1
+    return found

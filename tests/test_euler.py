@@ -1,0 +1,113 @@
+"""Euler angles and their rates in exports, angles and angular velocities of run files in other units."""
+
+import json
+import os
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import nontwist
+from nontwist import save_run, simulate, standard, sweep
+from nontwist.errors import InputError, InputWarning
+from nontwist.geometry.euler import euler_angles
+from nontwist.io.exports import with_euler
+from nontwist.runfile import RunFileError, read_run_file
+
+LETTERS = ["".join(x) for x in product("xyz", repeat=3) if x[0] != x[1] != x[2]]
+LETTERS += [x.upper() for x in LETTERS]
+TILTED = {"rotation": Rotation.from_euler("ZXZ", [0.3, 0.9, -0.4]), "material_angular_velocity": (0.3, 0.5, 0.8)}
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(standard([3, 4, 5]), t_end=1, step=1e-3, **TILTED)
+
+
+@pytest.mark.parametrize("letters", LETTERS)
+def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
+    found = with_euler(run, letters)
+    angles, rates, h = found.euler_angles.values, found.euler_rates.values, 1e-3
+    assert np.array_equal(angles, Rotation.from_quat(run.quaternion.values).as_euler(letters))
+    smooth = np.unwrap(angles, axis=0)
+    by_differences = (8 * (smooth[3:-1] - smooth[1:-3]) - smooth[4:] + smooth[:-4]) / (12 * h)
+    assert np.allclose(rates[2:-2], by_differences, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("letters", "middle"), [("ZXZ", 0.0), ("zyz", np.pi), ("ZYX", np.pi / 2), ("xyz", -np.pi / 2)])
+def test_in_gimbal_lock_the_outer_rates_are_infinite_and_said_to_be(letters, middle):
+    start = {"rotation": Rotation.from_euler(letters, [0.2, middle, 0.4]), "material_angular_velocity": (1, 2, 3)}
+    run = simulate(standard([3, 4, 5]), t_end=1, step=0.5, **start)
+    with pytest.warns(InputWarning) as caught:
+        found = with_euler(run, letters)
+    (said,) = caught
+    assert said.message.code == "gimbal-lock"
+    assert said.message.fields == {"letters": letters, "count": 1, "along": "time", "first": "0"}
+    assert np.isinf(found.euler_rates.values[0, [0, 2]]).all()
+    assert np.isfinite(found.euler_rates.values[0, 1])
+    assert np.isfinite(found.euler_rates.values[1:]).all()
+    turned = Rotation.from_euler(letters, found.euler_angles.values[0])
+    assert (turned.inv() * start["rotation"]).magnitude() < 1e-7
+
+
+@pytest.mark.parametrize("letters", ["ZxZ", "ZZX", "ZX", "ABC", "", "ZXZX"])
+def test_letters_are_refused_by_name(letters):
+    with pytest.raises(InputError) as caught:
+        euler_angles(np.array([[0, 0, 0, 1.0]]), np.zeros((1, 3)), letters)
+    assert (caught.value.code, caught.value.fields) == ("euler", {"letters": letters})
+
+
+def test_the_export_has_them(run, tmp_path):
+    save_run(run, tmp_path / "run.nc")
+    os.chdir(tmp_path)
+    shown = nontwist("export", "run.nc", "--euler", "ZXZ", "--degrees", "--columns", "kinetic_energy", "--to", "json")
+    columns = json.loads(shown.stdout)["columns"]
+    names = [f"euler_{x}_{k} [degree{per}]" for x, per in (("angles", ""), ("rates", " s-1")) for k in (1, 2, 3)]
+    assert list(columns) == ["time [s]", "kinetic_energy [J]", *names]
+    assert np.allclose([columns[name][0] for name in names[:3]], np.degrees([0.3, 0.9, -0.4]))
+    wrong = nontwist("export", "run.nc", "--euler", "ZxZ")
+    assert wrong.exit_code == 3
+    assert "--euler requires 3 axes" in wrong.stderr
+    locked = simulate(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
+    save_run(locked, tmp_path / "locked.nc")
+    shown = nontwist("export", "locked.nc", "--euler", "ZXZ", "--out", "locked.csv")
+    assert "third angle are infinite there; another --euler avoids it" in " ".join(shown.stderr.split())
+    assert ",inf," in (tmp_path / "locked.csv").read_text(encoding="utf-8").splitlines()[1] + ","
+
+
+FILE = """
+body = { kind = "standard", inertia = [3.0, 4.0, 5.0] }
+time = { t_end = 1.0, step = 0.1 }
+integrator.name = "gauss"
+[start]
+rotation = { euler = [10, 20, 30], sequence = "ZXZ", unit = "deg" }
+angular_velocity = { body = [30.0, 0.0, 60.0], unit = "deg/s" }
+"""
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("deg/s", np.pi / 180), ("rpm", np.pi / 30), ("rad/s", 1.0)])
+def test_run_files_take_other_units(tmp_path, unit, factor):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE.replace("deg/s", unit), encoding="utf-8")
+    run, W = read_run_file(path).simulate(), factor * np.array([30, 0, 60])
+    assert np.allclose(run.material_angular_velocity.values[0], W, rtol=1e-15)
+    turned = Rotation.from_euler("ZXZ", [10, 20, 30], degrees=True)
+    assert (Rotation.from_quat(run.quaternion.values[0]) * turned.inv()).magnitude() < 1e-15
+    over = '[[sweep.over]]\nkey = "start.angular_velocity.body.0"\nkind = "list"\nvalues = [30.0, 45.0]\n'
+    path.write_text(FILE.replace("deg/s", unit) + over, encoding="utf-8")
+    many = sweep(path, tmp_path / "store", workers=1)
+    assert many["start.angular_velocity.body.0"].attrs["units"] == unit.replace("/s", " s-1")
+    assert abs(many.quaternion.values[0] @ run.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('"deg/s"', '"rev/s"', r'start\.angular_velocity\.unit: "rev/s" -> .*"rad/s" \(by default\), "deg/s" or "rpm"'),
+    ('"deg" ', '"gon" ', r'start\.rotation\.unit: "gon" -> "radians", "degrees", "rad" or "deg"'),
+    ("ZXZ", "ZxZ", r'start\.rotation\.sequence: "ZxZ"'),
+])  # fmt: skip
+def test_other_words_are_refused_by_key(tmp_path, old, new, said):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE.replace(old, new), encoding="utf-8")
+    with pytest.raises(RunFileError, match=said):
+        read_run_file(path)

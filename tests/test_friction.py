@@ -1,0 +1,316 @@
+"""Dry friction: closed forms, SciPy with events of its own, balances, refusals; loads that jump with the state."""
+
+import time
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from nontwist import (
+    LieMidpoint,
+    SimulationError,
+    Status,
+    body_moment,
+    compare,
+    damping,
+    dry_friction,
+    gradient,
+    gravity_gradient,
+    heavy_top,
+    integrate,
+    lyapunov_ensemble,
+    moment,
+    nontwisting,
+    propagator,
+    read_run_file,
+    resample,
+    sensitivities,
+    simulate,
+    simulate_ensemble,
+    sine,
+    spin_below,
+    spring,
+    standard,
+    stepper,
+    suslov,
+    with_gravity,
+)
+from nontwist.runfile.forecast import forecast
+
+PENDULUM = heavy_top([1.01, 1.01, 0.01], mass=1, centre_of_mass=(0, 0, 1))
+TILTED = {"rotation": Rotation.from_euler("x", np.pi - 1)}
+SCHEMES = {"gauss": 1e-12, "lie-midpoint": 0.04}  # of errors, the second times h²
+J = np.diag([3.0, 4.0, 5.0])
+
+
+def rest_angle():
+    """The angle from below at which the pendulum rests, by its energy: m g sin φ ± c does no work over a swing."""
+    weight, c, angle = 9.81, 1.0, -1.0
+    while abs(weight * np.sin(angle)) > c:
+        start, side = angle, np.sign(angle)
+
+        def gained(x, start=start, side=side):
+            return weight * (np.cos(x) - np.cos(start)) - c * side * (start - x)
+
+        angle = brentq(gained, -start, start - 1e-3 * side)
+    return angle
+
+
+@pytest.mark.parametrize("axis", [None, "x", "-x"])
+@pytest.mark.parametrize("how", [{"step": 0.002}, {"step": 0.002, "integrator": "lie-midpoint"}, {"step": 0.02}, {}])
+def test_a_pendulum_sticks_and_stays(axis, how):
+    run = simulate(PENDULUM, t_end=6, load=dry_friction(1, axis), **TILTED, **how)
+    energy = (run.kinetic_energy + run.potential_energy).values
+    assert np.diff(energy).max() <= 1e-14
+    assert energy[0] - energy[-1] == pytest.approx(run.dissipated_energy.sum().item(), rel=1e-13)
+    angle = np.arctan2(run.directors[-1, 2, 1], -run.directors[-1, 2, 2]).item()
+    assert angle == pytest.approx(rest_angle(), abs=1e-6 if "integrator" in how else 1e-11)
+    assert angle == pytest.approx(-0.0746508, abs=1e-6)
+    t, W = run.time.values, run.material_angular_velocity.values
+    rests = (t > 0) & (W == 0).all(axis=1)
+    assert t[rests][0] == pytest.approx(5.150753, abs=max(how.get("step", 0.02), 1e-3) + 1e-6)
+    assert rests[t > t[rests][0]].all()
+    assert (run.sticking.values == (W == 0).all(axis=1)).all()
+
+
+@pytest.mark.parametrize(
+    "body", [standard(J), nontwisting(J), suslov(J, "y"), suslov([[3, 0, 0], [0, 4, 1], [0, 1, 5]], "z")]
+)
+@pytest.mark.parametrize("axis", [None, "x"])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_rest_ends_where_the_moment_reaches_the_limit(body, axis, scheme):
+    """J w' = 2 sin t - 1 from t = π/6 until w = 0, then 2 sin t + 1, since the moment is larger than the limit."""
+    run = simulate(
+        body, t_end=4.3, step=0.05, load=sine((2, 0, 0), 0.5 / np.pi) + dry_friction(1, axis), integrator=scheme
+    )
+    first = np.pi / 6
+    last = brentq(lambda t: 2 * (np.cos(first) - np.cos(t)) - (t - first), 2, 6)
+    t, W = run.time.values, run.material_angular_velocity.values
+    w = np.where(t < first, 0.0, 2 * (np.cos(first) - np.cos(t)) - (t - first))
+    w[t > last] = (2 * (np.cos(last) - np.cos(t)) + (t - last))[t > last]
+    assert abs(W[:, 0] - w / 3).max() < (1e-13 if scheme == "gauss" else 2e-4)
+    assert (W[t < first] == 0).all()
+    assert (abs(W[:, 1:]) == 0).all()
+    impulse = run.moment.values + (run.spatial_reaction_moment.values if "spatial_reaction_moment" in run else 0)
+    assert abs(np.diff(run.spatial_momentum.values, axis=0) - np.diff(t)[:, None] * impulse).max() < 1e-14
+    assert abs(np.diff(run.kinetic_energy.values) - run.load_work.values).max() < 1e-14
+
+
+def drive(t):
+    return np.array([0.9 * np.sin(1.3 * t), 0.4 * np.cos(t), 0.3])
+
+
+def by_scipy(a, c, W, times):
+    """W of the standard body under `drive` and friction about a, by SciPy and its events, mode after mode."""
+    found, t, mode, modes = {times[0]: W}, times[0], np.sign(a @ W), []
+    free = lambda t, W: np.linalg.solve(J, drive(t) + np.cross(J @ W, W))  # noqa: E731
+    toward = np.linalg.solve(J, a)
+    needed = lambda t, W: a @ free(t, W) / (a @ toward)  # noqa: E731
+    while t < times[-1]:
+        begin, sign = t, mode
+
+        def rate(t, W, sign=sign):
+            return free(t, W) - (sign * c if sign else needed(t, W)) * toward
+
+        def over(t, W, sign=sign, begin=begin):
+            return 1.0 if t < begin + 1e-9 else sign * (a @ W) if sign else c - abs(needed(t, W))
+
+        over.terminal = True
+        part = solve_ivp(rate, (t, times[-1]), W, "DOP853", None, True, over, rtol=1e-13, atol=1e-14, max_step=0.1)
+        found |= {x: part.sol(x) for x in times if t < x <= part.t[-1]}
+        t, W = part.t[-1], part.y[:, -1]
+        if sign:
+            W = W - a * (a @ W)
+        mode = 0 if sign and abs(needed(t, W)) <= c else np.sign(needed(t, W))
+        modes.append(mode)
+    return np.array([found[x] for x in times]), modes
+
+
+@pytest.mark.parametrize(("axis", "limit"), [((1, 0, 0), 0.5), ((1, 2, 2), 0.6)])
+def test_a_body_that_turns_about_the_other_axes_sticks_and_slides(axis, limit):
+    times, W = np.linspace(0, 12, 25), np.array([0.2, 0.3, 0.1])
+    right, modes = by_scipy(np.array(axis) / np.linalg.norm(axis), limit, W, times)
+    assert {0, 1} <= {abs(mode) for mode in modes}
+    load = body_moment(drive) + dry_friction(limit, axis)
+    for scheme, bound in SCHEMES.items():
+        how = {"load": load, "material_angular_velocity": W, "times": times, "integrator": scheme, "step": 0.025}
+        run = integrate(standard(J), **how)
+        assert abs(run.material_angular_velocity - right).max() < bound * (0.025**2 if bound > 1e-3 else 1)
+        momentum, energy = run.observables(["spatial_momentum", "kinetic_energy"]).values()
+        assert abs(np.diff(momentum, axis=0) - np.diff(times)[:, None] * run.moment).max() < 1e-13
+        assert abs(np.diff(energy) - run.load_work).max() < 1e-13
+    assert (run.sticking == (abs(right @ axis) < 1e-12)).all()
+    assert (run.dissipated_energy >= -1e-15).all()
+
+
+def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
+    """Without an axis the direction of w turns without end as it vanishes; friction takes the whole energy."""
+    W = np.array([1.0, 0.5, -0.7])
+    times = np.array([0, 1, 2, 3, 4, 4.8])
+    rate = lambda t, W: np.linalg.solve(J, np.cross(J @ W, W) - W / np.linalg.norm(W))  # noqa: E731
+    right = solve_ivp(rate, (0, 4.8), W, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
+    for how, bound in (({"step": 0.05}, 1e-12), ({"step": 0.0125, "integrator": "lie-midpoint"}, 3e-6), ({}, 1e-12)):
+        run = integrate(standard(J), times=[*times, 8], material_angular_velocity=W, load=dry_friction(1), **how)
+        assert abs(run.material_angular_velocity[:-1] - right).max() < bound
+        assert (run.material_angular_velocity[-1] == 0).all()
+        assert run.dissipated_energy.sum() == pytest.approx(W @ J @ W / 2, rel=1e-13)
+
+
+def test_a_body_starts_where_the_moment_exceeds_the_limit():
+    """Its direction is then that of W', and turns: SciPy's Radau, from 1e-7 s later on, W = t²/2 W''."""
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+    inertia = turn @ np.diag([1.0, 1.4, 1.9]) @ turn.T
+
+    def push(t):
+        return np.array([1.2, 0.7, -0.5]) * np.sin(t) + np.array([0, 0.3, 0.2])
+
+    def rate(t, W):
+        return np.linalg.solve(inertia, push(t) + np.cross(inertia @ W, W) - W / np.linalg.norm(W))
+
+    first = brentq(lambda t: push(t) @ push(t) - 1, 0, 1.5)
+    u = push(first)
+    slope = u @ np.array([1.2, 0.7, -0.5]) * np.cos(first) / (u @ inertia @ u)
+    times, start = np.array([0.4, 0.8, 1.2, 2.0]), first + 1e-7
+    right = solve_ivp(rate, (start, 2), u * slope * 1e-14 / 2, "Radau", times[1:], rtol=1e-10, atol=1e-22).y.T
+    for scheme, bound in {"gauss": 1e-10, "lie-midpoint": 0.05 * 0.02**2}.items():
+        how = {"step": 0.02, "integrator": scheme, "load": body_moment(push) + dry_friction(1)}
+        run = integrate(standard(inertia), times=times, **how)
+        assert (run.material_angular_velocity[0] == 0).all()
+        assert abs(run.material_angular_velocity[1:] - right).max() < bound
+
+
+def test_two_frictions_and_damping_take_the_energy():
+    """About different axes, beside other loads: what both take is the power that SciPy integrates."""
+    W, load = (1, 0.5, 1.2), dry_friction(0.2, "x") + 2 * dry_friction(0.05, "y") + damping(0.1)
+    run = integrate(standard(J), t_end=2, step=0.02, material_angular_velocity=W, load=load)
+
+    def rate(t, y):
+        W = y[:3]
+        M = np.cross(J @ W, W) - 0.2 * np.sign(W[0]) * np.eye(3)[0] - 0.1 * np.sign(W[1]) * np.eye(3)[1] - 0.1 * W
+        return [*np.linalg.solve(J, M), 0.2 * abs(W[0]) + 0.1 * abs(W[1])]
+
+    right = solve_ivp(rate, (0, 2), [*W, 0], "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    assert (right[:2] > 0).all()
+    assert abs(run.material_angular_velocity[-1] - right[:3]).max() < 1e-12
+    assert run.dissipated_energy.sum() == pytest.approx(right[3], rel=1e-9)
+
+
+def test_a_body_that_has_one_axis_left_may_rest_but_not_turn():
+    held = with_gravity(nontwisting([1.01, 1.01, 0.01]), 1, (0, 0, 1))
+    run = simulate(held, t_end=6, load=dry_friction(1, "x"), **TILTED)
+    assert run.sticking[-1] == 1
+    with pytest.raises(SimulationError, match="leaves the body one axis to turn about") as failed:
+        simulate(nontwisting(J), t_end=9, angular_velocity=(0.1, 1, 0), load=dry_friction(1, "x"))
+    assert failed.value.partial.material_angular_velocity[-1, 0] > 0
+
+
+@pytest.mark.parametrize("load", [spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), gravity_gradient(0.4)])
+def test_friction_beside_potentials(load):
+    """K + V falls by what friction takes, to the order of the scheme."""
+    run = simulate(standard(J), t_end=9, step=0.02, load=load + dry_friction(0.3), angular_velocity=(0.3, 0.5, 0.1))
+    energy = (run.kinetic_energy + run.potential_energy).values
+    if "spring" in repr(load):
+        assert energy[0] - energy[-1] == pytest.approx(run.dissipated_energy.sum().item(), abs=1e-9)
+    assert abs(run.load_work.sum() + run.dissipated_energy.sum()) < 1e-14
+
+
+# ---- everywhere
+
+
+def test_output_times_events_and_continued_runs_are_of_one_motion():
+    how = {"step": 0.01, "load": dry_friction(1, "x")}
+    whole = simulate(PENDULUM, t_end=7, **TILTED, **how)
+    at = np.array([0.1234, 1.5, 4.141, 6.3])
+    asked = simulate(PENDULUM, times=at, **TILTED, **how)
+    assert abs(resample(whole, at).quaternion - asked.quaternion).max() < 1e-13
+    found = simulate(PENDULUM, t_end=7, events=[spin_below(0.5)], **TILTED, **how)
+    assert abs(found.quaternion - whole.quaternion).max() < 1e-13
+    assert found.dissipated_energy.sum() == pytest.approx(whole.dissipated_energy.sum().item(), rel=1e-12)
+    for end in (3.0, 6.0):
+        rest = simulate(PENDULUM, t_end=7, start=simulate(PENDULUM, t_end=end, **TILTED, **how), **how)
+        assert abs(rest.quaternion[-1] - whole.quaternion[-1]).max() < 1e-13
+    run = propagator(PENDULUM, t_end=7, store=1, **how)
+    assert (run(**TILTED).quaternion == whole.quaternion.values).all()
+    many = simulate_ensemble(PENDULUM, t_end=7, load_scale=[0.5, 1], **TILTED, **how)
+    assert (many.quaternion[1, -1] == whole.quaternion[-1]).all()
+
+
+def test_run_files_and_comparisons(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(
+        '[body]\nkind = "standard"\ninertia = [2, 2, 2]\n[time]\nt_end = 6\n'
+        "[start]\nangular_velocity.body = [0, 0, 2]\n"
+        '[[load]]\nkind = "dry_friction"\nlimit = 0.5\nscale = 2\n',
+        encoding="utf-8",
+    )
+    assert read_run_file(path).simulate().dissipated_energy.sum().item() == pytest.approx(4, rel=1e-13)
+    made = read_run_file(path, ['load.0.axis="z"'])
+    assert made.simulate().material_angular_velocity.values[-1].tolist() == [0, 0, 0]
+    assert "dry_friction" in made.text()
+    with pytest.raises(ValueError, match=r"load\.0\.limit"):
+        read_run_file(path, ["load.0.limit=-1"])
+    (problem,) = forecast(read_run_file(path, ['integrator.name="split"'])).problems
+    assert (problem.key, "splits its steps" in str(problem)) == ("integrator.name", True)
+    found = compare(PENDULUM, t_end=1, steps=[0.1, 0.05], repeats=1, load=dry_friction(1), **TILTED)
+    assert {name.split()[0] for name in found.integrator.values} == {"gauss", "lie-midpoint"}
+    assert abs(found.attitude_order.sel(integrator="lie-midpoint 2")[-1] - 2) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: dry_friction(-1), "limit must not be negative, got -1 N m"),
+        (lambda: dry_friction(1, (0, 0, 0)), "axis is zero: it must be a direction in the body"),
+        (lambda: -dry_friction(1), "dry_friction must not be negative"),
+        (lambda: dry_friction(1, "x") + dry_friction(2, (-3, 0, 0)), "two loads dry_friction about one axis"),
+        (lambda: dry_friction(1, "x") + dry_friction(2), "cannot act beside another"),
+        (lambda: under(standard(J), integrator="energy-momentum"), "gauss or lie-midpoint; energy-momentum does not"),
+        (lambda: under(standard(J), integrator="continuous"), "gauss or lie-midpoint; continuous does not"),
+        (lambda: under(nontwisting(J, spin=1)), "whose spin is prescribed"),
+        (lambda: under(nontwisting(J), axis="z"), "about the constrained axis does nothing"),
+        (lambda: under(standard(J), integrator=LieMidpoint(dissipation=1)), "dissipation= is not possible"),
+        (lambda: stepper(standard(J), 0.1, load=dry_friction(1)), "use simulate"),
+        (lambda: sensitivities(standard(J), t_end=1, load=dry_friction(1)), "have no derivatives"),
+        (lambda: gradient(standard(J), t_end=1, load=dry_friction(1)), "have no derivatives"),
+        (lambda: lyapunov_ensemble(standard(J), t_end=1, load=dry_friction(1)), "have no derivatives"),
+        (lambda: simulate_ensemble(standard(J), t_end=1, load=dry_friction(1), reduce="drift"), "reduce="),
+    ],
+)
+def test_what_is_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def under(body, axis=None, **how):
+    return simulate(body, t_end=1, load=dry_friction(1, axis), **how)
+
+
+# ---- other loads that jump
+
+
+@pytest.mark.parametrize("how", [{"step": 0.005}, {"step": 0.01, "integrator": "split"}, {}])
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_stall_names_the_jump(how, compiled):
+    def relay(t, directors, w):
+        return -1.0 * np.sign(w[0]), 0.0, 0.0
+
+    begin = time.perf_counter()
+    with pytest.raises(SimulationError, match="relay jumps with the state") as failed, np.errstate(all="ignore"):
+        simulate(PENDULUM, t_end=6, load=moment(relay, compiled=compiled), **TILTED, **how)
+    assert failed.value.status == Status.JUMP
+    assert "(1, 0, 0)" in str(failed.value)
+    assert "(−1, 0, 0)" in str(failed.value)
+    assert all(way in str(failed.value) for way in ("events=", "stepper", "dry_friction", "np.tanh"))
+    if compiled:
+        assert time.perf_counter() - begin < 5
+
+
+def test_a_steep_law_that_is_smooth_is_no_jump():
+    def steep(t, directors, w):
+        return -np.tanh(w[0] / 1e-7), 0.0, 0.0
+
+    with pytest.raises(SimulationError) as failed:
+        simulate(PENDULUM, t_end=6, step=0.1, load=moment(steep, compiled=True), **TILTED)
+    assert failed.value.status != Status.JUMP

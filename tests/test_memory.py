@@ -1,0 +1,313 @@
+"""Loads with memory: order, hysteresis, exchanged momentum, continuation, ensembles, tolerance, refusals."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import nontwist as nt
+from nontwist import Gauss, integrate, memory_load, simulate, standard
+from nontwist.loads import LOADS, Memory
+from nontwist.spec import Spec
+
+J, FIELD, START = np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.2, 1.0]), np.array([0.5, 1.2, -0.4])
+AXIS, H0, Z0 = np.array([0.6, 0.0, 0.8]), 0.4, [0.1, -0.2]
+HC, SLOPE = 0.4, 2.0
+RUN = {"t_end": 1, "step": 0.1}
+HOW = {"t_end": 4, "step": 0.1, "material_angular_velocity": START}
+
+
+def lags(t, z, directors, W):
+    """Two magnets along the first directors that follow the field, and its rate, with a lag and with saturation."""
+    b = directors @ FIELD
+    return np.array([(1.2 * b[0] - z[0]) / 0.4 + 0.3 * np.cross(b, W)[0], np.tanh(3 * b[1] + z[0]) - z[1] * np.cos(t)])
+
+
+def loops(t, z, directors, W):
+    """Hysteresis of Flatley and Henretty, with a smooth sign of the rate of the field."""
+    H = directors @ FIELD
+    rate, tangent = np.cross(H, W)[:2], np.tan(np.pi * z / 2)
+    distance = (H[:2] - tangent / SLOPE + HC * np.tanh(rate / 0.1)) / (2 * HC)
+    return 2 * SLOPE / np.pi / (1 + tangent**2) * distance**2 * rate
+
+
+def torque(t, z, directors, W):
+    return np.cross(np.array([z[0], z[1], 0.0]), directors @ FIELD) - 0.1 * z[1] * W
+
+
+def pull(t, z, directors, w):
+    """The same moment in space."""
+    return torque(t, z, directors, directors @ w) @ directors
+
+
+def lags_in_space(t, z, directors, w):
+    return lags(t, z, directors, directors @ w)
+
+
+def load(derivative=lags, compiled=True):
+    return memory_load(derivative, torque, Z0, frame="body", compiled=compiled)
+
+
+def reference(derivative, t_end):
+    """Return directors, W and z by DOP853."""
+
+    def rates(t, y):
+        q, W, z = y[:9].reshape(3, 3), y[9:12], y[12:]
+        turned = np.cross(W @ q, q)
+        return np.concatenate([turned.ravel(), (torque(t, z, q, W) - np.cross(W, J * W)) / J, derivative(t, z, q, W)])
+
+    y0 = np.concatenate([np.eye(3).ravel(), START, Z0])
+    return solve_ivp(rates, (0, t_end), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+
+
+def end(run):
+    return np.concatenate([run.directors[-1].ravel(), run.material_angular_velocity[-1], run.states.internal[-1]])
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("make", [load, lambda: memory_load(lags_in_space, pull, Z0, compiled=True)])
+def test_order(order, make):
+    known = reference(lags, 4)
+    found = [
+        abs(end(integrate(standard(J), **HOW | {"step": 4 / n}, load=make(), integrator=Gauss(order))) - known).max()
+        for n in (32, 64)
+    ]
+    assert np.log2(found[0] / found[1]) == pytest.approx(order, abs=0.25)
+
+
+def test_hysteresis():
+    run = integrate(standard(J), **HOW | {"t_end": 20, "step": 0.01}, load=load(loops))
+    assert end(run) == pytest.approx(reference(loops, 20), abs=1e-10)
+    assert np.ptp(run.states.internal, axis=0).min() > 0.3
+
+
+def friction(t, z, directors, W):
+    return 0.3 * np.sin(1.7 * t) - 0.2 * (z / 0.05 - AXIS @ W)
+
+
+def reaction(t, z, directors, W):
+    return z[0] * np.cross(AXIS, W) - AXIS * friction(t, z, directors, W)[0]
+
+
+WHEEL = memory_load(friction, reaction, H0, frame="body", compiled=True)
+
+
+@pytest.mark.parametrize("order", [2, 8])
+def test_momentum_that_is_exchanged_is_kept(order):
+    """The total momentum of body and wheel over 10^4 steps, and K less the work."""
+    how = HOW | {"t_end": 1e3, "load": WHEEL, "integrator": Gauss(order)}
+    run = integrate(standard(J + 1), **how)
+    total = run.rotation.apply((J + 1) * run.material_angular_velocity + run.states.internal * AXIS)
+    assert abs(total - total[0]).max() < 2e-14
+    K = run.observables("kinetic_energy")["kinetic_energy"]
+    assert abs(np.diff(K) - run.load_work).max() < 1e-14
+    assert np.ptp(run.states.internal) > 0.1
+
+
+def test_a_run_that_continues_has_the_same_bits(tmp_path):
+    whole, first = simulate(standard(J), **HOW, load=load()), {"t_end": 2}
+    half = simulate(standard(J), **HOW | first, load=load())
+    nt.save_run(half, tmp_path / "half.nc")
+    for start in (half, integrate(standard(J), **HOW | first, load=load()), nt.open_run(tmp_path / "half.nc")):
+        rest = simulate(standard(J), start=start, t_end=4, step=0.1, load=load())
+        for name in ("internal_state", "quaternion", "material_angular_velocity"):
+            assert np.array_equal(rest[name].values, whole[name].values[20:]), name
+
+
+def test_another_internal_state_is_taken():
+    half = simulate(standard(J), **HOW | {"t_end": 2}, load=load())
+    half["internal_state"] = 0 * half.internal_state
+    rest = simulate(standard(J), start=half, t_end=4, step=0.1, load=load())
+    assert rest.internal_state.values[0].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_members_of_ensembles_are_runs(threads):
+    W, scale = np.outer([1, 2, -1, 0.5] * 5, START), [1, 0.5] * 10
+    how = {"t_end": 2, "step": 0.1, "store": 1}
+    many = nt.simulate_ensemble(
+        standard(J), **how, material_angular_velocity=W, load=load(), load_scale=scale, threads=threads
+    )
+    for i in (0, 3, 19):
+        one = simulate(standard(J), **how, material_angular_velocity=W[i], load=scale[i] * load())
+        for name in ("internal_state", "quaternion"):
+            assert np.array_equal(many[name].values[i], one[name].values), name
+    more = nt.simulate_ensemble(standard(J), t_end=4, step=0.1, start=many, load=load(), load_scale=scale)
+    one = simulate(standard(J), **how | {"t_end": 4}, material_angular_velocity=W[3], load=0.5 * load())
+    assert more.internal_state.values[3, -1] == pytest.approx(one.internal_state.values[-1], abs=1e-13)
+
+
+def test_states_between_nodes():
+    run, times = simulate(standard(J), **HOW, load=load()), [0.05, 1.23, 3.3]
+    at = simulate(standard(J), **{k: x for k, x in HOW.items() if k != "t_end"}, times=times, load=load())
+    again = nt.resample(run, times, load=load())
+    assert again.internal_state.values == pytest.approx(at.internal_state.values, abs=1e-14)
+    half = simulate(standard(J), **HOW | {"t_end": 2}, load=load())
+    joined = nt.join_runs(half, simulate(standard(J), start=half, t_end=4, step=0.1, load=load()))
+    assert nt.resample(joined, times, load=load()).internal_state.equals(again.internal_state)
+    known = [reference(lags, t)[12:] for t in times]
+    assert at.internal_state.values == pytest.approx(np.array(known), abs=1e-8)
+
+
+def test_an_event_sees_internal_states():
+    def crosses(t, state):
+        return state.internal_state[1] + 0.5
+
+    run = simulate(standard(J), **HOW, load=load(), events=crosses)
+    assert run.t_events.size
+    for t in run.t_events.values:
+        assert nt.resample(run, [t], load=load()).internal_state.values[0, 1] == pytest.approx(-0.5, abs=1e-11)
+
+
+def test_a_stepper_has_internal_states():
+    loop = nt.stepper(standard(J), 0.1, integrator="gauss", order=8, load=load())
+    state = loop.reset(material_angular_velocity=START)
+    assert state.internal_state == tuple(Z0)
+    for _ in range(20):
+        kept, state = state, loop.step()
+    run = simulate(standard(J), **HOW, load=load())
+    assert state.internal_state == pytest.approx(run.internal_state.values[20], abs=1e-14)
+    loop.state = kept
+    assert loop.step() == state
+    loop.reset(start=run)
+    assert loop.state.internal_state == tuple(run.internal_state.values[-1].tolist())
+
+
+def test_a_sum_of_loads_with_memory():
+    """A factor multiplies the moment, not z; moments of other kinds act as without memory."""
+    other = nt.damping(0.1) + nt.sine((0, 0.2, 0), 0.3)
+    both = simulate(standard(J), **HOW, load=load() + 0.0 * WHEEL + other)
+    assert both.internal_state.shape == (41, 3)
+    one = simulate(standard(J), **HOW, load=load() + other)
+    assert both.internal_state.values[:, :2] == pytest.approx(one.internal_state.values, abs=1e-13)
+    assert np.ptp(both.internal_state.values[:, 2]) > 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Motor(Memory):
+    """A moment that is reached with a lag."""
+
+    lag: Annotated[float, Spec("", unit="s", rule="positive")]
+    frame = "body"
+    state0 = np.zeros(1)
+    state_scale = np.ones(1)
+
+    def response(self, t, z, directors, angular_velocity):
+        return np.array([z[0], 0.0, 0.0, (2 - z[0]) / self.lag])
+
+
+def test_a_class_of_ones_own(monkeypatch):
+    monkeypatch.setitem(LOADS, "motor", Motor)
+    run = simulate(standard(J), t_end=1, load=3 * Motor(0.5) + nt.pulse((0, 0, 1), 0.2, 0.47))  # several stretches
+    assert run.internal_state.values[:, 0] == pytest.approx(2 - 2 * np.exp(-2 * run.time.values), abs=1e-12)
+    run = simulate(standard(J), **RUN, load=3 * Motor(0.5))
+    assert run.spatial_momentum.values[-1, 0] == pytest.approx(3 * (2 - (1 - np.exp(-2))), abs=1e-12)
+    again = nt.resample(run, [0.55])  # the record has all of it
+    assert again.internal_state.item() == pytest.approx(2 - 2 * np.exp(-1.1), abs=1e-12)
+
+
+def test_python_is_the_same():
+    found = [simulate(standard(J), **HOW, load=load(compiled=compiled)) for compiled in (True, False)]
+    assert found[0].internal_state.values == pytest.approx(found[1].internal_state.values, abs=1e-13)
+
+
+@pytest.mark.parametrize(("order", "within"), [(2, 2e-3), (8, 1e-8)])
+def test_a_state_that_is_faster_than_the_steps(order, within):
+    """Newton's iteration: z follows a slow motion, and drives it, with a lag of a hundredth of the step."""
+    lag = 1e-3
+
+    def slow(t):
+        return (np.sin(t) - lag * np.cos(t)) / (1 + lag**2)
+
+    def fast(t, z, directors, W):
+        return (np.array([np.sin(t), W[1]]) - z) / lag - np.array([0, z[1] ** 3])
+
+    def weak(t, z, directors, W):
+        return 0.1 * z[0], -0.3 * z[1], 0.0
+
+    start = np.array([slow(0), START[1]])
+    run = integrate(
+        standard(J), **HOW, load=memory_load(fast, weak, start, frame="body", compiled=True), integrator=Gauss(order)
+    )
+
+    def rates(t, W):
+        return (np.array([0.1 * np.sin(t), -0.3 * W[1], 0.0]) - np.cross(W, J * W)) / J
+
+    W = solve_ivp(rates, (0, 4), START, rtol=1e-10, atol=1e-12).y[:, -1]
+    assert run.material_angular_velocity[-1] == pytest.approx(W, abs=2e-3)  # as the lag, and the step at order 2
+    assert run.states.internal[-1, 1] == pytest.approx(W[1], abs=2e-3)
+    assert run.states.internal[-1, 0] == pytest.approx(slow(4), abs=within)
+
+
+@pytest.mark.parametrize("how", [{}, {"tolerance": 1e-6}])
+def test_tolerance_resolves_a_fast_state_of_a_slow_body(how):
+    lag, scale = 0.01, 1e-3
+
+    def fast(t, z, directors, w):
+        return (scale * np.sin(t) - z) / lag
+
+    def weak(t, z, directors, w):
+        return 1e-9 * z[0], 0.0, 0.0
+
+    run = simulate(standard(J), t_end=1, load=memory_load(fast, weak, 0, scale=scale, compiled=True), **how)
+    t = run.time.values
+    exact = scale * (np.sin(t) - lag * np.cos(t) + lag * np.exp(-t / lag)) / (1 + lag**2)
+    error = abs(run.internal_state.values[:, 0] - exact).max() / scale
+    assert error < how.get("tolerance", 1e-8)
+    assert run.error_estimate >= error
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: memory_load(lags, torque, []), "state0 is empty: a load without internal state is moment(function)"),
+        (lambda: memory_load(lags, torque, 1j), "state0 is complex"),
+        (lambda: memory_load(lags, torque, [[1.0]]), "state0 must have the shape (n,), got (1, 1)"),
+        (lambda: memory_load(lags, torque, Z0, scale=[1, 0]), "scale[1] must be positive"),
+        (lambda: memory_load(lags, torque, Z0, scale=[1, 1, 1]), "scale must have the shape (2,)"),
+        (lambda: memory_load(lags, torque, Z0, frame="b"), "frame must be 'body' or 'space'"),
+        (lambda: memory_load(lags, torque, 1.0, compiled=True), "torque cannot be compiled: IndexError"),
+        (lambda: memory_load(friction, lambda t, z, d, w: z, Z0, compiled=True), "return three numbers"),
+        (lambda: memory_load(lambda t, z, d, w: z[:1], reaction, Z0, compiled=True), "return 2 numbers in a row"),
+        (
+            lambda: simulate(standard(J), **RUN, load=load(), integrator="split"),
+            "split does not take loads with memory",
+        ),
+        (lambda: simulate(standard(J), **RUN, load=load(), integrator="exact"), "exact does not take .*; use gauss"),
+        (lambda: simulate(standard(J), **RUN, load=load(), integrator="continuous"), "continuous does not take"),
+        (lambda: nt.stepper(standard(J), 0.1, load=load()), "lie-midpoint does not take loads with memory; use gauss"),
+        (lambda: nt.sensitivities(standard(J), wrt="load_scale", **RUN, load=load()), "memory have no derivatives"),
+        (lambda: nt.lyapunov(standard(J), **HOW, load=load()), "memory have no derivatives"),
+        (
+            lambda: simulate(standard(J), start=simulate(standard(J), **HOW, load=WHEEL), t_end=5, load=load()),
+            "start= ends with 1 internal states, and the load has 2",
+        ),
+        (lambda: load().moment(0, np.eye(3), np.zeros(3)), "depends on its internal state"),
+    ],
+)
+def test_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words if ".*" in words else re.escape(words)):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("derivative", "words"),
+    [
+        (lambda t, z, d, w: [1.0, 2.0], "must return 1 numbers, at t = .* it returned shape (2,)"),
+        (lambda t, z, d, w: 1j * z, "is complex"),
+        (lambda t, z, d, w: z / 0.0 if t > 0.5 else z, "is not finite at t = 0.5"),
+        (lambda t, z, d: z, "it is called with the time, the internal states, the directors and the angular velocity"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
+def test_a_derivative_that_fails(derivative, words):
+    bad = memory_load(derivative, lambda t, z, d, w: (z[0], 0, 0), 0.5)
+    with pytest.raises(nt.SimulationError) as found:
+        simulate(standard(J), **RUN, load=bad)
+    assert found.value.status == nt.Status.LOAD
+    assert all(part in str(found.value) for part in words.split(".*"))

@@ -1,0 +1,175 @@
+"""Bodies on elliptic orbits: Kepler's equation in 50 digits, Hyperion's equation and its libration, by SciPy."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from nontwist import drifts, gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
+from nontwist.loads import orbits
+from nontwist.loads.orbits import on_orbit
+from nontwist.runfile import RunFileError, read_run_file
+
+ECCENTRICITIES = [1e-9, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999999, 1 - 1e-12, 1 - 2**-53]
+e, n = 0.1, 1.0  # Hyperion: Wisdom, Peale & Mignard 1984, with (B - A)/C = 0.264
+HYPERION = standard([1.0, 1.0 + 0.264 * 1.4, 1.4])
+STEPPING = [
+    ("gauss", 8, 0.05, 1e-11),
+    ("gauss", 4, 0.02, 1e-7),
+    ("continuous", None, 0.05, 1e-9),
+    (None, None, None, 1e-8),
+]
+TUMBLING = {"rotation": Rotation.from_euler("zx", [0.3, 0.2]), "material_angular_velocity": (0.1, 0.2, 1.2)}
+
+
+def kepler(M, e):
+    """Return the place on the orbit in 50 digits, and |r|/a and E."""
+    with mp.workdps(50):
+        e, m = mp.mpf(e), mp.mpf(M)
+        m -= 2 * mp.pi * mp.nint(m / (2 * mp.pi))
+        E = min(abs(m) + e, abs(m) / (1 - e), mp.pi)
+        for _ in range(200):
+            E -= (E - e * mp.sin(E) - abs(m)) / (1 - e * mp.cos(E))
+        r = 1 - e * mp.cos(E)
+        y = mp.sign(m) * mp.sqrt(1 - e * e) * mp.sin(E)
+        return r ** mp.mpf(-2.5) * (mp.cos(E) - e), r ** mp.mpf(-2.5) * y, float(r), float(E)
+
+
+@pytest.mark.parametrize("e", ECCENTRICITIES)
+def test_keplers_equation_to_round_off(e):
+    """To what one last bit of the anomaly changes, wherever perigee is."""
+    for M in (0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.1, 1.0, 2.0, 3.0, np.pi, -1.0, -3.0):
+        (x, y), (X, Y, r, E) = on_orbit(M, e), kepler(M, e)
+        turn = (np.sqrt((1 - e) * (1 + e)) + 1.5 * e * np.sin(E)) / r**2
+        assert float(mp.hypot(x - X, y - Y)) * r**1.5 < 3 * 2.3e-16 * max(1.0, turn * max(abs(M), E))
+
+
+def test_keplers_iteration_ends_at_once(monkeypatch):
+    calls, cosine = [], orbits.cos
+    monkeypatch.setattr(orbits, "cos", lambda x: calls.append(x) or cosine(x))
+    for e, most in zip(ECCENTRICITIES, (1, 3, 3, 4, 5, 7, 14, 26, 33), strict=True):
+        for M in (*np.linspace(0, 3.14, 100).tolist(), *(10.0 ** np.arange(-300, 0, 0.5)).tolist()):
+            calls.clear()
+            on_orbit(M, e)
+            assert len(calls) <= most + 1
+    M = np.linspace(-20, 20, 41)
+    monkeypatch.undo()
+    assert np.allclose(on_orbit(M, 0.5), np.transpose([on_orbit(float(m), 0.5) for m in M]), rtol=0, atol=1e-14)
+
+
+def hyperion(t_end, start, e=e):
+    """Return θ and θ' of θ'' = -3/2 n² (B - A)/C (a/r)³ sin 2(θ - ν), the true anomaly ν by its own rate."""
+
+    def rates(t, y):
+        r = (1 - e**2) / (1 + e * np.cos(y[2]))
+        ratio = (HYPERION.inertia[1, 1] - HYPERION.inertia[0, 0]) / HYPERION.inertia[2, 2]
+        return [y[1], -1.5 * n**2 * ratio / r**3 * np.sin(2 * (y[0] - y[2])), n * np.sqrt(1 - e**2) / r**2]
+
+    return solve_ivp(rates, (0, t_end), [*start, 0.0], method="DOP853", rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize(("scheme", "order", "step", "tolerance"), STEPPING)
+def test_hyperion_turns_about_the_normal_of_its_orbit(scheme, order, step, tolerance):
+    theta, rate, _ = hyperion(20, [0.3, 1.2]).y[:, -1]
+    how = {"integrator": scheme, "order": order, "step": step}
+    run = simulate(
+        HYPERION, t_end=20, rotation=Rotation.from_euler("z", 0.3), material_angular_velocity=(0, 0, 1.2),
+        load=gravity_gradient(n, eccentricity=e), **{key: value for key, value in how.items() if value is not None},
+    )  # fmt: skip
+    assert abs(run.directors.values[-1, 0] - [np.cos(theta), np.sin(theta), 0]).max() < tolerance
+    assert run.material_angular_velocity.values[-1, 2] == pytest.approx(rate, abs=tolerance)
+
+
+@pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
+def test_order_two_on_an_ellipse(scheme):
+    truth = simulate(HYPERION, t_end=4, step=0.02, load=gravity_gradient(n, eccentricity=0.4), order=8, **TUMBLING)
+    load, errors = gravity_gradient(n, eccentricity=0.4), []
+    for step in (0.02, 0.01):
+        run = simulate(HYPERION, t_end=4, step=step, load=load, integrator=scheme, **TUMBLING)
+        errors.append(abs(run.directors.values[-1] - truth.directors.values[-1]).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
+
+
+def test_forced_libration():
+    """θ - n t swings by 2e ω²/(ω² - n²), ω² = 3 n² (B - A)/C (Goldreich & Peale 1966): of ω² = 1/2 by -2e, to O(e²)."""
+    body, small = standard([1.0, 1.0 + 1 / 6, 1.0]), 1e-4
+    forced = 2 * small * 0.5 / (0.5 - 1)
+    t = np.linspace(0, 4 * np.pi, 200)
+    run = simulate(
+        body, times=t, material_angular_velocity=(0, 0, 1 + forced), load=gravity_gradient(1.0, eccentricity=small)
+    )
+    d1 = run.directors.values[:, 0]
+    swing = np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])) - t
+    assert abs(swing - forced * np.sin(t)).max() < 20 * small**2
+
+
+def test_what_is_kept():
+    circle, ellipse = gravity_gradient(0.7), gravity_gradient(0.7, eccentricity=0.2)
+    runs = [simulate(HYPERION, t_end=10, step=0.1, load=load, **TUMBLING) for load in (circle, ellipse)]
+    assert set(drifts(runs[1])) == {"orthonormality"}
+    assert drifts(runs[0])["jacobi_integral"].relative < 1e-13
+    integral = runs[1].kinetic_energy + runs[1].potential_energy - 0.7 * runs[1].spatial_momentum.sel(axis="z")
+    assert np.ptp(integral.values) > 1e-2
+
+
+def test_perigee_is_when_and_where_it_is_said_to_be():
+    later = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), 0.3, eccentricity=0.4)
+    named = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), eccentricity=0.4, perigee_time=0.3)
+    (term,), (same,) = later.terms, named.terms
+    assert (term.start, term.eccentricity) == (same.start, same.eccentricity) == (0.3, 0.4)
+    assert np.allclose(term.vectors_at(np.array([0.3]))[0, 0], [0, 0.6**-1.5, 0], atol=1e-14)
+    apogee = term.vectors_at(np.array([0.3 + np.pi / 0.7]))[0, 0]
+    assert np.allclose(apogee, [0, -(1.4**-1.5), 0], atol=1e-14)
+    assert term.vectors_at(np.array([0.31]))[0, 0, 2] > 0
+    assert term.resolution == pytest.approx(0.3 / 0.7 * 0.6**1.5 / 1.4**0.5)
+    assert gravity_gradient(0.7).terms[0].resolution == 0.3 / 0.7
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_derivatives_on_an_ellipse(scheme):
+    how = {"t_end": 2, "step": 0.05, "integrator": scheme, **TUMBLING}
+    wrt = ["mean_motion", "eccentricity", "inertia", "duration"]
+    found = sensitivities(HYPERION, load=gravity_gradient(n, eccentricity=0.9), wrt=wrt, **how)
+    columns = found.d_material_angular_velocity.values[-1]
+    for k, (dn, de) in enumerate([(1, 0), (0, 1)]):
+        loads = [gravity_gradient(n + x * dn, eccentricity=0.9 + x * de) for x in (1e-5, -1e-5)]
+        ahead, behind = (simulate(HYPERION, load=load, **how).material_angular_velocity.values[-1] for load in loads)
+        assert np.allclose(columns[:, k], (ahead - behind) / 2e-5, rtol=1e-5, atol=1e-7)
+    with pytest.raises(ValueError, match="unknown parameter 'eccentricity'"):
+        sensitivities(HYPERION, load=gravity_gradient(n), wrt=["eccentricity"], **how)
+
+
+FILE = """
+body = { kind = "standard", inertia = [1.0, 1.3, 1.4] }
+start.angular_velocity = { body = [0.1, 0.0, 1.2] }
+time = { t_end = 2.0, step = 0.05 }
+integrator.name = "gauss"
+[[load]]
+kind = "gravity_gradient"
+mean_motion = 1.0
+eccentricity = 0.4
+"""
+
+
+def test_run_files_and_ensembles(tmp_path):
+    path = tmp_path / "orbit.toml"
+    path.write_text(FILE, encoding="utf-8")
+    run = read_run_file(path).simulate()
+    load, W = gravity_gradient(1.0, eccentricity=0.4), (0.1, 0, 1.2)
+    body, how = standard([1, 1.3, 1.4]), {"t_end": 2, "step": 0.05, "load": load}
+    alone = simulate(body, material_angular_velocity=W, **how)
+    assert np.array_equal(run.directors.values, alone.directors.values)
+    many = simulate_ensemble(body, material_angular_velocity=[W, W], **how)
+    assert abs(many.quaternion.values[1, -1] @ alone.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
+    path.write_text(FILE.replace("0.4", "1.0"), encoding="utf-8")
+    with pytest.raises(RunFileError, match=r"load\.0\.eccentricity: 1\.0 .*from 0 and below 1"):
+        read_run_file(path)
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.0, 1.5, np.nan])
+def test_refused_by_name(wrong):
+    with pytest.raises(ValueError, match="eccentricity"):
+        gravity_gradient(1.0, eccentricity=wrong)
+    with pytest.raises(ValueError, match="start and perigee_time are one time"):
+        gravity_gradient(1.0, start=1.0, eccentricity=0.1, perigee_time=2.0)

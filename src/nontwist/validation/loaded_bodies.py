@@ -36,7 +36,7 @@ from .measures import error, slope
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
 
 BODY = SAMPLES["nontwisting"]
-ELLIPSE = "loads.orbits"
+ELLIPSE = "nontwist.loads.orbits"
 FRICTION = "nontwist.driver.friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 

@@ -118,7 +118,6 @@ LOADS = {  # how to make it, and the parameters by which it is differentiated
     "body sine": (lambda: nt.sine(PEAK, 0.7, phase=0.3), "sine frequency phase load_scale"),
     "space sine": (lambda: nt.sine(PEAK, 0.4, frame="space"), "sine frequency phase load_scale"),
     "rotor": (lambda: nt.rotor((1, 2, 2), 0.9), "rotor values load_scale"),
-    "wheel": (lambda: nt.wheel((1, 2, 2), 0.3, 4, ([0.5, 2], [0.3, -0.2])), "load_scale"),
     "rotor table": (lambda: nt.rotor("z", [0.5, 1.4, 2.6], [0, 1.2, 0.4]), "rotor values load_scale"),
     "force table": (lambda: nt.director_forces(TIMES, FORCES), "load_scale"),
     "body force table": (lambda: nt.director_forces(TIMES, FORCES, frame="body"), "load_scale"),

@@ -156,6 +156,13 @@ class Model:
         return not self.is_absolute and not self.damping and self.damped is None
 
     @property
+    def words(self) -> str:
+        """How the body moves, in words."""
+        acting = {"about a pivot": self.pivot, "with a rotor": self.wheel, "with a constraint": self.constraint}
+        how = [words for words, one in acting.items() if one is not None]
+        return " ".join(how + ["with damping"] * self.kind.is_damped) or "freely"
+
+    @property
     def points(self) -> bool:
         """Whether the direction of the centre of mass is fitted."""
         return self.pivot is not None and self.pivot.direction is None

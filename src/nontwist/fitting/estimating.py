@@ -18,7 +18,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
-from .linear import ROUND, WIDTHS, Guess, pencil, turns, weak_form, with_moments
+from .linear import ROUND, WIDTHS, Guess, pencil, turns, with_moments
 from .motions import RunawayError
 from .quality import WHITE, correlation
 from .shooting import Lane, Loss, Priors, Problem, Stretch, Unknowns
@@ -74,13 +74,14 @@ def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], downs: Sequence[A
 def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
     """Return values to start from, by all linear methods."""
     pairs = [(one.time, one.rates) for one in stretches]
-    if not model.is_free:
-        speeds = [None if one.speed is None else one.speed.at(one.time) @ one.speed.values for one in stretches]
-        return [made for how in ROUND if (made := with_moments(pairs, model, *how, speeds)) is not None]
-    found = [weak[0] for width in WIDTHS if (weak := weak_form(pairs, width)) is not None]
-    energetic = pencil(pairs)
-    found += [] if energetic is None else [energetic]
-    return [Guess(model, J, np.zeros(0), []) for J in found or [np.diag([0.25, 0.33, 0.42])]]
+    speeds = [None if one.speed is None else one.speed.at(one.time) @ one.speed.values for one in stretches]
+    ways = [(width, 0.0) for width in WIDTHS] if model.is_free else ROUND
+    found = [made for how in ways if (made := with_moments(pairs, model, *how, speeds)) is not None]
+    if model.is_free:
+        energetic = pencil(pairs)
+        others = [np.diag([0.25, 0.33, 0.42])] * (not found) if energetic is None else [energetic]
+        found += [Guess(model, J, np.zeros(0), []) for J in others]
+    return found
 
 
 def estimate(

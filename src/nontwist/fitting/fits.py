@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import InputWarning
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import among, shown
 from ..recordings.options import ReadOptions
@@ -18,13 +19,13 @@ from ..spec import takes
 from .acting import as_model, as_orientation
 from .bodies import Model
 from .estimating import estimate, is_hopeless
-from .intervals import free_motion
+from .intervals import NoMotionError, Search
 from .motions import RunawayError
 from .orienting import noise_of_attitudes
-from .quality import require_turning, require_unsaturated
+from .quality import noise_of, require_turning, require_unsaturated
 from .readings import as_readings, speed_of
 from .result import Fit, Part
-from .sensing import as_sensor, require_short
+from .sensing import PLAIN, as_sensor, require_short
 from .shooting import Loss, Priors, Stretch
 from .telling import beyond_the_wall
 
@@ -68,9 +69,10 @@ def fit_inertia(
         length n in place of the angular velocities or after them. Several recordings of one body by one sensor are
         fitted together.
     interval : (float, float), "free" or "all", optional
-        Which part of each recording is fitted, s. "free": the interval of free motion, found from the accelerometer if
-        there is one, otherwise the longest interval in which a free body can move as recorded. "all": every sample. By
-        default "free" for a body on which nothing acts, otherwise "all".
+        Which part of each recording is fitted, s. "free", the default: from release to catch, found from the
+        accelerometer if there is one and the body is thrown, otherwise the longest interval in which a body on which
+        this acts can move as recorded. "all": every sample; the default for attitudes alone of a body on which
+        something acts.
     gravity : mapping or "unknown", optional
         The body turns about a fixed point under gravity. Keys: `mass`, kg; `centre`, the centre of mass from the pivot
         in the axes of the sensor, (3,), m, or only its `distance`, m, so that its direction is fitted; `g`, by default
@@ -167,7 +169,7 @@ def fit_inertia(
     usual = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")
     priors = Priors(max(float(usual[0]), KNOWN), max(float(usual[1]), KNOWN))
     errors = {"delay": delay, "misalignment": misalignment, "axis_scales": axis_scales}
-    sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
+    sigma = 0.0 if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
         raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
     ReadOptions(columns=columns, **reading)  # refuses what it does not know
@@ -178,93 +180,175 @@ def fit_inertia(
     given = as_readings(recording, reading, *as_orientation(orientation))
     model = replace(model, oriented=given[0].quaternions is not None)
     sensor = as_sensor(errors, model, given[0].has_gyroscope, isinstance(spin, str))
-    said = [warning.about(one.name) for one in given for warning in one.warnings]
-    where = _default(interval, model)
-    cut = [_interval(one, where, priors) for one in given]
-    stretches = []
-    for one, (first, last, _) in zip(given, cut, strict=True):
-        t, y = one.time[first:last], one.rates[first:last]
-        require_turning(t, y, one.name)
-        if one.has_gyroscope:
-            require_unsaturated(t, y, one.name)
-        require_short(sensor, y)
-        speed = None if rotor is None else speed_of(one, spin, first, last)
-        q = None if one.quaternions is None else one.quaternions[first:last]
-        stretches.append(Stretch(t, y, speed, q, one.has_gyroscope))
-    tilt = max((noise_of_attitudes(one.quaternions) for one in stretches if one.quaternions is not None), default=0.0)
+    task = Task(given, interval, spin, replace(priors, sensor=sensor), sigma, loss)
     try:
-        found = estimate(
-            stretches,
-            replace(priors, sensor=sensor),
-            _noise(sigma, stretches, tilt),
-            loss,
-            sigma is not None,
-            model=model,
-            tilt=tilt,
-        )
-    except RunawayError as error:
-        raise ValueError(_no_motion(given, stretches, None, model)) from error
-    if is_hopeless(found):
-        raise ValueError(_no_motion(given, stretches, found.misses, model))
-    parts, row, states = [], 0, found.states
-    for k, (one, (first, last, how)) in enumerate(zip(given, cut, strict=True)):
-        t, y = one.time[first:last], one.rates[first:last]
-        explained = y - found.left_over[row : row + len(t)] if one.has_gyroscope else states[k][:, :3]
-        row += len(t)
-        start, down, attitude = np.split(found.unknowns.starts[k], [3, 3 + 3 * (model.pivot is not None)])
-        turned = found.problem.stretches[k].speed
-        q = found.problem.stretches[k].quaternions
-        spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
-        parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun, q, attitude))
-    fit = Fit(tuple(parts), found, tuple(map(str, said)), sigma or 0.0)
-    if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
-        raise ValueError(
-            f"no body has the inertia implied by {_names(given)}: {_beyond(model)} by {outside:.3g} standard "
-            "errors; is the unit right, is the interval free of hands and impacts?"
-        )
-    for told in (*said, *fit.warnings[len(said) :]):
+        fit = task.fit(model)
+    except NoMotionError as error:
+        raise ValueError(f"{error}{task.what_fits(model)}") from error
+    told: Any
+    for told in (*task.said, *fit.warnings[len(task.said) :]):
         warnings.warn(told, stacklevel=2)
     return fit
 
 
-def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]:
-    """Return the samples to fit, from the first to before the last, and how they were found."""
-    if isinstance(interval, str):
-        if interval == "all":
-            return 0, len(one.time), "all"
-        if interval == "free":
-            if not one.has_gyroscope:
-                raise ValueError(
-                    f"{one.name}: attitudes alone do not show where free motion begins and ends: --from and --to "
-                    "(interval=) name the interval between release and catch, --all (interval='all') uses every sample"
-                )
-            require_turning(one.time, one.rates, one.name)
+@dataclass(frozen=True)
+class Task:
+    """Recordings that are fitted, whatever the model: the interval and the noise, 0 where it is not known, as given."""
+
+    given: Sequence[Rates]
+    interval: Any
+    spin: Any
+    priors: Priors
+    sigma: float
+    loss: Loss
+
+    def fit(self, model: Model) -> Fit:
+        """Return the fit of a model.
+
+        Raises
+        ------
+        NoMotionError
+            No body of the model moves as recorded.
+        """
+        cut = [self.cut(one, model) for one in self.given]
+        stretches = []
+        for one, (first, last, _) in zip(self.given, cut, strict=True):
+            t, y = one.time[first:last], one.rates[first:last]
+            require_turning(t, y, one.name)
+            if one.has_gyroscope:
+                require_unsaturated(t, y, one.name)
+            require_short(self.priors.sensor, y)
+            speed = None if model.wheel is None else speed_of(one, self.spin, slice(first, last))
+            q = None if one.quaternions is None else one.quaternions[first:last]
+            stretches.append(Stretch(t, y, speed, q, one.has_gyroscope))
+        tilts = [noise_of_attitudes(one.quaternions) for one in stretches if one.quaternions is not None]
+        tilt = max(tilts, default=0.0)
+        noise = _noise(self.sigma, stretches, tilt)
+        try:
+            found = estimate(
+                stretches, self.priors, noise, self.loss, known_noise=self.sigma > 0, model=model, tilt=tilt
+            )
+        except RunawayError as error:
+            raise NoMotionError(self.no_motion(stretches, None, model)) from error
+        if is_hopeless(found):
+            raise NoMotionError(self.no_motion(stretches, found.misses, model))
+        parts, row = [], 0
+        for k, (one, stretch, (_, _, how)) in enumerate(zip(self.given, stretches, cut, strict=True)):
+            t, y = stretch.time, stretch.rates
+            explained = y - found.left_over[row : row + len(t)] if one.has_gyroscope else found.states[k][:, :3]
+            row += len(t)
+            start, down, attitude = np.split(found.unknowns.starts[k], [3, 3 + 3 * (model.pivot is not None)])
+            turned = found.problem.stretches[k].speed
+            spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
+            seen = spun, stretch.quaternions, attitude
+            parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, *seen))
+        fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
+        if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
+            raise NoMotionError(
+                f"no body has the inertia implied by {self.names}: {_beyond(model)} by {outside:.3g} standard "
+                "errors; is the unit right, is the interval free of hands and impacts?"
+            )
+        return fit
+
+    def cut(self, one: Rates, model: Model) -> tuple[int, int, str]:
+        """Return the samples to fit, from the first to before the last, and how they were found."""
+        interval = self.interval
+        if interval is None:
+            interval = "free" if model.is_free or one.has_gyroscope else "all"
+        if isinstance(interval, str):
+            if interval == "all":
+                return 0, len(one.time), "all"
+            if interval == "free":
+                return self.searched(one, model)
+            raise ValueError(f"interval must be two times, 'free' or 'all'; got {shown(interval)}")
+        first, last = as_array(interval, "interval", (2,))
+        if not first < last:
+            raise ValueError(f"interval must be two times, the first before the last; got {first:g} s and {last:g} s")
+        a, b = int(np.searchsorted(one.time, first, "left")), int(np.searchsorted(one.time, last, "right"))
+        if b <= a:
+            raise ValueError(
+                f"{one.name} has no sample between {first:g} s and {last:g} s; it lasts from {one.time[0]:.6g} s to "
+                f"{one.time[-1]:.6g} s"
+            )
+        return a, b, "as given"
+
+    def searched(self, one: Rates, model: Model) -> tuple[int, int, str]:
+        """Return the samples of the longest motion of the model, and how they were found."""
+        if not one.has_gyroscope:
+            raise ValueError(
+                f"{one.name}: attitudes alone do not show where free motion begins and ends: --from and --to "
+                "(interval=) name the interval between release and catch, --all (interval='all') uses every sample"
+            )
+        require_turning(one.time, one.rates, one.name)
+        seen = replace(one, rates=self.priors.sensor.undone(one.rates))
+        known = replace(self.priors, sensor=PLAIN)
+        try:
+            return Search(seen, self.spin, replace(model, oriented=False), known).found()
+        except NoMotionError as error:
+            require_unsaturated(one.time, one.rates, one.name)
+            raise NoMotionError(f"{one.name}: {error}") from error
+
+    def what_fits(self, model: Model) -> str:
+        """Return what a recording fits that does not fit the model, in words; empty where nothing is found."""
+        for other, words in _others(model):
             try:
-                return free_motion(one.time, one.rates, one.acceleration, priors)
-            except ValueError as error:
-                require_unsaturated(one.time, one.rates, one.name)
-                raise ValueError(f"{one.name}: {error}") from error
-    if isinstance(interval, str):
-        raise ValueError(f"interval must be two times, 'free' or 'all'; got {shown(interval)}")
-    first, last = as_array(interval, "interval", (2,))
-    if not first < last:
-        raise ValueError(f"interval must be two times, the first before the last; got {first:g} s and {last:g} s")
-    a, b = int(np.searchsorted(one.time, first, "left")), int(np.searchsorted(one.time, last, "right"))
-    if b <= a:
-        raise ValueError(
-            f"{one.name} has no sample between {first:g} s and {last:g} s; it lasts from {one.time[0]:.6g} s to "
-            f"{one.time[-1]:.6g} s"
+                fit = self.fit(other)
+            except ValueError:
+                continue
+            if fit.is_explained:
+                return f"; it fits with {words(fit)}"
+        return ""
+
+    @property
+    def said(self) -> list[InputWarning]:
+        """What is wrong with the recordings."""
+        return [warning.about(one.name) for one in self.given for warning in one.warnings]
+
+    @property
+    def names(self) -> str:
+        """What the recordings are called."""
+        return ", ".join(one.name for one in self.given)
+
+    def no_motion(self, stretches: Sequence[Stretch], left_over: Array | None, model: Model) -> str:
+        """Return what is said where no body moves as recorded."""
+        where = ""
+        if left_over is not None:
+            time = np.concatenate([one.time for one in stretches])
+            size = np.linalg.norm(left_over, axis=1)
+            k = int(np.argmax(size))
+            unit = "rad/s" if stretches[0].has_gyroscope else "rad"
+            where = f", the largest residual, {size[k]:.3g} {unit}, is at t = {time[k]:.6g} s"
+        what, advice = "this", ": a hand, an impact, or a loose part?"
+        if len(self.given) > 1:
+            what, advice = "all of these", "; fit each alone to see which is another body, or"
+        between = "the interval between release and catch" if model.is_free else "an interval without hands and impacts"
+        return (
+            f"{self.names}: no rigid body moves {model.words} like {what}{where}{advice} --from and --to (interval=) "
+            f"name {between}"
         )
-    return a, b, "as given"
 
 
-def _default(interval: Any, model: Model) -> Any:
-    """Return the interval, with what is meant where none is given."""
-    if interval is None:
-        return "free" if model.is_free else "all"
-    if isinstance(interval, str) and interval == "free" and not model.is_free:
-        raise ValueError("interval='free' is for bodies on which nothing acts: give two times, or 'all'")
-    return interval
+def _others(model: Model) -> Iterator[tuple[Model, Callable[[Fit], str]]]:
+    """Yield models that are close to one, with words on what they fit."""
+    if model.wheel is not None and model.wheel.axis is not None:
+        turned = replace(model.wheel, axis=-model.wheel.axis)
+        yield (
+            replace(model, wheel=turned),
+            lambda fit: f"the rotor turning the other way: axis={_listed(fit.rotor_axis[0])}",
+        )
+        yield (
+            replace(model, wheel=replace(model.wheel, axis=None)),
+            lambda fit: f"the axis of the rotor along {_listed(fit.rotor_axis[0])}: axis=fit",
+        )
+    if model.pivot is not None and not model.points:
+        yield (
+            replace(model, pivot=replace(model.pivot, direction=None)),
+            lambda fit: f"the centre of mass along {_listed(fit.centre[0])}, or opposite: mass and distance",
+        )
+
+
+def _listed(v: Array) -> str:
+    return ",".join(f"{x + 0.0:.4g}" for x in v.round(4))
 
 
 def _beyond(model: Model) -> str:
@@ -273,41 +357,8 @@ def _beyond(model: Model) -> str:
     return "its largest moment would exceed the sum of the others"
 
 
-def _noise(sigma: float | None, stretches: Sequence[Stretch], tilt: float) -> float:
-    from .quality import noise_of
-
+def _noise(sigma: float, stretches: Sequence[Stretch], tilt: float) -> float:
     speed = max(float(abs(one.rates).max()) for one in stretches)
     if not stretches[0].has_gyroscope:  # of gaps between short arcs alone
         return tilt * speed
     return sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed, 1e-9)
-
-
-def _names(given: Sequence[Rates]) -> str:
-    return ", ".join(one.name for one in given)
-
-
-def _no_motion(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: Array | None, model: Model) -> str:
-    where = ""
-    if left_over is not None:
-        time = np.concatenate([one.time for one in stretches])
-        size = np.linalg.norm(left_over, axis=1)
-        k = int(np.argmax(size))
-        unit = "rad/s" if stretches[0].has_gyroscope else "rad"
-        where = f", the largest residual, {size[k]:.3g} {unit}, is at t = {time[k]:.6g} s"
-    if len(given) > 1:
-        what, advice = "all of these", "; fit each alone to see which is another body, or"
-    else:
-        what, advice = "this", ": a hand, an impact, or a loose part?"
-    if not model.is_free:
-        how = "about a pivot " if model.pivot is not None else ""
-        how += "with a rotor " if model.wheel is not None else ""
-        how += "with a constraint " if model.constraint is not None else ""
-        how += "with damping " if model.damping or model.damped is not None else ""
-        return (
-            f"{_names(given)}: no rigid body moves {how}like {what}{where}{advice} --from and --to (interval=) name an "
-            "interval without hands and impacts"
-        )
-    return (
-        f"{_names(given)}: no rigid body moves freely like {what}{where}{advice} --from and --to (interval=) name the "
-        "interval between release and catch"
-    )

@@ -1,154 +1,258 @@
-r"""The interval of free motion in a recording: from release to catch.
+r"""The interval of a recording in which a body moves as its model does: from release to catch.
 
 Where an accelerometer reads almost nothing the body falls freely. Far from the centre of mass it reads the centripetal
-acceleration as well, so this is only a first guess. Without it, windows in which the body turns by some rad (`SEED`)
-are ranked by the residual of the weak form (`linear`): a hand exerts moments, the air hardly.
+acceleration as well, so this is only a first guess. Without it, or about a pivot, windows in which the body turns by
+some rad (`SEED`, more where more is fitted) are ranked by the residual of the weak form (`linear`): a hand exerts
+moments, the air hardly. A recording of a body on which something acts may well be one motion from end to end, so the
+whole of it is tried before its windows. Guesses that noise explains count first.
 
 The model is fitted to a first guess and predicts what comes before and after; the interval grows as long as the
 prediction agrees with the recording within the errors of both, is fitted again, and so on until neither side grows.
-Backwards, ``-W(-t)`` is a free motion of the same body.
+Backwards, ``-W(-t)`` is a motion of the same body (`motions.Motion`).
+
+All this is done with means of samples over turns of `THIN`, which differ from W by ``W'' h²/24``, about 1e-4 of it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .bodies import FREE_BODY, TRACELESS
+from ..recordings.rates import Rates
+from .bodies import TRACELESS, Model
 from .estimating import estimate
-from .linear import Guess, weak_form
+from .linear import Guess, turns, with_moments
 from .motions import Motion, RunawayError, responses
 from .quality import noise_of
+from .readings import speed_of
 from .shooting import Priors, Stretch
 from .solving import Solution
 
-SEED, SHARE = (2.0, 4.0), 0.2  # rad, least and most; of all that it turns
-MOST_WINDOWS, SEEDS, ROUNDS = 200, 3, 10
+THIN = 0.05  # rad, of the fastest turn
+SEED, SHARE = (2.0, 4.0), 0.2  # rad, least and most, for a free body; of all that it turns
+MOST_WINDOWS, SEEDS, ROUNDS = 10_000, 3, 10
 SLOW = 0.3  # of the fastest window: slower ones are no throw
 FLOOR = 0.001  # of the speed: what sensors are off by besides noise
 OFF, SMOOTHED = 4.0, 5  # mean square of the deviation over its variance, over so many samples
-FREE, NOISY = 0.02, 0.05  # of the speed: larger residuals are no free motion, unless noise is as large
+FREE, NOISY = 0.02, 0.05  # of the speed: larger residuals are no motion of the model, unless noise is as large
+EXPLAINED = 2.0  # times the noise: residuals that it explains
 LIKELY = 0.05  # residual of the weak form: larger ones need no fit
 FEWEST, CALLS = 20, 20  # samples of a window; trials of a fit
 FALL, SHORTEST = 0.3, 0.1  # g; s
 G = 9.81
 
 
-def falling(time: Array, acceleration: Array) -> tuple[int, int] | None:
-    """Return the longest interval in which an accelerometer, in g or m/s², reads almost nothing."""
+class NoMotionError(ValueError):
+    """Nowhere does a body of the model move as recorded."""
+
+
+def falls(time: Array, acceleration: Array) -> list[tuple[int, int]]:
+    """Return the intervals in which an accelerometer, in g or m/s², reads almost nothing, the longest first."""
     size = np.linalg.norm(acceleration, axis=1)
     usual = np.median(size[np.isfinite(size)]) if np.isfinite(size).any() else 0.0
     unit = G if usual > np.sqrt(G) else 1.0
     low = np.concatenate([[False], np.nan_to_num(size, nan=np.inf) < FALL * unit, [False]])
     first, last = np.flatnonzero(low[1:] & ~low[:-1]), np.flatnonzero(~low[1:] & low[:-1])
-    if not len(first):
-        return None
-    k = int(np.argmax(time[last - 1] - time[first]))
-    a, b = int(first[k]), int(last[k])
-    return (a, b) if time[b - 1] - time[a] >= SHORTEST else None
+    length = time[last - 1] - time[first]
+    return [(int(first[k]), int(last[k])) for k in np.argsort(-length) if length[k] >= SHORTEST]
 
 
-def free_motion(time: Array, rates: Array, acceleration: Array | None, priors: Priors) -> tuple[int, int, str]:
-    """Return the samples of the longest free motion, from `first` to before `last`, and how it was found.
+@dataclass(frozen=True)
+class Search:
+    """The search of a recording for a motion of a model; `spin` is the speed of its rotor as a caller states it."""
 
-    Raises
-    ------
-    ValueError
-        Nothing in the recording looks like free motion.
-    """
-    fall = None if acceleration is None else falling(time, acceleration)
-    if fall is not None:
-        grown = _grown(time, rates, *fall, priors)
-        if grown is not None:
-            return (*grown, "the accelerometer reads almost nothing")
-    best: tuple[float, int, int] | None = None
-    angle = np.concatenate([[0.0], np.cumsum(np.linalg.norm(rates[1:] + rates[:-1], axis=1) / 2 * np.diff(time))])
-    tried = 0
-    for a, b in _windows(time, rates, angle):
-        if best is not None and a < best[2] and b > best[1]:
-            continue
-        grown = _grown(time, rates, a, b, priors)
-        tried += 1
-        if grown is not None:
-            turned = float(angle[grown[1] - 1] - angle[grown[0]])
-            best = max(best or (0.0, 0, 0), (turned, *grown))
-        if tried == SEEDS or (best is not None and best[0] > angle[-1] / 2):
-            break
-    if best is None:
-        raise ValueError(
-            "no free motion found: nowhere does the angular velocity follow J W' = J W × W to "
-            f"{100 * FREE:g} %; was it thrown, and is it rigid? --from and --to (interval=) name an interval"
+    recording: Rates
+    spin: Any
+    model: Model
+    priors: Priors
+
+    def found(self) -> tuple[int, int, str]:
+        """Return the samples of the longest motion, from `first` to before `last`, and how it was found.
+
+        Raises
+        ------
+        NoMotionError
+            Nothing in the recording looks like a motion of the model.
+        """
+        one = self.recording
+        fastest = float(np.linalg.norm(one.rates, axis=1).max() * np.median(np.diff(one.time)))
+        m = int(np.clip(THIN / fastest, 1, max(len(one.time) // FEWEST, 1)))
+        columns: dict[str, Any] = {
+            name: _means(getattr(one, name), m) for name in ("time", "rates", "acceleration", "speed")
+        }
+        (a, b), how = replace(self, recording=replace(one, **columns)).best()
+        return a * m, b * m if (b + 1) * m <= len(one.time) else len(one.time), how
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples, s."""
+        return self.recording.time
+
+    @property
+    def rates(self) -> Array:
+        """Angular velocities, rad/s."""
+        return self.recording.rates
+
+    @cached_property
+    def angle(self) -> Array:
+        """How far the body has turned at the samples, rad."""
+        speed = np.linalg.norm(self.rates[1:] + self.rates[:-1], axis=1) / 2
+        return np.concatenate([[0.0], np.cumsum(speed * np.diff(self.time))])
+
+    @cached_property
+    def speed(self) -> Array | None:
+        """The speed of the rotor at the samples as it was read; None without one."""
+        if self.model.wheel is None:
+            return None
+        if self.recording.speed is None:
+            return np.full(len(self.time), speed_of(self.recording, self.spin, slice(2)).values[0])
+        there = np.isfinite(self.recording.speed)
+        return np.interp(self.time, self.time[there], self.recording.speed[there])
+
+    def best(self) -> tuple[tuple[int, int], str]:
+        """Return the samples of the longest motion, and how it was found."""
+        acceleration, every = self.recording.acceleration, (0, len(self.time))
+        for fall in [] if acceleration is None or self.model.pivot is not None else falls(self.time, acceleration):
+            if (grown := self.grown(*fall)) is not None:
+                return grown, "the accelerometer reads almost nothing"
+        is_likely = not self.model.is_free and self.weak(*every, SEED[0]) < LIKELY
+        if is_likely and self.grown(*every, EXPLAINED) is not None:
+            return every, "the whole recording is one motion"
+        seeds = list(self.windows())
+        for explained in (EXPLAINED, np.inf):
+            if (longest := self.longest(seeds, explained)) is not None:
+                return longest, "the smallest residual"
+        what, law = "free motion", "J W' = J W × W"
+        if not self.model.is_free:
+            what, law = f"motion {self.model.words}", "the equation of such a body"
+        raise NoMotionError(
+            f"no {what} found: nowhere does the angular velocity follow {law} to {100 * FREE:g} %; was it "
+            f"{'thrown' if self.model.pivot is None else 'let go'}, and is it rigid? --from and --to (interval=) name "
+            "an interval"
         )
-    return best[1], best[2], "the smallest residual"
 
+    def longest(self, seeds: list[tuple[int, int]], explained: float) -> tuple[int, int] | None:
+        """Return the interval in which the body turns most, of those that the first windows grow to."""
+        best, tried = (0.0, 0, 0), 0
+        for a, b in seeds:
+            if a < best[2] and b > best[1]:
+                continue
+            tried += 1
+            if (grown := self.grown(a, b, explained)) is not None:
+                best = max(best, (float(self.angle[grown[1] - 1] - self.angle[grown[0]]), *grown))
+            if tried == SEEDS or best[0] > self.angle[-1] / 2:
+                break
+        return best[1:] if best[0] > 0 else None
 
-def _windows(time: Array, rates: Array, angle: Array) -> list[tuple[int, int]]:
-    """Return windows of `SEED` rad, those that look free first."""
-    seed = float(np.clip(SHARE * angle[-1], *SEED))
-    if angle[-1] <= seed:
-        return [(0, len(time))]
-    count = int(min(MOST_WINDOWS, max(2, np.ceil(4 * (angle[-1] / seed - 1)))))
-    found = []
-    for at in np.linspace(0, angle[-1] - seed, count):
-        a, b = (int(k) for k in np.searchsorted(angle, (at, at + seed)))
-        b = min(max(b + 1, a + FEWEST), len(time))
-        made = weak_form([(time[a:b], rates[a:b])], seed / 4)
-        if made is not None and made[1] < LIKELY:
-            found.append((made[1], float(np.sqrt((rates[a:b] ** 2).sum(axis=1).mean())), a, b))
-    fastest = max((speed for _, speed, *_ in found), default=0.0)
-    return [(a, b) for _, speed, a, b in sorted(found) if speed >= SLOW * fastest]
+    def weak(self, a: int, b: int, width: float) -> float:
+        """Return the residual of the weak form in samples `a` to before `b`; infinite where it does not tell."""
+        speeds = [None if self.speed is None else self.speed[a:b]]
+        made = with_moments([(self.time[a:b], self.rates[a:b])], self.model, width, 0.0, speeds)
+        return np.inf if made is None else made.misfit
 
+    def windows(self) -> Iterator[tuple[int, int]]:
+        """Yield windows of `SEED` rad, those first that look like a motion of the model."""
+        fitted = self.model.basis.shape[1] + self.model.more + 3 * (self.model.pivot is not None)
+        many = max(fitted / TRACELESS.shape[1], 1.0)
+        seed = many * float(np.clip(SHARE * self.angle[-1], *SEED))
+        if self.angle[-1] <= seed:
+            yield 0, len(self.time)
+            return
+        count = int(min(MOST_WINDOWS, max(2, np.ceil(4 * (self.angle[-1] / seed - 1)))))
+        turned = np.linspace(0, self.angle[-1] - seed, count)
+        first = np.searchsorted(self.angle, turned)
+        last = np.minimum(np.maximum(np.searchsorted(self.angle, turned + seed) + 1, first + FEWEST), len(self.time))
+        squares = np.concatenate([[0.0], np.cumsum((self.rates**2).sum(axis=1))])
+        speeds = np.sqrt((squares[last] - squares[first]) / (last - first))
+        misfits = np.array([self.weak(a, b, seed / many / 4) for a, b in zip(first, last, strict=True)])
+        good = misfits < LIKELY
+        good &= speeds >= SLOW * speeds[good].max(initial=0.0)
+        yield from ((int(first[k]), int(last[k])) for k in np.argsort(misfits, kind="stable") if good[k])
 
-def _grown(time: Array, rates: Array, a: int, b: int, priors: Priors) -> tuple[int, int] | None:
-    """Return the free interval around a first guess, None where the guess itself is not free."""
-    if b - a < FEWEST:
-        return None
-    shut_first = shut_last = False
-    found: tuple[int, int] | None = None
-    starts: list[Guess] | None = None
-    for _ in range(ROUNDS):
-        speed = float(np.sqrt((rates[a:b] ** 2).sum(axis=1).mean()))
-        noise = max(noise_of(rates[a:b]), FLOOR * speed)
+    def grown(self, a: int, b: int, explained: float = np.inf) -> tuple[int, int] | None:
+        """Return the interval around a first guess, None where the guess itself is no motion of the model.
+
+        Its residuals may be `explained` times the noise.
+        """
+        if b - a < FEWEST:
+            return None
+        shut_first = shut_last = False
+        found: tuple[int, int] | None = None
+        starts: list[Guess] | None = None
+        for _ in range(ROUNDS):
+            speed = float(np.sqrt((self.rates[a:b] ** 2).sum(axis=1).mean()))
+            noise = max(noise_of(self.rates[a:b]), FLOOR * speed)
+            spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
+            how: dict[str, Any] = {"known_noise": True, "starts": starts, "calls": CALLS, "model": self.model}
+            try:
+                fit = estimate([Stretch(self.time[a:b], self.rates[a:b], spun)], self.priors, noise, **how)
+            except RunawayError:
+                return found
+            if fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
+                return found
+            found, length, n = (a, b), b - a, len(self.time)
+            before = 0 if shut_first else self.agreeing(fit, a, np.arange(a - 1, max(a - 1 - length, -1), -1), noise)
+            after = 0 if shut_last else self.agreeing(fit, a, np.arange(b, min(b + length, n)), noise)
+            shut_first, shut_last = shut_first or before < min(length, a), shut_last or after < min(length, n - b)
+            a, b = a - before, b + after
+            starts = [self.guess(fit, a, a + before)]
+            if before + after == 0:
+                break
+        return found
+
+    def guess(self, fit: Solution, first: int, at: int) -> Guess:
+        """Return a fit that begins at one sample as a guess of a fit from another one before it."""
+        unknowns, model = fit.unknowns, fit.problem.model
+        down = unknowns.starts[0, 3:6]
+        downs = [] if model.pivot is None else [turns(self.time[first : at + 1], self.rates[first : at + 1])[-1] @ down]
+        return Guess(model, unknowns.inertia, unknowns.more, downs)
+
+    def agreeing(self, fit: Solution, a: int, rows: NDArray[np.intp], floor: float) -> int:
+        """Return how many samples beyond a fit from `a` on agree with what it predicts for them."""
+        if not len(rows):
+            return 0
+        (start,), more, s, model = fit.unknowns.starts, fit.unknowns.more, fit.unknowns.scale, fit.problem.model
+        sense = -1 if rows[0] < a else 1
+        times, flipped = sense * self.time[rows], np.ones(len(start))
+        kicks, of_speeds = None, np.asarray(np.zeros((0, 0)))
+        flipped[:3] = sense
+        begin = flipped * start
+        if model.wheel is not None:
+            speed = speed_of(self.recording, self.spin, np.arange(a, rows[-1] + sense, sense), sense)
+            kicks = [speed.kicks(sense * self.time[a], times[-1], speed.values)]
+            begin = np.concatenate([begin, kicks[0].start_by @ speed.values])
+            inverse: Any = np.linalg.pinv(speed.rows[0].T @ speed.rows[0], hermitian=True)
+            of_speeds = inverse
+        motion = Motion(model, fit.unknowns.inertia, more, sense)
         try:
-            fit = estimate(
-                [Stretch(time[a:b], rates[a:b])], priors, noise, known_noise=True, starts=starts, calls=CALLS
-            )
+            (W,), (D,) = responses(motion, begin[None], [times - sense * self.time[a]], kicks)
         except RunawayError:
-            return found
-        if fit.spread > max(FREE * speed, min(2 * noise, NOISY * speed)):
-            return found
-        found, starts, length = (a, b), [Guess(FREE_BODY, fit.unknowns.inertia, np.zeros(0), [])], b - a
-        before = 0 if shut_first else _agrees(fit, time, rates, np.arange(a - 1, max(a - 1 - length, -1), -1), noise)
-        after = 0 if shut_last else _agrees(fit, time, rates, np.arange(b, min(b + length, len(time))), noise)
-        shut_first, shut_last = shut_first or before < min(length, a), shut_last or after < min(length, len(time) - b)
-        a, b = a - before, b + after
-        if before + after == 0:
-            break
-    return found
+            return 0
+        W, D = sense * W[:, :3], sense * s * D[:, :3]
+        by_J, by_more, by_speeds = np.split(D[:, :, len(begin) :], [6, 6 + len(more)], axis=2)
+        unit = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
+        P = np.concatenate([by_J @ model.basis, by_more, unit, W[:, :, None], D[:, :, : len(start)] * flipped], axis=2)
+        A = fit.weighted[1]
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        covariance = np.linalg.pinv((A / scale).T @ (A / scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+        own, by_speeds = covariance[: P.shape[2], : P.shape[2]], by_speeds[:, :, : len(of_speeds)]
+        variance = floor**2 + sum(((X @ C) * X).sum(axis=2) for X, C in ((P, own), (by_speeds, of_speeds)))
+        off = ((self.rates[rows] - s * W - fit.unknowns.bias) ** 2 / variance).mean(axis=1)
+        smooth = np.convolve(off, np.ones(SMOOTHED) / SMOOTHED, "same") if len(off) >= SMOOTHED else off
+        bad = np.flatnonzero((smooth > OFF) | (off > 4 * OFF))
+        return len(rows) if not len(bad) else max(int(bad[0]) - SMOOTHED, 0)
 
 
-def _agrees(fit: Solution, time: Array, rates: Array, rows: NDArray[np.intp], floor: float) -> int:
-    """Return how many samples beyond the fitted ones agree with what the fit predicts for them."""
-    if not len(rows):
-        return 0
-    own, (start,) = fit.problem.stretches[0].time, fit.unknowns.starts
-    back = time[rows[0]] < own[0]
-    at = abs(time[rows] - own[0])
-    sign = -1.0 if back else 1.0
-    try:
-        (W,), (D,) = responses(Motion(FREE_BODY, fit.unknowns.inertia, np.zeros(0)), sign * start[None], [at])
-    except RunawayError:
-        return 0
-    W = sign * W
-    A = fit.weighted[1]
-    scale = np.linalg.norm(A, axis=0)
-    covariance = np.linalg.pinv((A / scale).T @ (A / scale), rcond=1e-12) / np.outer(scale, scale)
-    unit = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
-    s = fit.unknowns.scale
-    P = np.concatenate([sign * s * D[:, :, 3:] @ TRACELESS, unit, W[:, :, None], s * D[:, :, :3]], axis=2)
-    variance = floor**2 + np.einsum("nip,pq,niq->ni", P, covariance, P)
-    off = ((rates[rows] - s * W - fit.unknowns.bias) ** 2 / variance).mean(axis=1)
-    smooth = np.convolve(off, np.ones(SMOOTHED) / SMOOTHED, "same") if len(off) >= SMOOTHED else off
-    bad = np.flatnonzero((smooth > OFF) | (off > 4 * OFF))
-    return len(rows) if not len(bad) else max(int(bad[0]) - SMOOTHED, 0)
+def _means(values: Array | None, m: int) -> Array | None:
+    """Return means over every m samples; nan where none is a number."""
+    if values is None or m == 1:
+        return values
+    blocks = values[: len(values) // m * m].reshape(-1, m, *values.shape[1:])
+    count = np.isfinite(blocks).sum(axis=1)
+    return np.where(count > 0, np.nan_to_num(blocks).sum(axis=1) / np.maximum(count, 1), np.nan)

@@ -73,16 +73,6 @@ def weak_rows(
     return np.array(rows).reshape(-1, 3, 6 + acting.shape[2])
 
 
-def weak_form(stretches: Sequence[tuple[Array, Array]], width: float = WIDTHS[1]) -> tuple[Array, float] | None:
-    """Return J of trace 1 by the weak form, and how large its residual is; None where there are too few samples."""
-    rows = np.concatenate([weak_rows(time, rates, width) for time, rates in stretches]).reshape(-1, 6)
-    if len(rows) < 6:
-        return None
-    w, *_ = np.linalg.lstsq(rows @ TRACELESS, -rows @ SPHERE, rcond=1e-6)
-    v = SPHERE + TRACELESS @ w
-    return symmetric(v), float(np.sqrt(np.mean((rows @ v) ** 2)))
-
-
 def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
     """Return J of trace 1 by energy and momentum, or None where they do not tell."""
     centred = []
@@ -131,6 +121,7 @@ class Guess:
     inertia: Array
     more: Array
     downs: Sequence[Array]
+    misfit: float = 0.0  # of the weak form, r.m.s., of the moments that turning by a radian takes
 
 
 def with_moments(
@@ -140,7 +131,7 @@ def with_moments(
     round_by: float,
     speeds: Sequence[Array | None] = (),
 ) -> Guess | None:
-    """Return what the weak form gives with all that acts on the body; None where it does not tell.
+    """Return what the weak form gives with all that acts on the body, J of trace 1; None where it does not tell.
 
     `round_by` is how much J costs that is not a sphere, over what it does to the equations. Without that, noise makes
     the moments large that a swing in a plane does not tell, and so all else small beside the trace.
@@ -177,7 +168,8 @@ def with_moments(
     size[:5] = size[:5].max()
     round_rows = round_by * np.eye(5, A.shape[1])
     aims = np.concatenate([-every[:, :6] @ SPHERE, np.zeros(5)])
-    w = np.linalg.lstsq(np.concatenate([A / size, round_rows]), aims, rcond=1e-4)[0] / size
+    w = np.linalg.lstsq(np.concatenate([A / size, round_rows]), aims, rcond=1e-6 if model.is_free else 1e-4)[0] / size
+    misfit = float(np.sqrt(np.mean((every[:, :6] @ SPHERE + A @ w) ** 2)))
     J = symmetric(SPHERE + TRACELESS @ w[:5])
     damping, momentum = w[5 + own * count : 5 + spun], w[5 + spun :]  # the latter over the unit
     per_unit = float(np.linalg.norm(momentum) if model.has_axis else momentum.sum())
@@ -186,7 +178,7 @@ def with_moments(
     if pivot is None:
         if wheel is not None and not per_unit > 0:
             return None
-        return Guess(model if wheel is None else replace(model, unit=1 / per_unit), J, beside, [])
+        return Guess(model if wheel is None else replace(model, unit=1 / per_unit), J, beside, [], misfit)
     found = w[5 : 5 + own * count]
     if own == 3:
         b = found.reshape(count, 3)
@@ -201,4 +193,4 @@ def with_moments(
     if not arm > 0:
         return None
     downs = downs / np.maximum(np.linalg.norm(downs, axis=1), 1e-300)[:, None]
-    return Guess(replace(model, unit=pivot.moment / arm), J, more, list(downs))
+    return Guess(replace(model, unit=pivot.moment / arm), J, more, list(downs), misfit)

@@ -111,11 +111,16 @@ def rates(kind: Kind, p: Parameters, x: State) -> list[Any]:
 
 @dataclass(frozen=True)
 class Motion:
-    """A model with its numbers: J over the unit, and `more`."""
+    """A model with its numbers: J over the unit, and `more`.
+
+    With the sense -1 its motions run backwards in time: ``-W(-t)`` is a motion of the same body where C and the
+    momentum of a rotor change their sign.
+    """
 
     model: Model
     J: Array
     more: Array
+    sense: float = 1.0
 
     def rate(self, x: Array) -> Array:
         """Return W' of states, (n, 3)."""
@@ -131,8 +136,9 @@ class Motion:
         arm = 0.0 if model.pivot is None else model.pivot.moment / model.unit
         wheel, axis = np.zeros(3), np.zeros(3) if model.constraint is None else model.constraint
         if model.wheel is not None:
-            wheel = model.factor(more) * model.wheel.inertia / model.unit * model.axis(more)
-        vectors = (Vector(*x) for x in (arm * model.direction(more), model.damping_of(more), wheel, axis))
+            wheel = self.sense * model.factor(more) * model.wheel.inertia / model.unit * model.axis(more)
+        drag = self.sense * model.damping_of(more)
+        vectors = (Vector(*x) for x in (arm * model.direction(more), drag, wheel, axis))
         return Matrix(*self.J), *vectors  # type: ignore[return-value]
 
 
@@ -324,8 +330,8 @@ def _response(motion: Motion, start: Array, times: Array, kicks: Kicks | None) -
     if model.pivot is not None:
         run.arm_by = model.pivot.moment / model.unit
     if model.wheel is not None:
-        run.wheel_by = Vector(*(model.wheel.inertia / model.unit * model.axis(motion.more)))
-        run.axis_by = model.wheel.inertia / model.unit * model.factor(motion.more)
+        momentum = motion.sense * model.wheel.inertia / model.unit
+        run.wheel_by, run.axis_by = Vector(*(momentum * model.axis(motion.more))), momentum * model.factor(motion.more)
     out, ends = (np.empty((n, d, 1 + directions)) for n in (len(times), len(at)))
     run.start, run.times, run.samples = np.ascontiguousarray(start, dtype=float), sorted_times, len(times)
     run.knots, run.kicks = np.append(at, times.max(initial=0.0)), len(at)
@@ -336,6 +342,7 @@ def _response(motion: Motion, start: Array, times: Array, kicks: Kicks | None) -
         raise RunawayError("the motion is not finite, or needs too many steps")
     values, slopes = np.empty((len(times), d)), np.empty((len(times), d, d + p))
     values[order], slopes[order] = out[:, :, 0], out[:, :, 1 : 1 + d + p]
+    slopes[:, :, d + p - model.damping :] *= motion.sense
     if kicks is None:
         return values, slopes
     piece, found = np.searchsorted(at, times, "right"), np.empty((len(times), d, d + p + kicks.start_by.shape[1]))

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
@@ -122,15 +123,16 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
     raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
 
 
-def speed_of(one: Rates, spin: Any, first: int, last: int) -> Speed:
-    """Return the speed of the rotor in the interval that is fitted."""
+def speed_of(one: Rates, spin: Any, rows: slice | NDArray[np.intp], sense: float = 1.0) -> Speed:
+    """Return the speed of the rotor in some rows; with the sense -1, backwards in time, these descend."""
+    time = sense * one.time[rows]
     if one.speed is None:
         if isinstance(spin, str):
             raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
-        return constant(one.time[first:last], as_number(spin, "rotor: speed"))
-    if not np.isfinite(one.speed[first:last]).any():
+        return constant(time, as_number(spin, "rotor: speed"))
+    if not np.isfinite(one.speed[rows]).any():
         raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
     try:
-        return as_speed(one.time[first:last], one.speed[first:last])
+        return as_speed(time, one.speed[rows])
     except ValueError as error:
         raise ValueError(f"{one.name}: {error}") from error

@@ -220,15 +220,14 @@ class Search:
         (start,), more, s, model = fit.unknowns.starts, fit.unknowns.more, fit.unknowns.scale, fit.problem.model
         sense = -1 if rows[0] < a else 1
         times, flipped = sense * self.time[rows], np.ones(len(start))
-        kicks, of_speeds = None, np.asarray(np.zeros((0, 0)))
+        kicks, of_speeds = None, np.zeros((0, 0))
         flipped[:3] = sense
         begin = flipped * start
         if model.wheel is not None:
             speed = speed_of(self.recording, self.spin, np.arange(a, rows[-1] + sense, sense), sense)
             kicks = [speed.kicks(sense * self.time[a], times[-1], speed.values)]
             begin = np.concatenate([begin, kicks[0].start_by @ speed.values])
-            inverse: Any = np.linalg.pinv(speed.rows[0].T @ speed.rows[0], hermitian=True)
-            of_speeds = inverse
+            of_speeds = np.asarray(np.linalg.pinv(speed.rows[0].T @ speed.rows[0], hermitian=True), dtype=float)
         motion = Motion(model, fit.unknowns.inertia, more, sense)
         try:
             (W,), (D,) = responses(motion, begin[None], [times - sense * self.time[a]], kicks)

@@ -59,4 +59,4 @@ def test_too_few_samples_count_for_intervals(monkeypatch):
         monkeypatch.setattr(module, "FEWEST", 200.0)  # about 60 are effective
     (fit,) = fits(1)
     assert np.isnan(fit.principal.ratio_intervals).all()
-    assert "samples count: no intervals" in str(fit)
+    assert "without an interval" in str(fit)

@@ -49,6 +49,11 @@ def without(A: Array, others: Array) -> Array:
     return np.asarray(A - rest @ (rest.T @ A))
 
 
+def _root(A: Array) -> Array:
+    values, vectors = np.linalg.eigh(A)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+
+
 def smeared(x: Array, phi: float) -> Array:
     """Return ``Σ_j φ^|i - j| x_j`` along the first axis."""
     from scipy.signal import lfilter
@@ -107,13 +112,19 @@ class Solution:
     @cached_property
     def information(self) -> Array:
         """The information about J along the basis of the model, (5, 5) or (6, 6)."""
-        white = self._products
-        return white if self.memory == 0 else np.asarray(white @ np.linalg.pinv(self._scatter, hermitian=True) @ white)
-
-    @property
-    def _products(self) -> Array:
         own = self.apart[1]
         return np.asarray(own.T @ own)
+
+    @cached_property
+    def trusted(self) -> Array:
+        """The same where noise is as correlated as the residuals are, in no direction more than of white noise."""
+        white = self.information
+        if self.memory == 0:
+            return white
+        root = np.linalg.pinv(_root(white), rcond=1e-12, hermitian=True)
+        values, vectors = np.linalg.eigh(root @ self._scatter @ root)
+        of_both = vectors / np.maximum(values, 1.0) @ vectors.T
+        return np.asarray(_root(white) @ of_both @ _root(white))
 
     @cached_property
     def memory(self) -> float:
@@ -133,14 +144,14 @@ class Solution:
         """The covariance of the derivatives of the cost by J, where noise goes on as φ^|i - j|, all else eliminated."""
         _, A = self.weighted
         basis = self.problem.model.basis
-        k, found = basis.shape[1], self._products
+        k, found = basis.shape[1], self.information
         others = np.linalg.lstsq(A[:, k:], A[:, :k], rcond=1e-12)[0]
         for row in self.residuals.rates:
             whole = np.zeros((len(row.r), self.problem.columns))
             whole[:, row.columns] = row.A
             own = (whole[:, :6] @ basis - whole[:, 6:] @ others).reshape(-1, 3, k)
             found = found + np.einsum("nai,naj->ij", own, smeared(own, self.memory) - own)
-        times = float(np.trace(np.linalg.pinv(self._products, rcond=1e-12, hermitian=True) @ found)) / k
+        times = float(np.trace(np.linalg.pinv(self.information, rcond=1e-12, hermitian=True) @ found)) / k
         n, p = len(self.problem), self.problem.unknown  # the fit takes up more of the variance than of white noise
         return np.asarray(found * (n - p) / max(n - times * p, n / 10))
 
@@ -154,8 +165,8 @@ class Solution:
         """How many times larger variances are than under white noise."""
         if self.memory == 0:
             return 1.0
-        inverse = np.linalg.pinv(self._products, rcond=1e-12, hermitian=True)
-        return float(np.trace(inverse @ self._scatter)) / len(self._products)
+        inverse = np.linalg.pinv(self.information, rcond=1e-12, hermitian=True)
+        return max(float(np.trace(inverse @ self._scatter)) / len(inverse), 1.0)
 
     @cached_property
     def beside(self) -> Array:

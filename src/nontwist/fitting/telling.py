@@ -81,15 +81,15 @@ class Told:
     idle: Array  # directions that the motion does not depend on
 
 
-def told(solution: Solution) -> Told:
-    """Return what the data tell, direction by direction.
+def told(solution: Solution, white: bool = False) -> Told:
+    """Return what the data tell, direction by direction; if noise is taken for white, correlated residuals tell more.
 
     Where a direction is not told the linear problem at the solution is not to be trusted: the noise has chosen the
     place, and some other direction may look told there alone. So the inertia is moved along each that looks told, as
     far as what counts as not told, and the rest is fitted again: if the cost does not rise, the direction is not told
     either.
     """
-    values, vectors = np.linalg.eigh(solution.information)
+    values, vectors = np.linalg.eigh(solution.information if white else solution.trusted)
     values = np.where(values > SINGULAR * values[-1], values, 0.0)[::-1]
     vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]

@@ -28,6 +28,7 @@ from .result import Fit, Part
 from .sensing import PLAIN, as_sensor, require_short
 from .shooting import Loss, Priors, Stretch
 from .telling import beyond_the_wall
+from .telling import told as told_of
 
 KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow
 OUTSIDE = 4.0  # standard errors beyond the flat bodies
@@ -243,7 +244,7 @@ class Task:
             seen = spun, stretch.quaternions, attitude
             parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
-        if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
+        if (outside := beyond_the_wall(found, told_of(found, white=True))) > OUTSIDE:
             raise NoMotionError(
                 f"no body has the inertia implied by {self.names}: {_beyond(model)} by {outside:.3g} standard "
                 "errors; is the unit right, is the interval free of hands and impacts?"

@@ -18,10 +18,12 @@ from ..geometry.arrays import Array
 from .bodies import Model
 from .chart import THINNEST, Chart, Weighed, of_a_body, of_trace_one
 from .motions import Motion, RunawayError, responses
+from .quality import correlation
 from .shooting import COMMON, Problem, Residuals, Rows, Unknowns, reduced, residuals, stacked
 
 FINE, CALLS = 1e-8, 40  # of cost and unknowns, relative; trials
 HELD = 1e6  # weight of what is held
+WHITE, MOST = 5.0, 0.9999  # standard errors of a correlation; correlation
 FAR = 1e6  # residual of a motion that is none
 
 
@@ -45,6 +47,19 @@ def without(A: Array, others: Array) -> Array:
     scale = np.maximum(np.linalg.norm(others, axis=0), 1e-300)
     rest = np.linalg.qr(others / scale)[0]
     return np.asarray(A - rest @ (rest.T @ A))
+
+
+def _root(A: Array) -> Array:
+    values, vectors = np.linalg.eigh(A)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+
+
+def smeared(x: Array, phi: float) -> Array:
+    """Return ``Σ_j φ^|i - j| x_j`` along the first axis."""
+    from scipy.signal import lfilter
+
+    ahead, behind = (lfilter([1.0], [1.0, -phi], y, axis=0) for y in (x, x[::-1]))
+    return np.asarray(ahead + behind[::-1] - x)
 
 
 @dataclass(frozen=True)
@@ -101,6 +116,59 @@ class Solution:
         return np.asarray(own.T @ own)
 
     @cached_property
+    def trusted(self) -> Array:
+        """The same where noise is as correlated as the residuals are, in no direction more than of white noise."""
+        white = self.information
+        if self.memory == 0:
+            return white
+        root = np.linalg.pinv(_root(white), rcond=1e-12, hermitian=True)
+        values, vectors = np.linalg.eigh(root @ self._scatter @ root)
+        of_both = vectors / np.maximum(values, 1.0) @ vectors.T
+        return np.asarray(_root(white) @ of_both @ _root(white))
+
+    @cached_property
+    def memory(self) -> float:
+        """The correlation φ of neighbouring residuals of the gyroscope, 0 where they are white.
+
+        That of residuals is less than that of noise, as the fit takes up what is slow, by about
+        ``(1 + 3 φ + unknowns)/n``, n samples of an axis (Kendall 1954, of a mean that is fitted).
+        """
+        left = self.left_over
+        if len(left) < 2 or abs(phi := correlation(left)) < WHITE / np.sqrt(left.size):
+            return 0.0
+        taken = (1 + 3 * phi + (self.problem.unknown + self.problem.common) / 3) / len(left)
+        return float(np.clip(phi + taken, -MOST, MOST))
+
+    @cached_property
+    def _scatter(self) -> Array:
+        """The covariance of the derivatives of the cost by J, where noise goes on as φ^|i - j|, all else eliminated."""
+        _, A = self.weighted
+        basis = self.problem.model.basis
+        k, found = basis.shape[1], self.information
+        others = np.linalg.lstsq(A[:, k:], A[:, :k], rcond=1e-12)[0]
+        for row in self.residuals.rates:
+            whole = np.zeros((len(row.r), self.problem.columns))
+            whole[:, row.columns] = row.A
+            own = (whole[:, :6] @ basis - whole[:, 6:] @ others).reshape(-1, 3, k)
+            found = found + np.einsum("nai,naj->ij", own, smeared(own, self.memory) - own)
+        times = float(np.trace(np.linalg.pinv(self.information, rcond=1e-12, hermitian=True) @ found)) / k
+        n, p = len(self.problem), self.problem.unknown  # the fit takes up more of the variance than of white noise
+        return np.asarray(found * (n - p) / max(n - times * p, n / 10))
+
+    @property
+    def effective_samples(self) -> float:
+        """As how many samples of white noise the data count for a number of the inertia."""
+        return len(self.problem) / self.inflation
+
+    @cached_property
+    def inflation(self) -> float:
+        """How many times larger variances are than under white noise."""
+        if self.memory == 0:
+            return 1.0
+        inverse = np.linalg.pinv(self.information, rcond=1e-12, hermitian=True)
+        return max(float(np.trace(inverse @ self._scatter)) / len(inverse), 1.0)
+
+    @cached_property
     def beside(self) -> Array:
         """Covariance of what the model has beside J, all else eliminated."""
         k = self.problem.model.basis.shape[1]
@@ -116,7 +184,8 @@ class Solution:
         _, A = self.weighted
         own = without(A[:, columns], np.delete(A, columns, axis=1))
         size = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
-        return np.linalg.pinv((own / size).T @ (own / size), rcond=1e-14, hermitian=True) / np.outer(size, size)
+        white = np.linalg.pinv((own / size).T @ (own / size), rcond=1e-14, hermitian=True) / np.outer(size, size)
+        return np.asarray(self.inflation * white)
 
     def surprise(self, information: Array) -> float:
         """Return the residuals over what is expected r.m.s., where J came from elsewhere with this information.

@@ -22,6 +22,7 @@ LINEAR = 0.02  # of the trace: a standard error up to which the problem is linea
 LEVEL = 0.95
 APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
 WALL = 0.5  # of the trace: the largest moment of a flat body
+FEWEST = 10.0  # effective samples of each number of the inertia
 SEARCH, ACCURACY = 20, 0.01  # of a profile: trials, and how well it finds its level
 
 
@@ -80,15 +81,15 @@ class Told:
     idle: Array  # directions that the motion does not depend on
 
 
-def told(solution: Solution) -> Told:
-    """Return what the data tell, direction by direction.
+def told(solution: Solution, white: bool = False) -> Told:
+    """Return what the data tell, direction by direction; if noise is taken for white, correlated residuals tell more.
 
     Where a direction is not told the linear problem at the solution is not to be trusted: the noise has chosen the
     place, and some other direction may look told there alone. So the inertia is moved along each that looks told, as
     far as what counts as not told, and the rest is fitted again: if the cost does not rise, the direction is not told
     either.
     """
-    values, vectors = np.linalg.eigh(solution.information)
+    values, vectors = np.linalg.eigh(solution.information if white else solution.trusted)
     values = np.where(values > SINGULAR * values[-1], values, 0.0)[::-1]
     vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
@@ -118,7 +119,7 @@ def _rise(solution: Solution, w: Array) -> float:
             continue
         moved = found.unknowns.inertia - J
         if abs(by @ entries(moved) - sign * UNTOLD) < UNTOLD / 10 and abs(moved).max() < FAR:
-            rises.append(np.sqrt(max(2 * (found.cost - solution.cost), 0.0)))
+            rises.append(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
     return float(min(rises, default=np.inf))
 
 
@@ -162,10 +163,13 @@ def covariance(found: Told) -> Array:
 
 
 def quantile(solution: Solution) -> float:
-    """Return how many standard errors the intervals have to each side."""
+    """Return how many standard errors the intervals have to each side; nan where too few samples count."""
     from scipy.stats import t
 
-    free = max(len(solution.problem) - solution.problem.unknown - solution.problem.common, 1)
+    if solution.effective_samples < FEWEST and solution.memory:
+        return float("nan")
+
+    free = max(len(solution.problem) / solution.inflation - solution.problem.unknown - solution.problem.common, 1)
     return float(t.ppf((1 + LEVEL) / 2, free))
 
 
@@ -252,7 +256,7 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
 
     def rise(value: float) -> float:
         found = solve(solution.problem, at, held=(largest, value), calls=30)
-        return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0)))
+        return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
 
     ends = []
     for sign in (-1.0, 1.0):

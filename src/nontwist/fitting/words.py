@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry.tensors import ENTRIES
 from .quality import STRAY
 from .sensing import NONE, PLACES, UNITS
-from .telling import quantile
+from .telling import FEWEST, quantile
 
 if TYPE_CHECKING:
     from .result import Fit
@@ -28,6 +28,8 @@ def _number(value: float, interval: Any) -> str:
     if not np.isfinite(value):
         return "undetermined"
     low, high = interval
+    if not np.isfinite(high - low):
+        return f"{value:.4g}, without an interval"
     width = max((high - low) / 2, 1e-9 * abs(value), 1e-300)
     if 1e-3 < abs(value) < 1e4:
         digits = int(np.clip(np.ceil(-np.log10(width)) + 1, 2, 8))
@@ -112,7 +114,9 @@ def rows(fit: Fit) -> dict[str, str]:
         told["bias"] = f"{_vector(fit.bias)} rad/s"
         told["gyroscope scale"] = f"{fit.scale:.5f}"
         told |= _errors(fit)
-    white = "white" if fit.is_white else "not white: the intervals are too narrow"
+    white = "white" if fit.is_white else f"not white: the intervals {_wide(fit)}"
+    if fit.solution.memory and fit.solution.effective_samples < FEWEST:
+        white = f"so slow that {fit.solution.effective_samples:.2g} samples count: no intervals"
     if not fit.is_explained:
         white = f"{fit.misfit:.3g} times the noise: not to be trusted"
     size = [f"{fit.noise:.3g} rad/s"] * fit.has_gyroscope + [f"{np.degrees(fit.attitude_noise):.3g}°"] * model.oriented
@@ -217,7 +221,11 @@ def worth(fit: Fit) -> list[str]:
         )
     elif not fit.is_white:
         said.append(
-            f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals are too "
-            "narrow; something moves in the body, the air acts (--damping, damping=), or the sensor filters"
+            f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals "
+            f"{_wide(fit)}; something moves in the body, the air acts (--damping, damping=), or the sensor filters"
         )
     return said
+
+
+def _wide(fit: Fit) -> str:
+    return "allow for it" if fit.solution.memory else "are too narrow"

@@ -1,0 +1,62 @@
+"""Intervals where the residuals are correlated: simulated throws whose noise goes on for a 20th of the recording."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from nontwist import fit_inertia, integrate, standard
+from nontwist.fitting import telling, words
+
+MOMENTS = np.array([1.0, 1.6, 2.1])
+
+
+def noise(rng, n, samples):
+    """Return noise of three axes, autoregressive of order 1, of this correlation time in samples."""
+    phi, found = np.exp(-1 / samples), rng.normal(size=(n, 3))
+    for k in range(1, n):
+        found[k] = phi * found[k - 1] + np.sqrt(1 - phi**2) * found[k]
+    return found
+
+
+def fits(count, n=400, part=1 / 20):
+    rng, t = np.random.default_rng(3), np.linspace(0, 2, n)
+    for _ in range(count):
+        W = rng.normal(size=3) * 4 + [3, 2, 4]
+        run = integrate(standard(MOMENTS), times=t, material_angular_velocity=W, tolerance=1e-9)
+        measured = run.material_angular_velocity + 0.05 * noise(rng, n, part * n)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield fit_inertia((t, measured), interval="all")
+
+
+def covered(count):
+    """Return how often intervals of the ratios of the moments hold them, and those of white noise would."""
+    true, found = MOMENTS[:2] / MOMENTS[2], []
+    for fit in fits(count):
+        half = np.diff(fit.principal.ratio_intervals, axis=1).ravel() / 2
+        off = abs(fit.principal.ratios - true)
+        if np.isfinite(half).all():  # else the throw does not determine them
+            found.append([off < half, off < half / np.sqrt(fit.solution.inflation)])
+    assert len(found) > 0.9 * count
+    return np.mean(found, axis=(0, 2))
+
+
+def test_intervals_allow_for_correlated_residuals():
+    ours, white = covered(25)
+    assert ours >= 0.86
+    assert white < 0.6
+
+
+@pytest.mark.long
+def test_intervals_of_95_percent_cover_as_often():
+    ours, _ = covered(400)
+    assert 0.90 <= ours <= 0.98
+
+
+def test_too_few_samples_count_for_intervals(monkeypatch):
+    for module in (telling, words):
+        monkeypatch.setattr(module, "FEWEST", 200.0)  # about 60 are effective
+    (fit,) = fits(1)
+    assert np.isnan(fit.principal.ratio_intervals).all()
+    assert "without an interval" in str(fit)

@@ -24,7 +24,7 @@ def fits(count, n=400, part=1 / 20):
     for _ in range(count):
         W = rng.normal(size=3) * 4 + [3, 2, 4]
         run = integrate(standard(MOMENTS), times=t, material_angular_velocity=W, tolerance=1e-9)
-        measured = run.material_angular_velocity + 0.05 * noise(rng, n, part * n)
+        measured = run.material_angular_velocity + 0.03 * noise(rng, n, part * n)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield fit_inertia((t, measured), interval="all")

@@ -25,6 +25,7 @@ from nontwist import (
     wheel,
 )
 from nontwist.runfile.folder import Folder
+from nontwist.runfile.problems import RunFileError
 from nontwist.runfile.reading import checked
 
 RPM = 2 * np.pi / 60
@@ -188,6 +189,8 @@ def test_run_file_says_the_same():
     }
     run = checked("wheel.toml", data, Folder(Path())).simulate()
     assert run.angular_velocity.values[-1, 2] == pytest.approx(0.2 - 0.5 / 4.5, abs=1e-12)
+    with pytest.raises(RunFileError, match=r"load: 1 tables \(the inertia of a body includes that of its wheels"):
+        checked("wheel.toml", data | {"load": [text | {"inertia": 6}]}, Folder(Path()))
 
 
 @pytest.mark.parametrize(

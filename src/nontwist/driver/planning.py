@@ -12,6 +12,7 @@ from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
+from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
@@ -137,12 +138,7 @@ def planned(
         steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
     load = known_body(as_load(load), systems)
-    scheme.require_memory(load)
-    if load.frictions and load.remembering:
-        raise ValueError(
-            "dry_friction does not act beside wheels and loads with memory; friction of a wheel is "
-            "wheel(viscous=..., friction=...)"
-        )
+    require_possible(scheme, systems, load)
     return Plan(
         scheme,
         systems,
@@ -155,6 +151,18 @@ def planned(
         tolerance,
         candidates(scheme, is_open),
     )
+
+
+def require_possible(scheme: Integrator, systems: SystemStack, load: Load) -> None:
+    """Raise a ValueError where loads with internal states do not go with an integrator, with bodies or friction."""
+    scheme.require_memory(load)
+    if load.frictions and load.remembering:
+        raise ValueError(
+            "dry_friction does not act beside wheels and loads with memory; friction of a wheel is "
+            "wheel(viscous=..., friction=...)"
+        )
+    for k in range(len(systems)) if load.wheels else ():
+        carrier(systems[k], load)
 
 
 def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from ..driver.events import as_events
 from ..driver.grid import MOST_STEPS, asked_times, count_steps, is_too_short, stored_count
 from ..driver.named_events import NamedEvent
-from ..driver.planning import Plan, candidates, known_body
+from ..driver.planning import Plan, candidates, known_body, require_possible
 from ..driver.starts import Starts, start_of_one
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS
@@ -90,6 +90,13 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     schemes, t0, t1 = candidates(scheme, is_open), time.t_start, time.t_end
     systems = stacked(system)
     load = known_body(load, systems)
+    try:
+        require_possible(scheme, systems, load)
+    except ValueError as error:
+        problems.append(
+            Problem("load", f"{len(load.terms)} tables ({error})", "loads that go with the body and each other")
+        )
+        return None
     plan = Plan(scheme, systems, load, t0, t1, time.store, grid, asked, time.tolerance, schemes)
     return Prepared(plan, begin, as_events([event for event in events if event is not None]))
 

@@ -9,10 +9,13 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nontwist import (
+    SimulationError,
+    Status,
     drifts,
     heavy_top,
     integrate,
     lyapunov,
+    moment,
     nontwisting,
     resample,
     rotor,
@@ -263,8 +266,31 @@ def test_wheels_with_friction_are_continued_and_run_in_ensembles():
     first = integrate(standard(J), t_end=2, material_angular_velocity=W0, **how)
     rest = integrate(standard(J), t_end=5, start=first.to_dataset(), **how)
     assert rest.states.internal[-1] == pytest.approx(whole.states.internal[-1], abs=1e-13)
-    many = simulate_ensemble(standard(J), t_end=5, material_angular_velocity=[W0, -W0], **how)
+    many = simulate_ensemble(standard(J), t_end=5, material_angular_velocity=[W0, -W0], variables="all", **how)
     assert many.wheel_momentum.values[0, -1] == pytest.approx(whole.wheel_momentum[-1], abs=0)
+
+
+def test_a_stall_beside_a_wheel_is_said():
+    def relay(t, directors, w):
+        return -np.sign(w[0]), 0.0, 0.0
+
+    load = moment(relay, compiled=True) + wheel("x", 0.001, 1)
+    with np.errstate(all="ignore"), pytest.raises(SimulationError) as failed:
+        simulate(BODIES["top"], t_end=20, step=0.01, angular_velocity=(0.5, 0, 0), load=load)
+    assert failed.value.status == Status.STALLED
+
+
+def test_variables_of_wheels_that_are_not_there_are_refused():
+    run = integrate(standard(J), t_end=1, material_angular_velocity=W0)
+    for call in (
+        lambda: run.observables("wheel_speed"),
+        lambda: run.wheel_momentum,
+        lambda: simulate_ensemble(
+            standard(J), t_end=1, step=0.1, material_angular_velocity=[W0], variables="wheel_work"
+        ),
+    ):
+        with pytest.raises(ValueError, match="the load has no wheels"):
+            call()
 
 
 def test_wheels_with_friction_are_refused_by_name_where_they_cannot_be():

@@ -19,7 +19,6 @@ from .variables import (
     SIZES,
     STATE,
     VARIABLES,
-    WHEELS,
     Wheels,
     assembled,
     coordinates,
@@ -40,7 +39,9 @@ def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
 
 def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
     """Return the bytes that the states of an ensemble take while they are computed."""
-    numbers = [math.prod(SIZES[dim] for dim in VARIABLES[name][0][1:]) for name in variables if name not in STATE]
+    numbers = [
+        math.prod(SIZES.get(dim, 4) for dim in VARIABLES[name][0][1:]) for name in variables if name not in STATE
+    ]
     return 8.0 * members * (times * (7 + sum(numbers) + 36 * bool(numbers)) + 25)
 
 
@@ -52,8 +53,6 @@ def dataset(
     records = ensemble.load.description
     if variables == NODES:
         variables = nodes_of(records)
-    elif ensemble.load.wheels:
-        variables = tuple(dict.fromkeys((*variables, *WHEELS)))
     rotors = rotor_momenta(ensemble, ensemble.output)
     held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
     found = described(observables(variables, systems, outcome.states, rotors, held, Wheels.of(records)), ("member",))

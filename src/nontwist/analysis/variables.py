@@ -315,6 +315,8 @@ def _computed(
     if wheels is not None and internal is not None:
         of_wheels, momentum, energy = wheels.states(W, internal)
         h, T = h + momentum, K + energy
+    elif absent := [name for name in names if WHEELS.get(name, ((),))[0][1:] == ("wheel",)]:
+        raise ValueError(f"there is no variable {absent[0]!r}, as the load has no wheels")
     whole = [Pi[i] + h[..., i] for i in range(3)]
     rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
     made: dict[str, Callable[[], Array]] = {

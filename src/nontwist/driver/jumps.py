@@ -34,8 +34,8 @@ WAYS = (
 def named(scheme: Integrator, problem: Problem, failure: Failure) -> Failure:
     """Return how a problem of one body has failed: where its load jumps, if that is why an iteration has stalled."""
     terms = [term for term in problem.load.terms if term.kind in ("state", "forces") and not term.in_kernels]
-    if failure.status is not Status.STALLED or not terms:
-        return failure
+    if failure.status is not Status.STALLED or not terms or problem.load.remembering:
+        return failure  # beside internal states a moment is more than a function of the state
     p, W, t = problem.quaternion[0], problem.velocity[0], float(problem.times(failure.step))
     if failure.step:
         outcome = scheme.march(onward(problem, 0, failure.step))

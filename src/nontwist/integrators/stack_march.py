@@ -65,6 +65,7 @@ class StackMarch:
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
         systems, self.load = as_marched(stack, director)
+        assert not any(one.is_driven for one in self.load.wheels), "a body with wheels is marched as_gyrostat"
         self.about = orbit_of(systems, self.load, self.unit) if self.needs.action == STAGE else None
         self.bodies = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:

@@ -18,7 +18,7 @@ from ..geometry.attitudes import States, attitudes
 from ..loads import Load
 from ..loads.wheels import Driven, Wheel
 from ..models.stack import SystemStack, stacked
-from ..models.system import DirectorSystem
+from ..models.system import DirectorSystem, euler_inertia
 from .problem import Outcome, Problem
 
 
@@ -52,7 +52,7 @@ def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
         )
-    return replace(system, euler_inertia=np.trace(J) / 2 * np.eye(3) - J, physical=False)
+    return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
 
 
 def as_gyrostat(problem: Problem) -> Problem:
@@ -63,12 +63,10 @@ def as_gyrostat(problem: Problem) -> Problem:
 
     def term_of(wheel: Wheel) -> Driven | Wheel:
         _, column = next(columns)
-        own = wheel.of_factor()
-        return (
-            Driven(own, t, float(z[column]), breakpoints=own.breakpoints, resolution=own.resolution)
-            if wheel.is_driven
-            else own
-        )
+        own = wheel.unscaled
+        if not wheel.is_driven:
+            return own
+        return Driven(own, t, float(z[column]), breakpoints=own.breakpoints, resolution=own.resolution)
 
     load = Load(tuple(term_of(term) if isinstance(term, Wheel) else term for term in one.load.terms))
     internal = np.delete(one.internal, driven_columns(one.load), axis=1) if load.memories else None

@@ -104,9 +104,10 @@ class Wheel(Memory):
         """What the wheel gives to J, I n nᵀ, (3, 3), kg m²."""
         return self.inertia * np.outer(self.wheel, self.wheel)
 
-    def of_factor(self, factor: float = 1.0) -> Wheel:
-        """Return the wheel of the factor 1 whose speed and torques are those of this one, times a factor."""
-        c, motor = factor * self.scale, self.motor
+    @property
+    def unscaled(self) -> Wheel:
+        """The wheel of the factor 1 whose speed and torques are those of this one times its factor."""
+        c, motor = self.scale, self.motor
         driven = motor if motor is None or c == 1 else (lambda t, speed: c * motor(t, speed))
         return self._copy(scale=1.0, speed=c * self.speed, torque=c * self.torque, values=c * self.values, motor=driven)
 

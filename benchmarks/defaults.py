@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import INTEGRATORS
 from nontwist.driver.grid import stretches_of
 from nontwist.driver.planning import planned
 from nontwist.driver.starts import start_of_one
-from nontwist.integrators import Integrator
+from nontwist.integrators import INTEGRATORS, Integrator
 
 from .rows import Row, Table, digits
 

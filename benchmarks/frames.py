@@ -12,7 +12,8 @@ import numpy as np
 import pandas
 from scipy.spatial.transform import Rotation
 
-from nontwist import TwistCounter, link, nontwisting_frame, writhe
+from nontwist import TwistCounter
+from nontwist.curves import link, nontwisting_frame, writhe
 from nontwist.geometry.directors import first_d1, unit_directors
 from nontwist.geometry.frame_kernels import smooth_rolls, transport
 

@@ -12,7 +12,9 @@ from time import perf_counter
 
 import numpy as np
 
-from nontwist import INTEGRATORS, Trajectory, integrate
+from nontwist import integrate
+from nontwist.integrators import INTEGRATORS
+from nontwist.results import Trajectory
 
 from .rows import Row
 from .workloads import GRAVITY, Array, Workload, workload

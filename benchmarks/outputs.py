@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import INTEGRATORS, SimulationError, propagator
+from nontwist import propagator
+from nontwist.errors import SimulationError
+from nontwist.integrators import INTEGRATORS
 
 from .peers import heyoka_grid
 from .rows import Row

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import INTEGRATORS, integrate, propagator, simulate, stepper
+from nontwist import integrate, propagator, simulate, stepper
 from nontwist.geometry.attitudes import director_velocities
 from nontwist.geometry.attitudes import directors as directors_of
-from nontwist.integrators import Problem
+from nontwist.integrators import INTEGRATORS, Problem
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
 

@@ -18,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import INTEGRATORS, SimulationError, propagator
+from nontwist import propagator
+from nontwist.errors import SimulationError
+from nontwist.integrators import INTEGRATORS
 
 from .peers import ABSENT, Call, Method, Missing, peers
 from .rows import Row, Table, digits

@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nontwist import fit_inertia, heavy_top, inertia_of_cuboid, rotation, rotor, sensors, simulate, standard
+from nontwist import fit_inertia, heavy_top, inertia, rotation, rotor, sensors, simulate, standard
 from nontwist.fitting.bodies import Model, Pivot, Wheel, symmetric
 from nontwist.fitting.estimating import whole
 from nontwist.fitting.linear import weak_form
@@ -87,7 +87,7 @@ def drawn(rng: Any, low: float, high: float) -> Any:
 
 def box(rng: Any, mass: float, sides: Any, turned: Rotation) -> Any:
     """Return the inertia of a box in turned axes."""
-    J = turned.as_matrix() @ inertia_of_cuboid(mass, sides) @ turned.as_matrix().T
+    J = turned.as_matrix() @ inertia.of_cuboid(mass, sides) @ turned.as_matrix().T
     return (J + J.T) / 2
 
 

@@ -11,17 +11,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from nontwist import (
-    closed_frame,
-    compare,
-    heavy_top,
-    nontwisting,
-    plot,
-    pulse,
-    second_quotient,
-    simulate,
-    standard,
-)
+from nontwist import compare, heavy_top, nontwisting, plot, pulse, simulate, standard
+from nontwist.comparison import second_quotient
+from nontwist.curves import closed_frame
 
 inertia = [[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]]
 load = pulse((-61.8125, -26.875, 0), start=0, end=1)

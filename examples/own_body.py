@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nontwist import DirectorSystem, heavy_top, inertia_of_cylinder, shift_inertia, simulate
+from nontwist import DirectorSystem, heavy_top, inertia, simulate
 
 
 def wheel(mass: float, radius: float, width: float, arm: float, gravity: ArrayLike = (0, 0, -9.81)) -> DirectorSystem:
@@ -41,7 +41,7 @@ def wheel(mass: float, radius: float, width: float, arm: float, gravity: ArrayLi
         Mass, radius or width not positive; not finite.
     """
     centre = (0, 0, arm)
-    J = shift_inertia(inertia_of_cylinder(mass, radius, width), mass, centre)
+    J = inertia.shift(inertia.of_cylinder(mass, radius, width), mass, centre)
     return replace(heavy_top(J, mass, centre, gravity), name="wheel")
 
 

@@ -16,19 +16,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nontwist import (
-    INTEGRATORS,
-    Continuous,
-    Load,
-    body_moment,
-    heavy_top,
-    integrate,
-    nontwisting,
-    rotations,
-    space_moment,
-    suslov,
-)
+from nontwist import Load, body_moment, heavy_top, integrate, nontwisting, rotations, space_moment, suslov
 from nontwist.geometry.arrays import Array
+from nontwist.integrators import INTEGRATORS, Continuous
 from nontwist.integrators.base import Failure, Integrator, March, Problem, Status
 from nontwist.integrators.spins import REFUSAL as SPIN
 from nontwist.integrators.stepping import Step, march

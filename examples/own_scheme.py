@@ -13,10 +13,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nontwist import INTEGRATORS, damping, integrate, sensitivities, simulate_ensemble, standard
+from nontwist import damping, integrate, sensitivities, simulate_ensemble, standard
 from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.engine.sampling import Nodes
+from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.base import Problem
 from nontwist.integrators.compiled import Compiled, velocity_of
 from nontwist.kernels.elements import sqrt

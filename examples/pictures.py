@@ -16,7 +16,8 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from PIL import Image
 
-from nontwist import nontwisting_frame, plot, solid_angle, twist
+from nontwist import plot, twist
+from nontwist.curves import nontwisting_frame, solid_angle
 from nontwist.viewer.drawing import colours
 from nontwist.viewer.films import save_film
 

@@ -82,7 +82,7 @@ def matrix(r, given):
 
 
 def euler(r, given):
-    return nt.euler_inertia(symmetric(r, given))
+    return nt.inertia.euler_inertia(symmetric(r, given))
 
 
 def top(r, given):
@@ -111,7 +111,7 @@ def bodies(r):
 
 def steady_load(r, given):
     """A load that leaves the axis of rotation where it is."""
-    J = nt.convected_inertia(nt.euler_inertia(given["inertia"]))
+    J = nt.inertia.convected_inertia(nt.inertia.euler_inertia(given["inertia"]))
     return nt.pulse(J @ given["material_angular_velocity"] * r.uniform(0.1, 1))
 
 
@@ -140,7 +140,7 @@ def trajectory():
 
 @cache
 def quotients():
-    return nt.second_quotient(run(step=0.1), run(step=0.05), run(step=0.025))
+    return nt.comparison.second_quotient(run(step=0.1), run(step=0.05), run(step=0.025))
 
 
 @cache
@@ -286,7 +286,7 @@ NEEDED = (
     *(
         "least_effort.nodes",
         "faces",
-        "inertia_of_mesh.mass",
+        "inertia.of_mesh.mass",
         "values",
         "t_end",
         "pulse.end",
@@ -328,17 +328,17 @@ VALUES = {
     "covariant_derivative_of_field.step": number(0.001, 0.05),
     "field": one_of(spinning),
     "X": lambda r, given: r.normal(size=(N, 3) if r.random() < 0.5 else 3),
-    **dict.fromkeys((f"split_{name}.directors" for name in ("momentum", "energy", "rates", "velocity")), frames),
+    **dict.fromkeys((f"split_form.{name}.directors" for name in ("momentum", "energy", "rates", "velocity")), frames),
     "momentum_perp": across,
     "momentum_par": number(-1, 1),
-    "split_energy.angular_velocity": lambda r, given: r.normal(size=3),
+    "split_form.energy.angular_velocity": lambda r, given: r.normal(size=3),
     "vee.W": skew,
     "d3": path,
     "points": path,
     "tangents": lambda r, given: np.gradient(given["points"], axis=0),
     "inertia": symmetric,
     "symmetric_top.inertia": top,
-    "shift_inertia.inertia": lambda r, given: 100 * symmetric(r, given),
+    "inertia.shift.inertia": lambda r, given: 100 * symmetric(r, given),
     "heavy_top.mass": number(0.01, 0.1),
     "heavy_top.centre_of_mass": lambda r, given: r.uniform(-0.2, 0.2, 3),
     "with_gravity.mass": number(0.01, 0.1),
@@ -347,10 +347,10 @@ VALUES = {
     "lengths": lambda r, given: r.uniform(0.5, 2, 3),
     "semi_axes": lambda r, given: r.uniform(0.5, 2, 3),
     "masses": lambda r, given: r.uniform(0.5, 2, N),
-    "inertia_of_mesh.vertices": lambda r, given: np.array(TETRAHEDRON[0]) * r.uniform(0.5, 2),
+    "inertia.of_mesh.vertices": lambda r, given: np.array(TETRAHEDRON[0]) * r.uniform(0.5, 2),
     "faces": one_of(TETRAHEDRON[1]),
-    "inertia_of_mesh.density": one_of(None),
-    "inertia_of_mesh.mass": number(0.8, 1.2),
+    "inertia.of_mesh.density": one_of(None),
+    "inertia.of_mesh.mass": number(0.8, 1.2),
     "scale": number(0.5, 2),
     "coefficient": lambda r, given: float(r.uniform(0, 1)) if r.random() < 0.5 else r.uniform(0, 1, 3),
     "axis": axis,
@@ -512,7 +512,9 @@ VALUES = {
     "compare.steps": one_of([0.1, 0.05]),
     "integrators": one_of(["lie-midpoint"], ["exact", ("split", 2)], [("energy-momentum", 2), "continuous"]),
     "repeats": one_of(1),
-    "integrator": lambda r, given: (*nt.INTEGRATORS, nt.Split(order=2))[r.integers(len(nt.INTEGRATORS) + 1)],
+    "integrator": lambda r, given: (*nt.integrators.INTEGRATORS, nt.integrators.Split(order=2))[
+        r.integers(len(nt.integrators.INTEGRATORS) + 1)
+    ],
     "loaded_nontwisting.load": steady_load,
     "third": lambda r, given: ("smallest", "middle", "largest", unit(r))[r.integers(4)],
     "about": one_of("centre_of_mass", (0, 0, 0), (0.1, 0.2, 0.3)),

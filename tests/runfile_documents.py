@@ -4,7 +4,7 @@ import math
 
 from hypothesis import strategies as st
 
-from nontwist import INTEGRATORS
+from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES
 
 WORDS = st.sampled_from(["body", "space", "standard", "pulse", "split", "wxyz", "", "é\u0007", "1e400"])

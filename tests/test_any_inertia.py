@@ -14,12 +14,11 @@ from nontwist import (
     DirectorSystem,
     exact,
     heavy_top,
-    inertia_of_points,
+    inertia,
     least_effort,
     moment,
     nontwisting,
     potential,
-    principal_frame,
     sensitivities,
     simulate,
     simulate_ensemble,
@@ -28,6 +27,7 @@ from nontwist import (
     sweep,
     with_gravity,
 )
+from nontwist.inertia import principal_frame
 from nontwist.runfile import RunFileError, read_run_file
 
 TILT = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
@@ -163,7 +163,7 @@ def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():
     )
     run = simulate(nontwisting([1, 1, 0]), times=times, material_angular_velocity=W, integrator="exact")
     assert np.allclose(run.directors.values[-1].T, exact.free_nontwisting([1, 1, 0], W, times)[0][-1], atol=1e-14)
-    J = inertia_of_points([2.0], [(0, 0, 0.5)])
+    J = inertia.of_points([2.0], [(0, 0, 0.5)])
     assert np.allclose(J, np.diag([0.5, 0.5, 0]), atol=1e-15)
     assert nontwisting(J).inertia[2, 2] == 0
     T = exact.momentum_period([1, 2, 6], (0.1, 2, 0.1), physical=False)

@@ -5,18 +5,9 @@ import numpy as np
 import pytest
 
 from conftest import PAPER_J, random_inertia
-from nontwist import (
-    DirectorSystem,
-    convected_inertia,
-    euler_inertia,
-    heavy_top,
-    inertia_of_cylinder,
-    nontwisting,
-    split_inertia,
-    standard,
-    suslov,
-    with_gravity,
-)
+from nontwist import DirectorSystem, heavy_top, inertia, nontwisting, standard, suslov, with_gravity
+from nontwist.inertia import convected_inertia, euler_inertia
+from nontwist.split_form import split_inertia
 
 
 def test_euler_inertia_of_the_paper():
@@ -162,6 +153,6 @@ def test_a_body_is_short_to_show_and_has_its_inertia():
 
 def test_axes_have_letters():
     assert np.array_equal(suslov([3, 4, 5], "-y").axis, [0, -1, 0])
-    assert np.array_equal(inertia_of_cylinder(1, 2, 3, axis="x"), inertia_of_cylinder(1, 2, 3, axis=(1, 0, 0)))
+    assert np.array_equal(inertia.of_cylinder(1, 2, 3, axis="x"), inertia.of_cylinder(1, 2, 3, axis=(1, 0, 0)))
     with pytest.raises(ValueError, match=r"^axis must be x, y or z, with a minus or without, or 3 numbers; got 'w'$"):
         suslov([3, 4, 5], "w")

@@ -12,8 +12,6 @@ from scipy import LowLevelCallable
 
 from conftest import BODIES, compiled_load
 from nontwist import (
-    SimulationError,
-    Status,
     body_moment,
     damping,
     integrate,
@@ -24,6 +22,7 @@ from nontwist import (
     space_moment,
     stepper,
 )
+from nontwist.errors import SimulationError, Status
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 CALLED = ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])

@@ -15,13 +15,9 @@ from scipy.spatial.transform import Rotation
 from complex_steps import Body, Potential, derivative
 from nontwist import (
     DirectorSystem,
-    EnergyMomentum,
-    LieMidpoint,
-    SimulationError,
     body_moment,
     damping,
     director_forces,
-    euler_inertia,
     gradient,
     gravity_gradient,
     integrate,
@@ -36,6 +32,9 @@ from nontwist import (
     spring,
     standard,
 )
+from nontwist.errors import SimulationError
+from nontwist.inertia import euler_inertia
+from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
 from nontwist.loads.c_functions import Moment

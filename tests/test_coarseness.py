@@ -8,21 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nontwist import (
-    Gauss,
-    LieMidpoint,
-    SimulationError,
-    Split,
-    integrate,
-    nontwisting,
-    propagator,
-    pulse,
-    simulate,
-    simulate_ensemble,
-    standard,
-)
+from nontwist import integrate, nontwisting, propagator, pulse, simulate, simulate_ensemble, standard
 from nontwist.cli import app
+from nontwist.errors import SimulationError
 from nontwist.geometry.rotations import hat
+from nontwist.integrators import Gauss, LieMidpoint, Split
 from nontwist.integrators.gauss import LARGEST_TURN
 from nontwist.integrators.gauss_coefficients import nodes
 

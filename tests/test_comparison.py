@@ -10,9 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
 from nontwist import (
-    Continuous,
-    EnergyMomentum,
-    LieMidpoint,
     body_moment,
     compare,
     damping,
@@ -33,6 +30,7 @@ from nontwist.comparison.choice import times_to
 from nontwist.comparison.dataset import measured_orders
 from nontwist.comparison.reference import error_bar, reference
 from nontwist.comparison.settings import chosen, grids, label, shared_intervals, stored_intervals
+from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 PUSH = pulse((40, -20, 10), 0, 0.25, frame="space")

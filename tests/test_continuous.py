@@ -7,21 +7,9 @@ from scipy import integrate as solvers
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
-from nontwist import (
-    Continuous,
-    SimulationError,
-    Status,
-    damping,
-    integrate,
-    moment,
-    nontwisting,
-    pulse,
-    resample,
-    simulate,
-    sine,
-    space_moment,
-    standard,
-)
+from nontwist import damping, integrate, moment, nontwisting, pulse, resample, simulate, sine, space_moment, standard
+from nontwist.errors import SimulationError, Status
+from nontwist.integrators import Continuous
 from nontwist.integrators.continuous import TURNS, solver_of
 
 FINE = {"rtol": 1e-13, "atol": 1e-14}

@@ -9,9 +9,6 @@ import pytest
 
 from conftest import nontwist
 from nontwist import (
-    Continuous,
-    RunFileError,
-    SimulationError,
     body_moment,
     damping,
     exact,
@@ -29,9 +26,10 @@ from nontwist import (
     sweep,
 )
 from nontwist.driver import costs, grid
+from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
-from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_solution
+from nontwist.integrators import DEFAULT, INTEGRATORS, Continuous, Problem, continuous, exact_solution
 from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
 from nontwist.models.stack import stacked

@@ -5,18 +5,9 @@ import pytest
 import xarray
 
 from conftest import BODIES
-from nontwist import (
-    DirectorSystem,
-    integrate,
-    observed_order,
-    open_run,
-    rotation,
-    save_run,
-    second_quotient,
-    simulate,
-    sine,
-)
+from nontwist import DirectorSystem, integrate, open_run, rotation, save_run, simulate, sine
 from nontwist.analysis.variables import DERIVATIVES, EVENTS, FRICTION, INTERNAL, ROTORS, VARIABLES, WHEELS
+from nontwist.comparison import observed_order, second_quotient
 
 OTHERS = {*EVENTS, *ROTORS, *WHEELS, *FRICTION, *INTERNAL, *DERIVATIVES}  # of some runs alone
 

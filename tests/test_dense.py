@@ -5,8 +5,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nontwist import (
-    Continuous,
-    Gauss,
     body_moment,
     damping,
     heavy_top,
@@ -23,7 +21,7 @@ from nontwist import (
     standard,
     suslov,
 )
-from nontwist.integrators import dense
+from nontwist.integrators import Continuous, Gauss, dense
 from nontwist.kernels.series import Constant, Recurrence
 
 J = np.array([[3, -1 / 7, 0.2], [-1 / 7, 4, 0.1], [0.2, 0.1, 5]])

@@ -16,13 +16,9 @@ from scipy.spatial.transform import Rotation
 from complex_steps import Body, derivative
 from nontwist import (
     DirectorSystem,
-    EnergyMomentum,
-    LieMidpoint,
     Load,
-    SimulationError,
     body_moment,
     damping,
-    euler_inertia,
     gradient,
     heavy_top,
     integrate,
@@ -38,6 +34,9 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.errors import SimulationError
+from nontwist.inertia import euler_inertia
+from nontwist.integrators import EnergyMomentum, LieMidpoint
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 PRINCIPAL = np.array([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5.0]])

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from nontwist import (
-    EnergyMomentum,
-    LieMidpoint,
     compare,
     damping,
     heavy_top,
@@ -20,6 +18,7 @@ from nontwist import (
     stepper,
 )
 from nontwist.analysis.invariants import drifts
+from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.sweeps import sweep
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])

@@ -9,11 +9,14 @@ import pytest
 from numpydoc.docscrape import NumpyDocString
 
 import nontwist
-from nontwist import Fit, LeastEffort, MassProperties, Propagator, RunFile, Steering, Stepper, StepperState, SweepError
+from nontwist import RunFile
+from nontwist.errors import InputWarning, SweepError
+from nontwist.inertia import MassProperties
+from nontwist.results import Fit, LeastEffort, Propagator, Steering, Stepper, StepperState
 
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "See Also", "Notes", "References", "Examples"]
-NO_EXAMPLE = {SweepError}  # a worker would have to die
+NO_EXAMPLE = {SweepError, InputWarning}  # a worker would have to die; as InputError
 SHOWN_BY = {RunFile: RunFile.simulate}  # its own docstring goes into the JSON Schema of run files
 NOT_CALLED = (BaseException, enum.Enum, MassProperties)  # a user reads their attributes; these have texts of their own
 # Made by functions: what they are made of is nobody's business.
@@ -61,8 +64,8 @@ def test_simulate_names_the_integrators_that_take_times():
     (told,) = (
         " ".join(p.desc) for p in NumpyDocString(inspect.getdoc(nontwist.simulate))["Parameters"] if p.name == "times"
     )
-    assert {name for name in nontwist.INTEGRATORS if f'"{name}"' in told} == {
-        name for name, scheme in nontwist.INTEGRATORS.items() if scheme.any_times
+    assert {name for name in nontwist.integrators.INTEGRATORS if f'"{name}"' in told} == {
+        name for name, scheme in nontwist.integrators.INTEGRATORS.items() if scheme.any_times
     }
 
 

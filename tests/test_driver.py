@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
 from nontwist import (
-    SimulationError,
-    Status,
     body_moment,
     damping,
     integrate,
@@ -30,6 +28,7 @@ from nontwist import (
     suslov,
 )
 from nontwist.driver.grid import count_steps, free_memory
+from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS
 from nontwist.validation import energy_momentum_reference
 

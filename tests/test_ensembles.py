@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from conftest import BODIES, PAPER_J, random_inertia
 from nontwist import (
     DirectorSystem,
-    SimulationError,
     SystemStack,
     body_moment,
     damping,
@@ -31,6 +30,7 @@ from nontwist import (
     suslov,
 )
 from nontwist.analysis.statistics import STATISTICS
+from nontwist.errors import SimulationError
 from nontwist.integrators import INTEGRATORS, stack_march
 
 RNG = np.random.default_rng(8)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from conftest import PAPER_J
-from nontwist import Continuous, integrate, nontwisting, pulse, rotation, rotations, second_quotient, simulate, standard
+from nontwist import integrate, nontwisting, pulse, rotation, rotations, simulate, standard
 from nontwist.analysis import observables as obs
+from nontwist.comparison import second_quotient
+from nontwist.integrators import Continuous
 from nontwist.models.constraints import constraint_matrices
 from nontwist.paper.cases import CASES
 from nontwist.paper.tables import printed_tables

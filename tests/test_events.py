@@ -11,10 +11,6 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import (
-    Gauss,
-    RunFileError,
-    SimulationError,
-    SimulationInterrupt,
     axis_crosses,
     damping,
     heavy_top,
@@ -30,6 +26,8 @@ from nontwist import (
 )
 from nontwist.cli import app
 from nontwist.driver.events import Search
+from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
+from nontwist.integrators import Gauss
 
 BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}

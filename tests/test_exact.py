@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import exact_reference as reference
 from conftest import PAPER_J, random_inertia
-from nontwist import SimulationError, exact, integrate, nontwisting, rotations, simulate_ensemble, standard
+from nontwist import exact, integrate, nontwisting, rotations, simulate_ensemble, standard
+from nontwist.errors import SimulationError
 
 FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
 

@@ -10,24 +10,23 @@ from scipy.spatial.transform import Rotation
 import exact_reference as reference
 from conftest import BODIES, PAPER_J
 from nontwist import (
-    Continuous,
     DirectorSystem,
-    Exact,
     body_moment,
     damping,
     exact,
-    holonomy,
     integrate,
     nontwisting,
     pulse,
     rotations,
-    second_quotient,
     simulate,
     sine,
     standard,
     suslov,
 )
+from nontwist.comparison import second_quotient
+from nontwist.curves import holonomy
 from nontwist.exact import suslov_body
+from nontwist.integrators import Continuous, Exact
 from nontwist.models.system import euler_inertia
 
 TILTED = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])

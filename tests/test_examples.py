@@ -13,7 +13,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from nontwist import INTEGRATORS, plot, sine, solid_angle, standard, twist
+from nontwist import plot, sine, standard, twist
+from nontwist.curves import solid_angle
+from nontwist.integrators import INTEGRATORS
 from nontwist.loads import LOADS
 from nontwist.models.bodies import BODIES
 from nontwist.viewer.content import content

@@ -16,7 +16,7 @@ from conftest import nontwist
 from nontwist import (
     DirectorSystem,
     heavy_top,
-    inertia_of_cuboid,
+    inertia,
     moment,
     nontwisting,
     open_run,
@@ -24,7 +24,6 @@ from nontwist import (
     resample,
     rotor,
     save_run,
-    shift_inertia,
     simulate,
     standard,
     twist,
@@ -404,7 +403,7 @@ gravity = [0, 0, {gravity}]
 def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp_path):
     """A cuboid of 0.2 × 0.3 × 0.6 m whose centre of mass is 0.5 m from the pivot along d3 and 0.1 m along d1."""
     mass, sides, rho = 2.0, np.array([0.2, 0.3, 0.6]), np.array([0.1, 0.0, 0.5])
-    J = shift_inertia(inertia_of_cuboid(mass, sides), mass=mass, offset=rho)
+    J = inertia.shift(inertia.of_cuboid(mass, sides), mass=mass, offset=rho)
     text = ROD.format(inertia=J.tolist(), mass=mass, centre=rho.tolist(), gravity=gravity)
     (tmp_path / "rod.toml").write_text(text, encoding="utf-8")
     run = read_run_file(tmp_path / "rod.toml").simulate()

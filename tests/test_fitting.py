@@ -15,7 +15,7 @@ from fit_errors import message, off
 from nontwist import (
     body_moment,
     fit_inertia,
-    inertia_of_cuboid,
+    inertia,
     nontwisting,
     plot,
     read_run_file,
@@ -41,7 +41,7 @@ from nontwist.recordings.spellings import ACCELEROMETER, GYROSCOPE
 from refusals import refused
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
-PHONE = inertia_of_cuboid(0.18, (0.147, 0.072, 0.008))
+PHONE = inertia.of_cuboid(0.18, (0.147, 0.072, 0.008))
 W = np.array([8.0, 9.0, -7.0])
 TIMES = np.sort(np.random.default_rng(4).uniform(0, 0.6, 40))  # uneven, as recordings are
 PRIORS = Priors(0.02, 0.01)
@@ -233,7 +233,7 @@ def test_recordings_together_tell_more_than_the_best_alone():
 def test_another_body_among_the_recordings_shows():
     recordings = []
     for seed, thickness in enumerate((0.008, 0.008, 0.012)):
-        body = standard(inertia_of_cuboid(0.18, (0.147, 0.072, thickness)))
+        body = standard(inertia.of_cuboid(0.18, (0.147, 0.072, thickness)))
         start = 7 * np.random.default_rng(seed).normal(size=3)
         run = simulate(body, t_end=0.6, step=1 / 400, material_angular_velocity=start)
         recordings.append(sensors.gyroscope(run, noise=1.2e-4, rate=100, seed=seed))

@@ -16,7 +16,7 @@ from nontwist import (
     damping,
     fit_inertia,
     heavy_top,
-    inertia_of_cuboid,
+    inertia,
     nontwisting,
     read_run_file,
     rotor,
@@ -277,7 +277,7 @@ def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeyp
 def phone(seed, noise):
     """What a gyroscope reads of a thin plate that hangs by its corner, and its inertia, mass and centre."""
     mass, c = 0.18, np.array([0.036, -0.0735, 0.0])
-    plate = inertia_of_cuboid(mass, (0.147, 0.072, 0.004)) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    plate = inertia.of_cuboid(mass, (0.147, 0.072, 0.004)) + mass * (c @ c * np.eye(3) - np.outer(c, c))
     rng = np.random.default_rng(seed)
     start = 3 * rng.normal(size=3)
     begin = {"rotation": Rotation.random(rng=rng), "material_angular_velocity": start}

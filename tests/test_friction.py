@@ -7,9 +7,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from nontwist import (
-    LieMidpoint,
-    SimulationError,
-    Status,
     body_moment,
     compare,
     damping,
@@ -35,6 +32,8 @@ from nontwist import (
     suslov,
     with_gravity,
 )
+from nontwist.errors import SimulationError, Status
+from nontwist.integrators import LieMidpoint
 from nontwist.integrators.compiled import Compiled
 from nontwist.runfile.forecast import forecast
 

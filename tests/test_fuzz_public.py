@@ -32,7 +32,7 @@ SECONDS = 20
 VALID = 0.3  # least part of the inputs of each function that must give a result
 INPUTS, FEW = 100, 3
 SLOW = {"compare": 60, "reproduce": 20, "sweep": 60, "plot.save": 40, "open_run": 60, "save_run": 60}
-MADE_BY_THE_PACKAGE = (nontwist.Trajectory, nontwist.RunFile, *MADE)  # nobody calls these classes
+MADE_BY_THE_PACKAGE = (nontwist.results.Trajectory, nontwist.RunFile, *MADE)  # nobody calls these classes
 
 
 def functions():
@@ -67,7 +67,7 @@ def strategies(name):
     for parameter in inspect.signature(function).parameters.values():
         if parameter.kind is parameter.VAR_KEYWORD:
             continue
-        annotation = name.split(".")[0] if parameter.name == "self" else str(parameter.annotation)
+        annotation = name.split(".")[-2] if parameter.name == "self" else str(parameter.annotation)
         draw = strategy(name, parameter.name, annotation, said.get(parameter.name, ""))
         optional = parameter.default is not parameter.empty and parameter.name not in NEEDED
         found[parameter.name] = draw, optional and f"{name}.{parameter.name}" not in NEEDED, parameter.kind
@@ -128,7 +128,7 @@ def numbers_in(value):
             yield from (value.sample(np.linspace(0, 1, 7), kind) for kind in ("body", "space"))
     elif isinstance(value, Rotation):
         yield value.as_quat()
-    elif isinstance(value, nontwist.StepperState):
+    elif isinstance(value, nontwist.results.StepperState):
         yield np.array([value.time, *value.quaternion, *value.material_angular_velocity, value.load_work])
     elif isinstance(value, dict):
         yield from (number for entry in value.values() for number in numbers_in(entry))

@@ -13,12 +13,8 @@ from scipy.spatial.transform import Rotation
 from complex_steps import cross
 from conftest import BODIES, LOADS, PAPER_J
 from nontwist import (
-    Continuous,
-    Gauss,
     Load,
-    SimulationError,
     body_moment,
-    convected_inertia,
     damping,
     heavy_top,
     integrate,
@@ -33,6 +29,9 @@ from nontwist import (
     suslov,
     with_gravity,
 )
+from nontwist.errors import SimulationError
+from nontwist.inertia import convected_inertia
+from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
 from nontwist.runfile.forecast import forecast
 

@@ -72,7 +72,7 @@ NEWTON = (
 @pytest.mark.parametrize("case", CASES)
 def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request, monkeypatch):
     body, load, start = CASES[case]
-    about = {**start, "load": load or nt.Load(), "integrator": nt.Gauss(order)}
+    about = {**start, "load": load or nt.Load(), "integrator": nt.integrators.Gauss(order)}
     machine = nt.simulate(body, **about)
     solved, own = [], gauss_newton.newton
     monkeypatch.setattr(gauss_newton, "newton", lambda *args: solved.append(1) or own(*args))
@@ -86,10 +86,10 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request, mo
 
 
 def test_each_kind_of_motion_has_a_text():
-    texts = {motion: nt.Gauss(8).text(motion) for motion in ("steady", "free", "moved", "heavy", "rows")}
+    texts = {motion: nt.integrators.Gauss(8).text(motion) for motion in ("steady", "free", "moved", "heavy", "rows")}
     assert len(set(texts.values())) == 5
-    assert nt.Gauss(8).text("free") is texts["free"]
-    assert nt.Gauss(4).text("free") is not texts["free"]
+    assert nt.integrators.Gauss(8).text("free") is texts["free"]
+    assert nt.integrators.Gauss(4).text("free") is not texts["free"]
 
 
 def test_rows_that_turn_with_the_body():

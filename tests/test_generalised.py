@@ -14,8 +14,6 @@ from scipy.special import ellipk
 
 from complex_steps import cross
 from nontwist import (
-    EnergyMomentum,
-    SimulationError,
     compare,
     damping,
     dipole,
@@ -42,6 +40,8 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.invariants import drifts
+from nontwist.errors import SimulationError
+from nontwist.integrators import EnergyMomentum
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
@@ -161,7 +161,7 @@ def test_director_forces_in_every_integrator(name):
 
 
 def _continuous(form):
-    from nontwist import Continuous
+    from nontwist.integrators import Continuous
 
     return Continuous(form=form)
 

@@ -15,13 +15,9 @@ from hypothesis import strategies as st
 
 from conftest import compiled_load
 from nontwist import (
-    INTEGRATORS,
     DirectorSystem,
     Load,
-    SimulationError,
-    Status,
     body_moment,
-    convected_inertia,
     damping,
     heavy_top,
     moment,
@@ -34,8 +30,10 @@ from nontwist import (
     suslov,
     with_gravity,
 )
+from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
-from nontwist.integrators import continuous
+from nontwist.inertia import convected_inertia
+from nontwist.integrators import INTEGRATORS, continuous
 from nontwist.models.constraints import constraint_matrices
 
 LIMITS = {

@@ -14,21 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from conftest import random_inertia
-from nontwist import (
-    inertia_of_cuboid,
-    inertia_of_cylinder,
-    inertia_of_ellipsoid,
-    inertia_of_mesh,
-    inertia_of_points,
-    nontwisting,
-    principal_frame,
-    rotation,
-    shift_inertia,
-    simulate,
-    standard,
-    suslov,
-    twist,
-)
+from nontwist import inertia, nontwisting, rotation, simulate, standard, suslov, twist
+from nontwist.inertia import principal_frame
 from nontwist.models import mesh
 
 prove = settings(derandomize=True, max_examples=40, deadline=None)
@@ -77,7 +64,7 @@ def quadrature_of_cylinder(m, radius, length, bore, axis):
 
 def test_cuboid():
     x, w = grid(*(gauss(-l / 2, l / 2) for l in (0.5, 2.0, 3.0)))
-    J = inertia_of_cuboid(7.0, (0.5, 2, 3))
+    J = inertia.of_cuboid(7.0, (0.5, 2, 3))
     close(J, moment_of_mass(7 * w / w.sum(), np.transpose(x)))
     assert J[0, 0] == pytest.approx(7 / 12 * (2**2 + 3**2), rel=1e-15)
 
@@ -85,7 +72,7 @@ def test_cuboid():
 @pytest.mark.parametrize("axis", [(0, 0, 1), (2, 0, 0), (1, -2, 3)])
 @pytest.mark.parametrize("bore", [0.0, 0.3])
 def test_cylinder(axis, bore):
-    got = inertia_of_cylinder(7, 0.4, 2.0, inner_radius=bore, axis=axis)
+    got = inertia.of_cylinder(7, 0.4, 2.0, inner_radius=bore, axis=axis)
     close(got, quadrature_of_cylinder(7, 0.4, 2.0, bore, axis))
 
 
@@ -93,16 +80,16 @@ def test_ellipsoid():
     (r, z, phi), w = grid(gauss(0, 1), gauss(-1, 1), CIRCLE)
     s = np.sqrt(1 - z**2)
     x = (r * [s * np.cos(phi), s * np.sin(phi), z]).T * (1, 2, 0.3)
-    close(inertia_of_ellipsoid(7, (1, 2, 0.3)), moment_of_mass(7 * w * r**2 / (w * r**2).sum(), x))
-    assert inertia_of_ellipsoid(7, (2, 2, 2)) == pytest.approx(0.4 * 7 * 4 * np.eye(3), rel=1e-15)
+    close(inertia.of_ellipsoid(7, (1, 2, 0.3)), moment_of_mass(7 * w * r**2 / (w * r**2).sum(), x))
+    assert inertia.of_ellipsoid(7, (2, 2, 2)) == pytest.approx(0.4 * 7 * 4 * np.eye(3), rel=1e-15)
 
 
 def test_a_thin_rod_keeps_the_digits_of_its_small_moment():
-    J = inertia_of_cuboid(1, (1e-6, 1e-6, 1))
+    J = inertia.of_cuboid(1, (1e-6, 1e-6, 1))
     assert J[2, 2] == pytest.approx(1e-12 / 6, rel=1e-15, abs=0)
-    assert shift_inertia([1, 1, 1e-12], 3, (0, 0, 2))[2, 2] == principal_frame([1, 1, 1e-12], "smallest")[0][2] == 1e-12
+    assert inertia.shift([1, 1, 1e-12], 3, (0, 0, 2))[2, 2] == principal_frame([1, 1, 1e-12], "smallest")[0][2] == 1e-12
     n = (0, 3, 4)
-    assert n @ inertia_of_cylinder(1, 1e-6, 1, axis=n) @ n / 25 == pytest.approx(5e-13, rel=1e-4, abs=0)
+    assert n @ inertia.of_cylinder(1, 1e-6, 1, axis=n) @ n / 25 == pytest.approx(5e-13, rel=1e-4, abs=0)
 
 
 # Points, and the parallel axis theorem
@@ -112,22 +99,22 @@ def test_a_thin_rod_keeps_the_digits_of_its_small_moment():
 @given(bodies, vectors)
 def test_points(body, about):
     m, x = (np.array(part) for part in zip(*body, strict=True))
-    close(inertia_of_points(m, x), moment_of_mass(m, x))
+    close(inertia.of_points(m, x), moment_of_mass(m, x))
     centre = m @ x / m.sum()
     at_centre = moment_of_mass(m, x - centre)
     if np.linalg.eigvalsh(at_centre)[0] > 1e-3:
-        close(inertia_of_points(m, x, about="centre_of_mass"), at_centre)
+        close(inertia.of_points(m, x, about="centre_of_mass"), at_centre)
         about_point = moment_of_mass(m, x - about)
-        close(inertia_of_points(m, x, about), about_point)
-        close(shift_inertia(at_centre, m.sum(), centre - about), about_point)
-        close(shift_inertia(about_point, m.sum(), about - centre, to_centre_of_mass=True), at_centre, 1e-12)
+        close(inertia.of_points(m, x, about), about_point)
+        close(inertia.shift(at_centre, m.sum(), centre - about), about_point)
+        close(inertia.shift(about_point, m.sum(), about - centre, to_centre_of_mass=True), at_centre, 1e-12)
 
 
 @prove
 @given(bodies, rotations)
 def test_a_turned_body_has_the_turned_inertia(body, R):
     m, x = (np.array(part) for part in zip(*body, strict=True))
-    close(inertia_of_points(m, R.apply(x)), R.as_matrix() @ inertia_of_points(m, x) @ R.as_matrix().T)
+    close(inertia.of_points(m, R.apply(x)), R.as_matrix() @ inertia.of_points(m, x) @ R.as_matrix().T)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -135,25 +122,25 @@ def test_points_on_a_slanted_line_are_a_body_if_it_is_held_about_the_line(seed):
     """Whatever round-off would leave of the moment about the line."""
     rng = np.random.default_rng(seed)
     n, s = rng.normal(size=3), rng.normal(size=20)
-    through = inertia_of_points(rng.uniform(0.1, 1, 20), np.outer(s, n))
-    beside = inertia_of_points(rng.uniform(0.1, 1, 20), np.outer(s, n) + rng.normal(size=3), about="centre_of_mass")
+    through = inertia.of_points(rng.uniform(0.1, 1, 20), np.outer(s, n))
+    beside = inertia.of_points(rng.uniform(0.1, 1, 20), np.outer(s, n) + rng.normal(size=3), about="centre_of_mass")
     for J in (through, beside):
         assert abs(suslov(J, n).inertia @ n).max() < 1e-14 * np.trace(J)
         with pytest.raises(ValueError, match="inertia is not positive definite"):
             standard(J)
-    assert np.linalg.eigvalsh(inertia_of_points(np.ones(20), np.outer(s, n), about=(1, 2, 3)))[0] > 0.01
+    assert np.linalg.eigvalsh(inertia.of_points(np.ones(20), np.outer(s, n), about=(1, 2, 3)))[0] > 0.01
 
 
 def test_points_without_mass_are_no_matter():
     x = np.random.default_rng(0).normal(size=(5, 3))
-    close(inertia_of_points([1, 2, 0, 3, 0], x), inertia_of_points([1, 2, 3], x[[0, 1, 3]]), 1e-15)
+    close(inertia.of_points([1, 2, 0, 3, 0], x), inertia.of_points([1, 2, 3], x[[0, 1, 3]]), 1e-15)
 
 
 def test_a_box_in_eight_pieces():
     """Each piece about the centre of the whole by the parallel axis theorem."""
-    pieces = [shift_inertia(inertia_of_cuboid(1, (1, 2, 3)), 1, (x, y, z)) for x in (-0.5, 0.5) for y in (-1, 1)
+    pieces = [inertia.shift(inertia.of_cuboid(1, (1, 2, 3)), 1, (x, y, z)) for x in (-0.5, 0.5) for y in (-1, 1)
               for z in (-1.5, 1.5)]  # fmt: skip
-    close(sum(pieces), inertia_of_cuboid(8, (2, 4, 6)), 1e-15)
+    close(sum(pieces), inertia.of_cuboid(8, (2, 4, 6)), 1e-15)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +149,7 @@ def test_a_box_in_eight_pieces():
 )
 def test_three_points_in_a_plane_are_a_body(integrator, step, error):
     """The Euler inertia is singular, the convected one is not: J33 = J11 + J22."""
-    J = inertia_of_points([1, 2, 3], [[1, 0, 0], [-1, 1, 0], [0.5, -0.7, 0]])
+    J = inertia.of_points([1, 2, 3], [[1, 0, 0], [-1, 1, 0], [0.5, -0.7, 0]])
     assert J[2, 2] == pytest.approx(J[0, 0] + J[1, 1], rel=1e-15)
     assert np.linalg.eigvalsh(standard(J).euler_inertia)[0] == pytest.approx(0, abs=1e-15)
     start = {"t_end": 1, "material_angular_velocity": (1, 2, 0.5)}
@@ -211,7 +198,7 @@ def sum_of_cuboids(*parts):
     x = np.array([centre for *_, centre in parts], dtype=float)
     c = m @ x / m.sum()
     J = sum(
-        np.sign(mi) * shift_inertia(inertia_of_cuboid(abs(mi), l), abs(mi), xi - c)
+        np.sign(mi) * inertia.shift(inertia.of_cuboid(abs(mi), l), abs(mi), xi - c)
         for mi, (_, l, _), xi in zip(m, parts, x, strict=True)
     )
     return m.sum(), c, J
@@ -249,19 +236,19 @@ SOLIDS = {
 def test_mesh_of_a_solid(case):
     mesh, parts = SOLIDS[case]
     mass, centre, J = sum_of_cuboids(*parts)
-    got = inertia_of_mesh(*mesh, density=2)
+    got = inertia.of_mesh(*mesh, density=2)
     assert got.mass == pytest.approx(mass, rel=1e-14)
     close(got.centre_of_mass, centre, 1e-14)
     close(got.inertia, J, 1e-14)
     assert np.array_equal(got.inertia, got.inertia.T)
-    weighed = inertia_of_mesh(*mesh, mass=mass)
+    weighed = inertia.of_mesh(*mesh, mass=mass)
     assert weighed.mass == mass
     close(weighed.inertia, J, 1e-14)
 
 
 def test_a_body_far_from_its_origin_loses_no_digits():
     x, f = l_shaped_part()
-    here, there = inertia_of_mesh(x, f, density=1), inertia_of_mesh(x + 2.0**30, f, density=1)
+    here, there = inertia.of_mesh(x, f, density=1), inertia.of_mesh(x + 2.0**30, f, density=1)
     close(there.inertia, here.inertia, 1e-14)
     assert there.centre_of_mass - 2.0**30 == pytest.approx(here.centre_of_mass, abs=1e-6)
 
@@ -270,7 +257,7 @@ def test_a_body_far_from_its_origin_loses_no_digits():
 @given(rotations, vectors)
 def test_a_turned_and_shifted_mesh(R, shift):
     x, f = l_shaped_part()
-    (mass, centre, J), moved = inertia_of_mesh(x, f, density=1), inertia_of_mesh(R.apply(x) + shift, f, density=1)
+    (mass, centre, J), moved = inertia.of_mesh(x, f, density=1), inertia.of_mesh(R.apply(x) + shift, f, density=1)
     assert moved.mass == pytest.approx(mass, rel=1e-14)
     close(moved.centre_of_mass, R.apply(centre) + shift, 1e-12)
     close(moved.inertia, R.as_matrix() @ J @ R.as_matrix().T, 1e-13)
@@ -278,9 +265,9 @@ def test_a_turned_and_shifted_mesh(R, shift):
 
 def test_icospheres_tend_to_the_sphere_at_order_two():
     meshes = [trimesh.creation.icosphere(subdivisions=k, radius=2) for k in (3, 4, 5)]
-    found = [inertia_of_mesh(mesh.vertices, mesh.faces, density=3) for mesh in meshes]
+    found = [inertia.of_mesh(mesh.vertices, mesh.faces, density=3) for mesh in meshes]
     mass = 3 * 4 / 3 * np.pi * 2**3
-    sphere = inertia_of_ellipsoid(mass, (2, 2, 2))
+    sphere = inertia.of_ellipsoid(mass, (2, 2, 2))
     for errors in ([abs(got.mass - mass) for got in found], [abs(got.inertia - sphere).max() for got in found]):
         assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.02)
     assert abs(found[-1].inertia / sphere[0, 0] - np.eye(3)).max() < 2e-3
@@ -289,7 +276,7 @@ def test_icospheres_tend_to_the_sphere_at_order_two():
 def test_a_polyhedron_against_trimesh():
     hull = trimesh.convex.convex_hull(np.random.default_rng(5).normal(size=(40, 3)))
     hull.density = 7.0
-    got = inertia_of_mesh(hull.vertices, hull.faces, density=7)
+    got = inertia.of_mesh(hull.vertices, hull.faces, density=7)
     assert got.mass == pytest.approx(hull.mass, rel=1e-12)
     close(got.centre_of_mass, hull.center_mass, 1e-12)
     close(got.inertia, hull.moment_inertia, 1e-12)
@@ -299,10 +286,10 @@ def test_a_polyhedron_against_trimesh():
 def test_a_file_in_millimetres(tmp_path, suffix):
     path, (x, f) = tmp_path / f"part.{suffix}", l_shaped_part()
     trimesh.Trimesh(1000 * x, f, process=False).export(path)
-    got, want = inertia_of_mesh(path, density=2, scale=1e-3), inertia_of_mesh(x, f, density=2)
+    got, want = inertia.of_mesh(path, density=2, scale=1e-3), inertia.of_mesh(x, f, density=2)
     assert got.mass == pytest.approx(want.mass, rel=1e-14)
     close(got.inertia, want.inertia, 1e-14)
-    close(inertia_of_mesh(str(path), mass=want.mass).inertia, 1e6 * want.inertia)
+    close(inertia.of_mesh(str(path), mass=want.mass).inertia, 1e6 * want.inertia)
 
 
 def test_a_file_without_trimesh(tmp_path, monkeypatch):
@@ -310,8 +297,8 @@ def test_a_file_without_trimesh(tmp_path, monkeypatch):
     path.touch()
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ImportError, match=re.escape("which is not installed: pip install trimesh")):
-        inertia_of_mesh(path, density=1)
-    assert inertia_of_mesh(*box(), density=1).mass == pytest.approx(1)
+        inertia.of_mesh(path, density=1)
+    assert inertia.of_mesh(*box(), density=1).mass == pytest.approx(1)
 
 
 @pytest.mark.parametrize("suffix", ["stl.zip", "stl.bz2"])
@@ -330,14 +317,14 @@ def test_a_packed_file_is_measured_before_it_is_read(tmp_path, monkeypatch, suff
     monkeypatch.setattr(trimesh, "load_mesh", None)
     message = f"{path} unpacks to more than {(size - 1) / 1e6:g} MB ({size / 1e6:.3g} MB); unpack it, and name the mesh"
     with pytest.raises(ValueError, match=re.escape(message)):
-        inertia_of_mesh(path, density=1)
+        inertia.of_mesh(path, density=1)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
 def test_a_fifo_is_no_mesh(tmp_path):
     os.mkfifo(tmp_path / "part.stl")
     with pytest.raises(OSError, match=r"part\.stl is not a regular file \(a folder, a FIFO, a device\); copy the mesh"):
-        inertia_of_mesh(tmp_path / "part.stl", density=1)
+        inertia.of_mesh(tmp_path / "part.stl", density=1)
 
 
 # What is refused
@@ -356,97 +343,97 @@ def mesh_with_turned(k):
 
 REFUSED = {
     "too small a mesh": (
-        lambda: inertia_of_mesh(*box(), mass=1, scale=1e-100),
+        lambda: inertia.of_mesh(*box(), mass=1, scale=1e-100),
         "the mesh is 1e-100 m large, from 1e-60 to 1e+60 m are taken; change scale=",
     ),
-    "too large a mesh": (lambda: inertia_of_mesh(*box(), mass=1, scale=1e70), "the mesh is 1e+70 m large"),
+    "too large a mesh": (lambda: inertia.of_mesh(*box(), mass=1, scale=1e70), "the mesh is 1e+70 m large"),
     "too small a mass": (
-        lambda: inertia_of_mesh(*box(), mass=1e-250, scale=1e-50),
+        lambda: inertia.of_mesh(*box(), mass=1e-250, scale=1e-50),
         "the inertia of 1e-250 kg in 1e-50 m is too small for a float; give a larger mass=",
     ),
-    "negative mass": (lambda: inertia_of_points([1, -2], np.eye(3)[:2]), "masses[1] must not be negative, got -2 kg"),
-    "no mass": (lambda: inertia_of_points([0, 0], np.eye(3)[:2]), "the 2 masses add up to 0 kg: there is no body"),
-    "no points": (lambda: inertia_of_points([], np.empty((0, 3))), "the 0 masses add up to 0 kg"),
-    "positions": (lambda: inertia_of_points([1, 2], np.eye(3)), "positions must have the shape (2, 3), got (3, 3)"),
+    "negative mass": (lambda: inertia.of_points([1, -2], np.eye(3)[:2]), "masses[1] must not be negative, got -2 kg"),
+    "no mass": (lambda: inertia.of_points([0, 0], np.eye(3)[:2]), "the 2 masses add up to 0 kg: there is no body"),
+    "no points": (lambda: inertia.of_points([], np.empty((0, 3))), "the 0 masses add up to 0 kg"),
+    "positions": (lambda: inertia.of_points([1, 2], np.eye(3)), "positions must have the shape (2, 3), got (3, 3)"),
     "one point": (
-        lambda: inertia_of_points([1, 2], np.ones((2, 3)), about=(1, 1, 1)),
+        lambda: inertia.of_points([1, 2], np.ones((2, 3)), about=(1, 1, 1)),
         "all 2 masses lie at [1.0, 1.0, 1.0] m and have no inertia about it",
     ),
     "about": (
-        lambda: inertia_of_points([1], [[1, 0, 0]], about="center"),
+        lambda: inertia.of_points([1], [[1, 0, 0]], about="center"),
         "about must be a point (3,) in m or 'centre_of_mass', got 'center'",
     ),
-    "mass of a cuboid": (lambda: inertia_of_cuboid(-1, (1, 1, 1)), "mass must be positive, got -1 kg"),
-    "flat cuboid": (lambda: inertia_of_cuboid(1, (1, 0, 1)), "lengths[1] must be positive, got 0 m"),
-    "one length": (lambda: inertia_of_cuboid(1, 2), "lengths must have the shape (3,), got ()"),
-    "radius": (lambda: inertia_of_cylinder(1, 0, 1), "radius must be positive, got 0 m"),
-    "length": (lambda: inertia_of_cylinder(1, 1, -1), "length must be positive, got -1 m"),
+    "mass of a cuboid": (lambda: inertia.of_cuboid(-1, (1, 1, 1)), "mass must be positive, got -1 kg"),
+    "flat cuboid": (lambda: inertia.of_cuboid(1, (1, 0, 1)), "lengths[1] must be positive, got 0 m"),
+    "one length": (lambda: inertia.of_cuboid(1, 2), "lengths must have the shape (3,), got ()"),
+    "radius": (lambda: inertia.of_cylinder(1, 0, 1), "radius must be positive, got 0 m"),
+    "length": (lambda: inertia.of_cylinder(1, 1, -1), "length must be positive, got -1 m"),
     "bore": (
-        lambda: inertia_of_cylinder(1, 1, 1, inner_radius=1),
+        lambda: inertia.of_cylinder(1, 1, 1, inner_radius=1),
         "inner_radius must lie between 0 and radius = 1 m, got 1 m",
     ),
-    "axis": (lambda: inertia_of_cylinder(1, 1, 1, axis=(0, 0, 0)), "axis is zero: it must be a direction in the body"),
-    "semi-axis": (lambda: inertia_of_ellipsoid(1, (1, 1, -2)), "semi_axes[2] must be positive, got -2 m"),
-    "shift of no inertia": (lambda: shift_inertia([1, 1, 3], 1, (1, 0, 0)), "inertia violates the triangle inequality"),
-    "shift of no mass": (lambda: shift_inertia([1, 1, 1], 0, (1, 0, 0)), "mass must be positive, got 0 kg"),
+    "axis": (lambda: inertia.of_cylinder(1, 1, 1, axis=(0, 0, 0)), "axis is zero: it must be a direction in the body"),
+    "semi-axis": (lambda: inertia.of_ellipsoid(1, (1, 1, -2)), "semi_axes[2] must be positive, got -2 m"),
+    "shift of no inertia": (lambda: inertia.shift([1, 1, 3], 1, (1, 0, 0)), "inertia violates the triangle inequality"),
+    "shift of no mass": (lambda: inertia.shift([1, 1, 1], 0, (1, 0, 0)), "mass must be positive, got 0 kg"),
     "shift too far": (
-        lambda: shift_inertia([1, 1, 1], 2, (0, 0, 1), to_centre_of_mass=True),
+        lambda: inertia.shift([1, 1, 1], 2, (0, 0, 1), to_centre_of_mass=True),
         "inertia is too small for a mass of 2 kg at [0.0, 0.0, 1.0] m: the Euler inertia about the centre of mass "
         "would have the eigenvalue -1.5 kg m²",
     ),
     "shift that leaves nothing": (
-        lambda: shift_inertia([1, 1, 1e-12], 1, (0, 0, 1), to_centre_of_mass=True),
+        lambda: inertia.shift([1, 1, 1e-12], 1, (0, 0, 1), to_centre_of_mass=True),
         "inertia is not positive definite: its smallest principal moment is 0",
     ),
     "open": (
-        lambda: inertia_of_mesh(*mesh_without(1), density=1),
+        lambda: inertia.of_mesh(*mesh_without(1), density=1),
         "the mesh is not closed: 3 of its 18 edges do not join two faces, the first from [0.0, 0.0, 0.0] to "
         "[0.0, 0.0, 3.0] m; fill the holes",
     ),
-    "one triangle": (lambda: inertia_of_mesh(np.eye(3), [[0, 1, 2]], density=1), "3 of its 3 edges do not join"),
+    "one triangle": (lambda: inertia.of_mesh(np.eye(3), [[0, 1, 2]], density=1), "3 of its 3 edges do not join"),
     "turned": (
-        lambda: inertia_of_mesh(*mesh_with_turned(1), density=1),
+        lambda: inertia.of_mesh(*mesh_with_turned(1), density=1),
         "faces are turned unlike their neighbours: 3 of 18 edges are run through twice in the same direction, the "
         "first from [0.0, 0.0, 0.0] to [0.0, 0.0, 1.0] m; all faces must be counter-clockwise seen from outside",
     ),
     "inside out": (
-        lambda: inertia_of_mesh(*inverted(box((1, 2, 3))), density=1),
+        lambda: inertia.of_mesh(*inverted(box((1, 2, 3))), density=1),
         "the mesh is inside out: volume -6 m³; turn these faces over, faces[:, ::-1]",
     ),
     "a part inside out": (
-        lambda: inertia_of_mesh(*together(box((9, 1, 1)), inverted(box((1, 2, 3), (0, 5, 0)))), density=1),
+        lambda: inertia.of_mesh(*together(box((9, 1, 1)), inverted(box((1, 2, 3), (0, 5, 0)))), density=1),
         "1 of 2 parts of the mesh lie inside out: volume -6 m³",
     ),
     "flat": (
-        lambda: inertia_of_mesh(*box((1, 2, 0)), density=1),
+        lambda: inertia.of_mesh(*box((1, 2, 0)), density=1),
         "the mesh encloses no volume: the sum over its faces is 0 m³",
     ),
     "tilted sheet": (
-        lambda: inertia_of_mesh(np.random.default_rng(0).normal(size=(3, 3)), [[0, 1, 2], [2, 1, 0]], density=1),
+        lambda: inertia.of_mesh(np.random.default_rng(0).normal(size=(3, 3)), [[0, 1, 2], [2, 1, 0]], density=1),
         "the mesh encloses no volume",
     ),
     "nothing but a cavity": (
-        lambda: inertia_of_mesh(*together(box(), inverted(box())), density=1),
+        lambda: inertia.of_mesh(*together(box(), inverted(box())), density=1),
         "the mesh encloses no volume: the sum over its faces is 0 m³",
     ),
     "twice": (
-        lambda: inertia_of_mesh(*together(box(), box()), density=1),
+        lambda: inertia.of_mesh(*together(box(), box()), density=1),
         "12 of 24 faces occur twice: parts of the surface coincide",
     ),
-    "no faces": (lambda: inertia_of_mesh(np.eye(3), np.empty((0, 3)), density=1), "the mesh has no faces"),
-    "faces missing": (lambda: inertia_of_mesh(np.eye(3), density=1), "faces is missing: give the triangles"),
+    "no faces": (lambda: inertia.of_mesh(np.eye(3), np.empty((0, 3)), density=1), "the mesh has no faces"),
+    "faces missing": (lambda: inertia.of_mesh(np.eye(3), density=1), "faces is missing: give the triangles"),
     "counted from 1": (
-        lambda: inertia_of_mesh(box()[0], box()[1] + 1, density=1),
+        lambda: inertia.of_mesh(box()[0], box()[1] + 1, density=1),
         "faces[1, 2] = 8 names none of the 8 vertices, counted from 0",
     ),
-    "negative index": (lambda: inertia_of_mesh(box()[0], box()[1] - 1, density=1), "faces[0, 0] = -1 names none"),
-    "half an index": (lambda: inertia_of_mesh(np.eye(3), [[0, 1, 1.5]], density=1), "faces[0, 2] = 1.5 names none"),
-    "quads": (lambda: inertia_of_mesh(np.eye(4), np.eye(4), density=1), "vertices must have the shape (n, 3)"),
-    "density": (lambda: inertia_of_mesh(*box(), density=-1), "density must be positive, got -1 kg/m³"),
-    "mass of a mesh": (lambda: inertia_of_mesh(*box(), mass=0), "mass must be positive, got 0 kg"),
-    "neither": (lambda: inertia_of_mesh(*box()), "give either density= (kg/m³) or mass= (kg)"),
-    "both": (lambda: inertia_of_mesh(*box(), density=1, mass=1), "give either density= (kg/m³) or mass= (kg)"),
-    "scale": (lambda: inertia_of_mesh(*box(), density=1, scale=0), "scale must be positive, got 0 m"),
+    "negative index": (lambda: inertia.of_mesh(box()[0], box()[1] - 1, density=1), "faces[0, 0] = -1 names none"),
+    "half an index": (lambda: inertia.of_mesh(np.eye(3), [[0, 1, 1.5]], density=1), "faces[0, 2] = 1.5 names none"),
+    "quads": (lambda: inertia.of_mesh(np.eye(4), np.eye(4), density=1), "vertices must have the shape (n, 3)"),
+    "density": (lambda: inertia.of_mesh(*box(), density=-1), "density must be positive, got -1 kg/m³"),
+    "mass of a mesh": (lambda: inertia.of_mesh(*box(), mass=0), "mass must be positive, got 0 kg"),
+    "neither": (lambda: inertia.of_mesh(*box()), "give either density= (kg/m³) or mass= (kg)"),
+    "both": (lambda: inertia.of_mesh(*box(), density=1, mass=1), "give either density= (kg/m³) or mass= (kg)"),
+    "scale": (lambda: inertia.of_mesh(*box(), density=1, scale=0), "scale must be positive, got 0 m"),
     "rank": (
         lambda: principal_frame([1, 1, 1], "big"),
         "third must be one of smallest, middle, largest, or a direction (3,) in the body; got 'big'",
@@ -466,7 +453,7 @@ def test_refused_with_reason_and_number(case):
 
 def test_files_that_hold_no_mesh(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no such file: .*gone\.stl"):
-        inertia_of_mesh(tmp_path / "gone.stl", density=1)
+        inertia.of_mesh(tmp_path / "gone.stl", density=1)
     for name, text, message in [
         ("part.foo", "x", "trimesh cannot read a mesh from .*part.foo: file_type 'foo' not supported"),
         ("part.ply", "ply\nformat ascii 1.0\n", "trimesh cannot read a mesh from .*part.ply"),
@@ -474,9 +461,9 @@ def test_files_that_hold_no_mesh(tmp_path):
     ]:
         (tmp_path / name).write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=message):
-            inertia_of_mesh(tmp_path / name, density=1)
+            inertia.of_mesh(tmp_path / name, density=1)
     with pytest.raises(ValueError, match="a file brings its own faces; leave faces out"):
-        inertia_of_mesh(tmp_path / "part.stl", [[0, 1, 2]], density=1)
+        inertia.of_mesh(tmp_path / "part.stl", [[0, 1, 2]], density=1)
 
 
 # The principal frame

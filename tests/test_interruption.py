@@ -14,10 +14,11 @@ from rich.console import Console
 from rich.progress import Progress
 
 from conftest import BODIES
-from nontwist import Continuous, SimulationInterrupt, Status, heavy_top, integrate, moment, pulse, simulate, sine
+from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
-from nontwist.integrators import composition, stack_march
+from nontwist.errors import SimulationInterrupt, Status
+from nontwist.integrators import Continuous, composition, stack_march
 from nontwist.validation import energy_momentum_reference
 
 STEP = 2.0**-7

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from conftest import BODIES
 from nontwist import (
     DirectorSystem,
-    inertia_of_cuboid,
+    inertia,
     integrate,
     pulse,
     simulate,
@@ -96,7 +96,7 @@ def test_a_body_that_hangs_at_rest_is_measured_by_its_weight():
 
 def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
     """A rod held across: m·w vanishes term by term but for round-off, eps |m||w|h, which K alone would magnify."""
-    body = suslov(inertia_of_cuboid(1.0, (0.004, 0.001, 1.0)), (2.0, 2.0, 0.0))
+    body = suslov(inertia.of_cuboid(1.0, (0.004, 0.001, 1.0)), (2.0, 2.0, 0.0))
     half_turn = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
     load = space_moment([0.0, 1.0], [[2.0, 0.0, 0.0]] * 2)
     run = simulate(body, t_end=1, step=1, order=2, rotation=half_turn, load=load)

@@ -12,7 +12,6 @@ from nontwist import (
     DirectorSystem,
     body_moment,
     damping,
-    euler_inertia,
     gradient,
     gravity_gradient,
     integrate,
@@ -24,6 +23,7 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.inertia import euler_inertia
 from nontwist.jax import function
 from nontwist.loads.derivatives import with_parameter
 

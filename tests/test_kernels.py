@@ -12,9 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J, compiled_load, random_inertia
 from nontwist import (
-    INTEGRATORS,
-    SimulationError,
-    Status,
     body_moment,
     damping,
     integrate,
@@ -31,8 +28,9 @@ from nontwist import (
 from nontwist.analysis import observables as obs
 from nontwist.driver import starts
 from nontwist.engine import bodies, marching
+from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
-from nontwist.integrators import stack_march
+from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
 
@@ -318,8 +316,8 @@ def test_every_module_can_be_imported_without_llvm():
 SLOW = ("xarray", "pandas", "h5py", "scipy", "matplotlib", "rich", "typer", "pydantic")
 BODY = "import sys, nontwist as nt; body, W = nt.nontwisting([3, 4, 5]), (1, 2, 0); how = dict(t_end=1, step=0.1);"
 RUNS = {  # in one process, each after those before
-    "names": "nt.INTEGRATORS, nt.damping(1.0)",
-    "frames": "nt.closed_frame([(1, 0, 0), (0, 1, 0), (0, 0, 1)])",
+    "names": "nt.integrators.INTEGRATORS, nt.damping(1.0)",
+    "frames": "nt.curves.closed_frame([(1, 0, 0), (0, 1, 0), (0, 0, 1)])",
     "stepper": "nt.stepper(body, 0.1).reset(material_angular_velocity=W)",
     "propagator": "nt.propagator(body, **how)(material_angular_velocity=W)",
     "integrate": "[nt.integrate(body, material_angular_velocity=W, integrator=name, **how) for name in {names!r}]",

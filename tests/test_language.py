@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
+import nontwist
 from nontwist.cli import app
 from nontwist.cli.help import meaning
 
@@ -28,7 +29,8 @@ TABLE = re.search(r"\| instead of \| write \|\n\|[-|]+\|\n((?:\|.*\n)+)", SHEET)
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TABLE.splitlines()]
 BANNED = {phrase: row[1] for row in ROWS for phrase in re.findall(r"\*([^*]+)\*", row[0])}
 PATTERN = re.compile("|".join(rf"\b{re.escape(phrase)}\b" for phrase in BANNED), re.IGNORECASE)
-NAMESPACES = ("nontwist", *(f"nontwist.{name}" for name in ("comparison", "exact", "plot", "rotations", "sphere")))
+SPACES = [name for name in nontwist.__all__ if inspect.ismodule(getattr(nontwist, name))]
+NAMESPACES = ("nontwist", *(f"nontwist.{name}" for name in SPACES))
 
 
 def found(text):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import closed_frame, curve_report, link, ribbon_twist, writhe
+from nontwist.curves import closed_frame, curve_report, link, ribbon_twist, writhe
 from nontwist.geometry import linking
 
 TORUS = [

@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 from conftest import BODIES
 from nontwist import (
     Load,
-    RunFileError,
     body_moment,
     damping,
     integrate,
@@ -35,6 +34,7 @@ from nontwist import (
     view,
 )
 from nontwist.cli import app
+from nontwist.errors import RunFileError
 from nontwist.loads import LOADS, Term
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import json_schema

@@ -64,7 +64,7 @@ def on_floats(monkeypatch):
 @pytest.mark.parametrize("case", CASES)
 def test_texts_on_floats_have_the_bits_of_their_kernels(case, request):
     body, load, options = CASES[case]
-    scheme = nt.EnergyMomentum(**options)
+    scheme = nt.integrators.EnergyMomentum(**options)
     about = {**START, "load": loaded() if load else nt.Load(), "integrator": scheme}
     machine = nt.simulate(body, **about)
     count = request.getfixturevalue("on_floats")
@@ -84,7 +84,7 @@ def test_values_are_arguments(monkeypatch):
     for k in range(1, 51):
         body, about = nt.standard([3 + 0.1 * k, 4, 5]), {**START, "step": 0.25 / k}
         load = nt.sine((1, 2 + k, 3), 0.7 * k)
-        nt.simulate(body, load=load, integrator=nt.EnergyMomentum(), **about)
+        nt.simulate(body, load=load, integrator=nt.integrators.EnergyMomentum(), **about)
     assert not made
 
 

@@ -11,7 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import nontwist as nt
-from nontwist import Gauss, integrate, memory_load, simulate, standard
+from nontwist import integrate, memory_load, simulate, standard
+from nontwist.integrators import Gauss
 from nontwist.loads import LOADS, Memory
 from nontwist.spec import Spec
 
@@ -307,7 +308,7 @@ def test_refused_by_name(call, words):
 @pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 def test_a_derivative_that_fails(derivative, words):
     bad = memory_load(derivative, lambda t, z, d, w: (z[0], 0, 0), 0.5)
-    with pytest.raises(nt.SimulationError) as found:
+    with pytest.raises(nt.errors.SimulationError) as found:
         simulate(standard(J), **RUN, load=bad)
-    assert found.value.status == nt.Status.LOAD
+    assert found.value.status == nt.errors.Status.LOAD
     assert all(part in str(found.value) for part in words.split(".*"))

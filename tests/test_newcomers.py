@@ -21,12 +21,9 @@ import pytest
 from typer.testing import CliRunner
 
 from nontwist import (
-    INTEGRATORS,
     DirectorSystem,
-    RunFileError,
     compare,
     damping,
-    euler_inertia,
     heavy_top,
     open_run,
     plot,
@@ -41,6 +38,9 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.cli import app
+from nontwist.errors import RunFileError
+from nontwist.inertia import euler_inertia
+from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.base import Integrator
 from nontwist.integrators.stepping import march
 from nontwist.loads import LOADS, DirectorForces

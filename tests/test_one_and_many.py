@@ -5,11 +5,8 @@ import pytest
 
 from conftest import compiled_load, turning
 from nontwist import (
-    INTEGRATORS,
     DirectorSystem,
-    Exact,
     Load,
-    Split,
     body_moment,
     damping,
     heavy_top,
@@ -22,6 +19,7 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.integrators import INTEGRATORS, Exact, Split
 
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
 BODIES = {

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from conftest import BODIES, PAPER_J, compiled_load
-from nontwist import Continuous, body_moment, integrate, nontwisting, pulse, space_moment, standard, suslov
-from nontwist.integrators import INTEGRATORS
+from nontwist import body_moment, integrate, nontwisting, pulse, space_moment, standard, suslov
+from nontwist.integrators import INTEGRATORS, Continuous
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 SUSLOV = [0.3, 0.2, 1]

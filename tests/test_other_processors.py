@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
-from nontwist import INTEGRATORS, Load, heavy_top, nontwisting, sine, standard, suslov
+from nontwist import Load, heavy_top, nontwisting, sine, standard, suslov
 from nontwist.engine.outputs import CALL, IN_BLOCK
 from nontwist.engine.records import BLOCK
-from nontwist.integrators import Problem
+from nontwist.integrators import INTEGRATORS, Problem
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 

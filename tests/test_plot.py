@@ -23,13 +23,13 @@ from nontwist import (
     plot,
     pulse,
     resample,
-    second_quotient,
     simulate,
     standard,
     suslov,
     twist,
     with_gravity,
 )
+from nontwist.comparison import second_quotient
 from nontwist.plot.journals import apart
 from nontwist.plot.looks import contrast, cycle
 from nontwist.plot.timelines import MOST

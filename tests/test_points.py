@@ -6,7 +6,7 @@ import xarray
 
 from conftest import BODIES, PAPER_J
 from nontwist import (
-    inertia_of_points,
+    inertia,
     integrate,
     nontwisting,
     point_position,
@@ -45,7 +45,7 @@ def test_energy_and_momentum_of_a_body_are_those_of_its_points(body):
     masses, points = RNG.uniform(0.5, 2, 6), RNG.normal(size=(3, 3))
     points = np.concatenate([points, points * [-1, -1, 1]])  # E3 is principal
     masses[3:] = masses[:3]
-    run = simulate(body(inertia_of_points(masses, points)), **PUSHED, **EM)
+    run = simulate(body(inertia.of_points(masses, points)), **PUSHED, **EM)
     x, v = point_position(run, points).values, point_velocity(run, points).values
     np.testing.assert_allclose(np.einsum("p,kpx,kpx->k", masses, v, v) / 2, run.kinetic_energy, rtol=1e-13)
     momentum = np.einsum("p,kpx->kx", masses, np.cross(x, v))

@@ -14,22 +14,12 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from conftest import compiled_load, turning
-from nontwist import (
-    INTEGRATORS,
-    Load,
-    SimulationError,
-    body_moment,
-    damping,
-    integrate,
-    moment,
-    nontwisting,
-    propagator,
-    sine,
-    standard,
-)
+from nontwist import Load, body_moment, damping, integrate, moment, nontwisting, propagator, sine, standard
 from nontwist.engine.layout import put
 from nontwist.engine.prepared import GIVEN, HEAD, run_prepared
 from nontwist.engine.records import BLOCK
+from nontwist.errors import SimulationError
+from nontwist.integrators import INTEGRATORS
 from test_one_and_many import BODIES
 
 LOADS = {

@@ -6,12 +6,13 @@ import random
 import subprocess
 import sys
 from importlib.resources import files
+from types import ModuleType
 
 import pytest
 
 import nontwist
 
-NAMESPACES = {"comparison", "exact", "jax", "plot", "rotations", "sensors", "sphere"}
+NAMESPACES = {name for name in nontwist.__all__ if isinstance(getattr(nontwist, name), ModuleType)}
 
 
 def modules():

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from nontwist import DirectorSystem, RunFileError, read_run_file
+from nontwist import DirectorSystem, read_run_file
 from nontwist.cli import app
+from nontwist.errors import RunFileError
 from nontwist.runfile import checks
 from nontwist.runfile.body import Body
 from nontwist.runfile.tables import Time

@@ -11,7 +11,8 @@ import pytest
 import xarray
 
 from conftest import BODIES
-from nontwist import ResultFileError, open_run, save_run, simulate, sine
+from nontwist import open_run, save_run, simulate, sine
+from nontwist.errors import ResultFileError
 from nontwist.io import reserved
 from nontwist.io.results import LENGTH, SEAL
 

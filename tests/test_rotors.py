@@ -8,10 +8,6 @@ import numpy as np
 import pytest
 
 from nontwist import (
-    EnergyMomentum,
-    LieMidpoint,
-    RunFileError,
-    SimulationError,
     damping,
     heavy_top,
     moment,
@@ -30,6 +26,8 @@ from nontwist import (
     suslov,
 )
 from nontwist.analysis.invariants import drifts
+from nontwist.errors import RunFileError, SimulationError
+from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
 from nontwist.sweeps import sweep
 

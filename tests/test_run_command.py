@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 
 import nontwist as package
 from conftest import nontwist
-from nontwist import RunFileError, Status, join_runs, open_run, plot, read_run_file, simulate
+from nontwist import join_runs, open_run, plot, read_run_file, simulate
 from nontwist.cli import app
 from nontwist.cli.file_commands import example_names
 from nontwist.cli.outcomes import code_of
+from nontwist.errors import RunFileError, Status
 
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
 TIME = "[time]\nt_end = 1\nstep = 0.1\n"
@@ -691,7 +692,7 @@ def test_the_shell_completes_names_of_examples():
 
 
 def test_every_known_exception_has_its_exit_code():
-    from nontwist import RunFileError, SimulationError
+    from nontwist.errors import RunFileError, SimulationError
 
     error = SimulationError("", 1, 0.0, 0.1, 0.0)
     known = {

@@ -12,23 +12,15 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from nontwist import (
-    INTEGRATORS,
     DirectorSystem,
     Load,
-    RunFileError,
-    SimulationError,
     body_moment,
     damping,
     heavy_top,
-    inertia_of_cuboid,
-    inertia_of_cylinder,
-    inertia_of_ellipsoid,
-    inertia_of_mesh,
-    inertia_of_points,
+    inertia,
     integrate,
     pulse,
     read_run_file,
-    shift_inertia,
     simulate,
     sine,
     space_moment,
@@ -38,7 +30,8 @@ from nontwist import (
 from nontwist import nontwisting as nontwisting_body
 from nontwist.analysis.invariants import drifts
 from nontwist.cli.file_commands import example_names
-from nontwist.errors import InputError
+from nontwist.errors import InputError, RunFileError, SimulationError
+from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile.body import Body
@@ -487,27 +480,27 @@ BODIES = {
     ),
     "heavy box": (
         f'kind = "heavy_top"\ninertia = {{ cuboid = {{ mass = 2, lengths = [1, 2, 3] }}, offset = {OFFSET} }}\n',
-        lambda: heavy_top(shift_inertia(inertia_of_cuboid(2, [1, 2, 3]), 2, OFFSET), 2, OFFSET),
+        lambda: heavy_top(inertia.shift(inertia.of_cuboid(2, [1, 2, 3]), 2, OFFSET), 2, OFFSET),
     ),
     "weightless box": (
         'kind = "suslov"\naxis = [1, 0, 0]\n'
         f"inertia = {{ cuboid = {{ mass = 2, lengths = [1, 2, 3] }}, offset = {OFFSET} }}\n",
-        lambda: suslov(shift_inertia(inertia_of_cuboid(2, [1, 2, 3]), 2, OFFSET), [1, 0, 0]),
+        lambda: suslov(inertia.shift(inertia.of_cuboid(2, [1, 2, 3]), 2, OFFSET), [1, 0, 0]),
     ),
     "tube": (
         'kind = "suslov"\naxis = [1, 0, 0]\n'
         "inertia = { cylinder = { mass = 2, radius = 0.5, inner_radius = 0.1, length = 1, axis = [1, 1, 0] } }\n",
-        lambda: suslov(inertia_of_cylinder(2, 0.5, 1, inner_radius=0.1, axis=(1, 1, 0)), [1, 0, 0]),
+        lambda: suslov(inertia.of_cylinder(2, 0.5, 1, inner_radius=0.1, axis=(1, 1, 0)), [1, 0, 0]),
     ),
     "egg": (
         'kind = "suslov"\naxis = "-x"\ninertia = { ellipsoid = { mass = 2, semi_axes = [1, 2, 3] } }\n',
-        lambda: suslov(inertia_of_ellipsoid(2, [1, 2, 3]), [-1, 0, 0]),
+        lambda: suslov(inertia.of_ellipsoid(2, [1, 2, 3]), [-1, 0, 0]),
     ),
     "points": (
         'kind = "heavy_top"\n'
         f"inertia = {{ points = {{ masses = [1, 3], positions = [[1, 0, 0], [0, 1, 0]] }}, offset = {OFFSET} }}\n",
         lambda: heavy_top(
-            inertia_of_points([1, 3], np.add([[1, 0, 0], [0, 1, 0]], OFFSET)), 4, np.add([0.25, 0.75, 0], OFFSET)
+            inertia.of_points([1, 3], np.add([[1, 0, 0], [0, 1, 0]], OFFSET)), 4, np.add([0.25, 0.75, 0], OFFSET)
         ),
     ),
 }
@@ -529,9 +522,9 @@ def test_a_mesh_lies_beside_its_run_file(write, tmp_path):
     trimesh.creation.box((1000, 2000, 3000)).apply_translation((500, 0, 0)).export(tmp_path / "box.stl")
     mesh = 'mesh = { file = "box.stl", mass = 6, scale = 0.001, about = "origin" }'
     found = read(write, f'[body]\nkind = "heavy_top"\ninertia = {{ {mesh} }}\n{TIME}').arguments()["system"]
-    _, centre, _ = inertia_of_mesh(tmp_path / "box.stl", mass=6, scale=0.001)
+    _, centre, _ = inertia.of_mesh(tmp_path / "box.stl", mass=6, scale=0.001)
     assert centre == pytest.approx([0.5, 0, 0])
-    assert found.convected_inertia == pytest.approx(shift_inertia(inertia_of_cuboid(6, [1, 2, 3]), 6, centre))
+    assert found.convected_inertia == pytest.approx(inertia.shift(inertia.of_cuboid(6, [1, 2, 3]), 6, centre))
     assert found.dead_force == pytest.approx(6 * np.outer(centre, [0, 0, -9.81]))
     gone = f'[body]\nkind = "heavy_top"\ninertia = {{ {mesh.replace("box", "bx")} }}\n{TIME}'
     assert "body.inertia: a table with mesh (no such file: " in lines(write, gone)[0]

@@ -15,20 +15,9 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from zarr.storage import LocalStore
 
-from nontwist import (
-    RunFileError,
-    SweepStoreError,
-    nontwisting,
-    open_run,
-    open_sweep,
-    plot,
-    resample,
-    simulate,
-    sweep,
-    sweep_member,
-    view,
-)
+from nontwist import nontwisting, open_run, open_sweep, plot, resample, simulate, sweep, sweep_member, view
 from nontwist.cli import app
+from nontwist.errors import RunFileError, SweepStoreError
 from nontwist.integrators.composition import fractions
 from nontwist.sweeps.sealed_files import SealedFiles
 from nontwist.sweeps.seals import sealed, unsealed

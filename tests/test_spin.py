@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nontwist import (
-    Continuous,
     DirectorSystem,
     SystemStack,
     compare,
@@ -28,6 +27,7 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.invariants import drifts, twist_defect
+from nontwist.integrators import Continuous
 from nontwist.sweeps import sweep
 
 TABLE = ([0.5, 1.0, 1.75], [0.4, 3.0, -2.0])

@@ -10,11 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J, compiled_load
 from nontwist import (
-    Continuous,
     DirectorSystem,
-    SimulationError,
-    Split,
-    Status,
     body_moment,
     damping,
     exact,
@@ -31,7 +27,8 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
-from nontwist.integrators import stack_march
+from nontwist.errors import SimulationError, Status
+from nontwist.integrators import Continuous, Split, stack_march
 from nontwist.integrators.problem import Problem
 from nontwist.models.stack import stacked
 

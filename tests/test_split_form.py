@@ -7,18 +7,9 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J, random_inertia
-from nontwist import (
-    nontwisting,
-    simulate,
-    sphere,
-    split_energy,
-    split_inertia,
-    split_momentum,
-    split_rates,
-    split_velocity,
-    standard,
-)
+from nontwist import nontwisting, simulate, sphere, split_form, standard
 from nontwist.models.equations import split_rates as rates_of_one_state
+from nontwist.split_form import split_inertia
 
 E3 = np.array([0.0, 0, 1])
 GRAVITY_FREE = [name for name in BODIES if name != "heavy_top"]
@@ -39,14 +30,14 @@ def states(body, count=20, seed=0):
 def test_momenta_and_velocities_split_and_come_back(name):
     body = BODIES[name]()
     q, w, pi, _, d = states(body)
-    perp, par = split_momentum(body, q, pi)
+    perp, par = split_form.momentum(body, q, pi)
     np.testing.assert_allclose(perp + par[:, None] * d, pi, rtol=0, atol=1e-13)
     np.testing.assert_allclose(np.sum(perp * d, axis=1), 0, atol=1e-13)
     if name != "suslov":  # eq-pi-perp
         Pi = np.einsum("kix,kx->ki", q, pi)[..., None]
         np.testing.assert_allclose(perp, Pi[:, 0] * q[:, 0] + Pi[:, 1] * q[:, 1], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(split_velocity(body, q, perp, par), w, rtol=0, atol=1e-13)
-    w_perp, spin = split_momentum(body, q, w)  # eq-omegas-perp: w_⊥ = d × d'
+    np.testing.assert_allclose(split_form.velocity(body, q, perp, par), w, rtol=0, atol=1e-13)
+    w_perp, spin = split_form.momentum(body, q, w)  # eq-omegas-perp: w_⊥ = d × d'
     np.testing.assert_allclose(w_perp, np.cross(d, np.cross(w, d)), rtol=0, atol=1e-13)
     np.testing.assert_allclose(spin, np.sum(w * d, axis=1), rtol=0, atol=1e-13)
 
@@ -59,10 +50,10 @@ def test_parts_of_the_energy_and_momentum_are_those_of_the_paper(make):
     q, w, pi, _, d = states(body)
     j_perp = np.swapaxes(q, 1, 2) @ J_perp @ q
     spin = np.sum(w * d, axis=1)
-    energy_perp, energy_par = split_energy(body, q, w)
+    energy_perp, energy_par = split_form.energy(body, q, w)
     np.testing.assert_allclose(energy_perp, np.einsum("kx,kxy,ky->k", w, j_perp, w) / 2, rtol=1e-13)
     np.testing.assert_allclose(energy_par, J_par * spin**2 / 2, rtol=1e-13, atol=1e-28)
-    perp, par = split_momentum(body, q, pi)
+    perp, par = split_form.momentum(body, q, pi)
     np.testing.assert_allclose(perp, np.einsum("kxy,ky->kx", j_perp, w), rtol=0, atol=1e-13)
     np.testing.assert_allclose(par, J_par * spin, rtol=0, atol=1e-13)
 
@@ -71,8 +62,8 @@ def test_the_parts_of_the_energy_of_any_body_add_up():
     J = random_inertia(np.random.default_rng(1))
     for body in (standard(J), BODIES["suslov"]()):
         q, w, pi, *_ = states(body)
-        np.testing.assert_allclose(sum(split_energy(body, q, w)), np.sum(w * pi, axis=1) / 2, rtol=1e-13)
-    assert abs(split_energy(body, q, w)[1]).max() < 1e-14  # no spin: none of its energy
+        np.testing.assert_allclose(sum(split_form.energy(body, q, w)), np.sum(w * pi, axis=1) / 2, rtol=1e-13)
+    assert abs(split_form.energy(body, q, w)[1]).max() < 1e-14  # no spin: none of its energy
 
 
 @pytest.mark.parametrize("name", GRAVITY_FREE)
@@ -80,7 +71,7 @@ def test_rates_are_those_of_euler(name):
     """J W' = J W × W + M - μ n with n·W' = 0, solved as one linear system, against the split form."""
     body = BODIES[name]()
     q, w, pi, m, d = states(body)
-    q_dot, perp_dot, par_dot, mu = split_rates(body, q, *split_momentum(body, q, pi), m)
+    q_dot, perp_dot, par_dot, mu = split_form.rates(body, q, *split_form.momentum(body, q, pi), m)
     d_dot = np.cross(w, d)
     np.testing.assert_allclose(q_dot, np.cross(w[:, None], q), rtol=0, atol=1e-13)
     for k in range(len(q)):
@@ -90,7 +81,7 @@ def test_rates_are_those_of_euler(name):
         *W_dot, multiplier = np.linalg.solve(matrix, [*(np.cross(J @ W, W) + M), 0])
         pi_dot = (J @ W_dot - np.cross(J @ W, W)) @ q[k]
         assert mu[k] == pytest.approx(multiplier, abs=1e-12)
-        perp, par = split_momentum(body, q[k], pi[k])
+        perp, par = split_form.momentum(body, q[k], pi[k])
         assert perp_dot[k] + par_dot[k] * d[k] + par * d_dot[k] == pytest.approx(pi_dot, abs=1e-12)
         # the printed equations, the sign corrected: the tangent part, then the part along d
         tangent = sphere.project(d[k], perp_dot[k]) + par * d_dot[k]
@@ -106,7 +97,7 @@ def test_the_rates_move_a_body_as_simulate_does():
         q, perp = y[:9].reshape(3, 3), y[9:]
         q = np.linalg.svd(q)[0] @ np.linalg.svd(q)[2]  # the flow leaves SO(3) by the error of the method
         perp = sphere.project(q[2], perp)
-        q_dot, perp_dot, *_ = split_rates(body, q, perp, 0.0, moment @ q)
+        q_dot, perp_dot, *_ = split_form.rates(body, q, perp, 0.0, moment @ q)
         return np.concatenate([q_dot.ravel(), perp_dot])
 
     y0 = np.concatenate([np.eye(3).ravel(), PAPER_J @ (1, 2, 0)])
@@ -122,29 +113,30 @@ def test_the_rates_move_a_body_as_simulate_does():
 def test_leading_axes_broadcast_and_may_be_empty():
     body = BODIES["heavy_top"]()
     q, _, pi, m, _ = states(body, 6)
-    perp, par = split_momentum(body, q, pi)
-    stacked = split_rates(body, q.reshape(2, 3, 3, 3), perp.reshape(2, 3, 3), par.reshape(2, 3), m.reshape(2, 3, 3))
+    perp, par = split_form.momentum(body, q, pi)
+    states_of_six = q.reshape(2, 3, 3, 3), perp.reshape(2, 3, 3), par.reshape(2, 3), m.reshape(2, 3, 3)
+    stacked = split_form.rates(body, *states_of_six)
     assert [a.shape for a in stacked] == [(2, 3, 3, 3), (2, 3, 3), (2, 3), (2, 3)]
     for k in range(6):
         one = rates_of_one_state(body, q[k], perp[k], float(par[k]), m[k])
         for a, b in zip(stacked, one, strict=True):
             np.testing.assert_array_equal(a.reshape(6, *a.shape[2:])[k], b)
-    assert split_rates(body, q, 0 * perp, 0, (1, 2, 3))[1].shape == (6, 3)
-    assert split_momentum(body, q[0], pi)[0].shape == (6, 3)
-    assert [a.shape for a in split_rates(body, q[:0], perp[:0], par[:0])] == [(0, 3, 3), (0, 3), (0,), (0,)]
-    assert [a.shape for a in split_energy(body, q[:0], pi[:0])] == [(0,), (0,)]
-    assert split_velocity(body, q[:0], perp[:0], par[:0]).shape == (0, 3)
+    assert split_form.rates(body, q, 0 * perp, 0, (1, 2, 3))[1].shape == (6, 3)
+    assert split_form.momentum(body, q[0], pi)[0].shape == (6, 3)
+    assert [a.shape for a in split_form.rates(body, q[:0], perp[:0], par[:0])] == [(0, 3, 3), (0, 3), (0,), (0,)]
+    assert [a.shape for a in split_form.energy(body, q[:0], pi[:0])] == [(0,), (0,)]
+    assert split_form.velocity(body, q[:0], perp[:0], par[:0]).shape == (0, 3)
 
 
 def test_what_is_refused():
     body, q = standard(PAPER_J), np.stack([np.eye(3), np.diag([1, 1, -1.0])])
     with pytest.raises(ValueError, match=r"^directors\[1\] is not an orthonormal, right-handed triad of rows$"):
-        split_momentum(body, q, np.zeros(3))
+        split_form.momentum(body, q, np.zeros(3))
     with pytest.raises(ValueError, match=r"^momentum_perp\[1\] is not tangent at the director of the axis; split_mom"):
-        split_rates(body, np.eye(3), [[1, 0, 0], [1, 0, 1e-8]], 0)
+        split_form.rates(body, np.eye(3), [[1, 0, 0], [1, 0, 1e-8]], 0)
     with pytest.raises(ValueError, match=r"^the leading axes must .* got directors \(2, 3, 3\), angular"):
-        split_energy(body, q[[0, 0]], np.zeros((3, 3)))
+        split_form.energy(body, q[[0, 0]], np.zeros((3, 3)))
     with pytest.raises(ValueError, match=r"^system must be a body"):
-        split_velocity(PAPER_J, np.eye(3), np.zeros(3), 0)
+        split_form.velocity(PAPER_J, np.eye(3), np.zeros(3), 0)
     with pytest.raises(ValueError, match=r"^moment\[2\] = nan is not finite$"):
-        split_rates(body, np.eye(3), np.zeros(3), 0, (0, 0, np.nan))
+        split_form.rates(body, np.eye(3), np.zeros(3), 0, (0, 0, np.nan))

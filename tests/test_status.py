@@ -9,12 +9,7 @@ import pytest
 
 from conftest import BODIES
 from nontwist import (
-    INTEGRATORS,
-    LieMidpoint,
     Load,
-    SimulationError,
-    SimulationInterrupt,
-    Status,
     integrate,
     moment,
     nontwisting,
@@ -25,7 +20,8 @@ from nontwist import (
     sine,
     standard,
 )
-from nontwist.integrators import stack_march, time_grid
+from nontwist.errors import SimulationError, SimulationInterrupt, Status
+from nontwist.integrators import INTEGRATORS, LieMidpoint, stack_march, time_grid
 from nontwist.integrators.problem import Problem, scratch
 from nontwist.models.stack import stacked
 

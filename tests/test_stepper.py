@@ -11,12 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, compiled_load
 from nontwist import (
-    INTEGRATORS,
-    EnergyMomentum,
-    Gauss,
-    LieMidpoint,
-    SimulationError,
-    Status,
     body_moment,
     damping,
     heavy_top,
@@ -30,6 +24,8 @@ from nontwist import (
     standard,
     stepper,
 )
+from nontwist.errors import SimulationError, Status
+from nontwist.integrators import INTEGRATORS, EnergyMomentum, Gauss, LieMidpoint
 
 H, N = 1 / 64, 64  # so that t_end / N is the step, and all nodes are the same floats
 M, m = (9.0, -4.0, 7.0), (3.0, 5.0, -2.0)

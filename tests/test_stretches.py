@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from nontwist import (
-    INTEGRATORS,
     Load,
-    SimulationInterrupt,
     body_moment,
     damping,
     integrate,
@@ -28,7 +26,8 @@ from nontwist.driver.grid import automatic_grid, kinks, stretches_of
 from nontwist.driver.planning import planned
 from nontwist.driver.single_run import PreparedPlan, integrated
 from nontwist.driver.starts import start_of_one
-from nontwist.integrators import stack_march
+from nontwist.errors import SimulationInterrupt
+from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.integrators.problem import Problem
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked

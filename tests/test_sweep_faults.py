@@ -12,7 +12,8 @@ import pytest
 from distributed import Client, LocalCluster, WorkerPlugin
 
 import nontwist
-from nontwist import SweepError, sweep
+from nontwist import sweep
+from nontwist.errors import SweepError
 from nontwist.sweeps import sweeping
 from nontwist.sweeps.store import SweepStore, open_store
 

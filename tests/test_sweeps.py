@@ -16,10 +16,6 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import (
-    RunFileError,
-    Status,
-    SweepError,
-    SweepStoreError,
     exact,
     nontwisting,
     open_sweep,
@@ -32,6 +28,7 @@ from nontwist import (
     sweep_member,
 )
 from nontwist.cli import app
+from nontwist.errors import RunFileError, Status, SweepError, SweepStoreError
 from nontwist.io.whole import locked
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep

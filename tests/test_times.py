@@ -9,14 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from complex_steps import cross
 from nontwist import (
-    INTEGRATORS,
-    Continuous,
     DirectorSystem,
-    Gauss,
-    SimulationError,
-    SimulationInterrupt,
-    Split,
-    Status,
     body_moment,
     damping,
     exact,
@@ -33,6 +26,8 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.errors import SimulationError, SimulationInterrupt, Status
+from nontwist.integrators import INTEGRATORS, Continuous, Gauss, Split
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 
 TOP = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))

@@ -12,15 +12,11 @@ from scipy.special import ellipj, ellipk
 
 from conftest import compiled_load
 from nontwist import (
-    Continuous,
-    Gauss,
     Load,
-    SimulationError,
     body_moment,
-    convected_inertia,
     damping,
     heavy_top,
-    inertia_of_cuboid,
+    inertia,
     integrate,
     moment,
     nontwisting,
@@ -28,7 +24,6 @@ from nontwist import (
     pulse,
     rotation,
     rotations,
-    shift_inertia,
     simulate,
     simulate_ensemble,
     sine,
@@ -40,7 +35,9 @@ from nontwist.driver import completion, tolerance
 from nontwist.driver.planning import planned
 from nontwist.driver.starts import start_of_one
 from nontwist.driver.tolerance import _partners, finer, first_step
-from nontwist.integrators import Status
+from nontwist.errors import SimulationError
+from nontwist.inertia import convected_inertia
+from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import largest_velocity
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
@@ -241,7 +238,7 @@ def test_a_tolerance_below_ten_floors_is_refused():
 
 def test_a_default_run_that_amplifies_round_off_says_so():
     """A metre stick that swings about its middle axis, at 90°."""
-    J = shift_inertia(inertia_of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
+    J = inertia.shift(inertia.of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
     stick = heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
     start = Rotation.from_euler("x", np.pi / 2)
     known = r"it is known to (\S+) rad at best; a shorter run is known better$"
@@ -400,8 +397,8 @@ def test_no_body_is_faster_than_its_bound(seed):
     r = np.random.default_rng(seed)
     turn = Rotation.random(rng=r).as_matrix()
     centre, t_end = r.normal(size=3) * 0.3, r.choice([0.05, 0.3, 2.0])
-    inertia = shift_inertia(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
-    body = heavy_top(inertia, 1.0, centre) if seed % 3 else standard(inertia)
+    J = inertia.shift(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
+    body = heavy_top(J, 1.0, centre) if seed % 3 else standard(J)
     load = space_moment([0, t_end / 2, t_end], r.normal(size=(3, 3)) * 0.1) if seed % 2 else Load()
     if seed % 4 > 1:
         root = r.normal(size=(3, 3)) * r.choice([0.01, 0.1])

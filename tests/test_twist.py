@@ -13,7 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from nontwist import Continuous, integrate, nontwisting_frame, simulate, solid_angle, standard, twist
+from nontwist import integrate, simulate, standard, twist
+from nontwist.curves import nontwisting_frame, solid_angle
+from nontwist.integrators import Continuous
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 

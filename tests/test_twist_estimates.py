@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import frame_error_estimate, nontwisting_frame, solid_angle, twist
+from nontwist import twist
+from nontwist.curves import frame_error_estimate, nontwisting_frame, solid_angle
 from nontwist.recordings.noise import noise_level
 
 

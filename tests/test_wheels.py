@@ -9,8 +9,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nontwist import (
-    SimulationError,
-    Status,
     drifts,
     heavy_top,
     integrate,
@@ -27,6 +25,7 @@ from nontwist import (
     suslov,
     wheel,
 )
+from nontwist.errors import SimulationError, Status
 from nontwist.runfile.folder import Folder
 from nontwist.runfile.problems import RunFileError
 from nontwist.runfile.reading import checked

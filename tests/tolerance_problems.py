@@ -13,7 +13,6 @@ from conftest import compiled_load
 from nontwist import (
     Load,
     body_moment,
-    convected_inertia,
     damping,
     heavy_top,
     nontwisting,
@@ -26,6 +25,7 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.geometry import rotations
+from nontwist.inertia import convected_inertia
 
 COLUMNS = 7
 NOISE = 1e-15  # of a step in extended precision, at most

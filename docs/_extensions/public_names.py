@@ -74,10 +74,9 @@ class Public(SphinxDirective):
 def complain(app: Sphinx, env: object) -> None:
     """Warn of public names that no page has, and of those that are on two."""
     told: dict[str, dict[str, set[str]]] = getattr(env, "public_names", {})
-    for module in (
-        "nontwist",
-        *(f"nontwist.{name}" for name in ("comparison", "exact", "plot", "rotations", "sphere")),
-    ):
+    package = import_module("nontwist")
+    spaces = [f"nontwist.{name}" for name in package.__all__ if inspect.ismodule(getattr(package, name))]
+    for module in ("nontwist", *spaces):
         for name in sorted(public(module) - told.get(module, {}).keys()):
             logger.warning("no page of the reference has %s.%s", module, name)
         for name, pages in told.get(module, {}).items():

@@ -7,17 +7,8 @@ from importlib import import_module
 
 import pandas as pd
 
-from nontwist import (
-    INTEGRATORS,
-    body_moment,
-    damping,
-    integrate,
-    moment,
-    nontwisting,
-    rotor,
-    space_moment,
-    wheel,
-)
+from nontwist import body_moment, damping, integrate, moment, nontwisting, rotor, space_moment, wheel
+from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import sample_bodies
 from nontwist.paper.labels import LABEL
 

@@ -18,7 +18,8 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from nontwist import nontwisting, nontwisting_frame, simulate, standard
+from nontwist import nontwisting, simulate, standard
+from nontwist.curves import nontwisting_frame
 
 
 class Ink(NamedTuple):

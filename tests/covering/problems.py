@@ -156,7 +156,7 @@ def made_load(name):
 def schemes():
     """Return the integrators of the package at every order, and with dissipation, by name."""
     found = {}
-    for name, kind in nt.INTEGRATORS.items():
+    for name, kind in nt.integrators.INTEGRATORS.items():
         if kind.__module__.startswith("nontwist."):
             found |= {" ".join([name, str(getattr(one, "order", ""))]).strip(): one for one in kind.variants()}
         if "dissipation" in getattr(kind, "__dataclass_fields__", {}):
@@ -258,7 +258,7 @@ def interrupted(problem, body, start, how):
     how = how | {"load": how["load"] + nt.moment(interrupting)}
     try:
         nt.simulate(body, **start, **how)
-    except nt.SimulationInterrupt as stop:
+    except nt.errors.SimulationInterrupt as stop:
         run = stop.partial
     if "times" in how:
         how = how | {"times": how["times"][how["times"] > max(run.time, default=-1)]}
@@ -397,7 +397,7 @@ def outcome(problem, change=0.0):
     """Return the arrays of a problem; the name of the error where the package refuses it, or where it fails."""
     try:
         return numbers(problem, change)
-    except (ValueError, nt.SimulationError) as error:
+    except (ValueError, nt.errors.SimulationError) as error:
         return type(error).__name__
     except TypeError as error:  # there is no such argument
         if "unexpected keyword argument 'times'" not in str(error):

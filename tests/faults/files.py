@@ -10,16 +10,8 @@ import h5py
 import numpy as np
 import xarray
 
-from nontwist import (
-    ResultFileError,
-    SweepStoreError,
-    nontwisting,
-    open_run,
-    open_sweep,
-    save_run,
-    simulate,
-    sweep,
-)
+from nontwist import nontwisting, open_run, open_sweep, save_run, simulate, sweep
+from nontwist.errors import ResultFileError, SweepStoreError
 from nontwist.io.results import LENGTH, SEAL
 
 

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 import nontwist
-from nontwist import SimulationInterrupt, nontwisting, open_run, save_run, simulate, sine, standard
+from nontwist import nontwisting, open_run, save_run, simulate, sine, standard
 from nontwist.driver import sigterm_interrupts, single_run
+from nontwist.errors import SimulationInterrupt
 from nontwist.io import reserved, results, whole
 
 from .children import CONTEXT, answer, child, happened, heard

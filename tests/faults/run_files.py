@@ -6,7 +6,8 @@ import os
 import resource
 from pathlib import Path
 
-from nontwist import RunFileError, read_run_file
+from nontwist import read_run_file
+from nontwist.errors import RunFileError
 
 from .children import answer
 

@@ -70,7 +70,7 @@ def members(name, thing):
     told += [one for one in getattr(thing, "_fields", ()) if not one.startswith("_")]
     return {
         *told,
-        *(key.split(".")[1] for key in FUNCTIONS if key.startswith(f"{name}.")),
+        *(key.rsplit(".", 1)[1] for key in FUNCTIONS if key.startswith(f"{name}.")),
         *(one for one in OPERATORS if one in vars(thing)),
     }
 
@@ -92,7 +92,7 @@ def keys(schema, form, path=""):
 
 def names():
     """All powers, as (kind, name)."""
-    found = {("name", name) for name in nontwist.__all__}
+    found = {("name", name) for name in (*nontwist.__all__, "integrators.INTEGRATORS")}
     for name, thing in PUBLIC.items():
         found.add(("plot" if name.startswith("plot.") else "name", name))
         called = {name: thing}
@@ -164,7 +164,7 @@ def leaves(value):
         yield from (one for entry in value for one in leaves(entry))
     elif hasattr(value, "__array__"):
         yield from leaves(np.asarray(value))
-    elif isinstance(value, nontwist.BodyState):
+    elif isinstance(value, nontwist.results.BodyState):
         yield from leaves([value.time, value.quaternion, value.material_angular_velocity])
     elif is_dataclass(value) and not isinstance(value, (Enum, type)):
         yield from leaves({field.name: getattr(value, field.name) for field in fields(value)})
@@ -274,7 +274,7 @@ def result(call):
         if call.startswith("nontwist "):
             return inside(lambda: commanded(call))
         return inside(lambda: told(evaluated(call)))
-    except (Exception, nontwist.SimulationInterrupt) as error:
+    except (Exception, nontwist.errors.SimulationInterrupt) as error:
         return f"{type(error).__name__}: {str(error).split(chr(10))[0]}"
 
 
@@ -307,7 +307,7 @@ def accuracy_of(row):
 
 def is_run(row):
     """Whether the call of a row is made."""
-    return row["now"] == "same" and not row["result"].startswith("not run")
+    return row["now"] != "gone" and not row["result"].startswith("not run")
 
 
 def main():

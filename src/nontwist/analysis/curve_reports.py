@@ -56,7 +56,7 @@ def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:
     Examples
     --------
     >>> import numpy as np
-    >>> from nontwist import curve_report
+    >>> from nontwist.curves import curve_report
     >>> t = 2 * np.pi * np.arange(300) / 300
     >>> r = 2 + np.cos(3 * t)
     >>> report = curve_report(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1))

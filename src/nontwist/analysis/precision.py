@@ -46,7 +46,8 @@ def second_quotient(
 
     Examples
     --------
-    >>> from nontwist import nontwisting, second_quotient, simulate
+    >>> from nontwist import nontwisting, simulate
+    >>> from nontwist.comparison import second_quotient
     >>> start = {"material_angular_velocity": (1, -2, 0), "integrator": "energy-momentum"}
     >>> runs = [simulate(nontwisting([3, 4, 5]), t_end=1, step=h, **start) for h in (0.02, 0.01, 0.005)]
     >>> round(second_quotient(*runs)[-1].item(), 2)  # 2² of a scheme of order 2
@@ -91,7 +92,8 @@ def observed_order(
 
     Examples
     --------
-    >>> from nontwist import observed_order, simulate, standard
+    >>> from nontwist import simulate, standard
+    >>> from nontwist.comparison import observed_order
     >>> start = {"material_angular_velocity": (1, 2, 0.1), "integrator": "gauss", "order": 4}
     >>> runs = [simulate(standard([3, 4, 5]), t_end=2, step=h, **start) for h in (0.1, 0.05, 0.025)]
     >>> round(observed_order(*runs)[-1].item(), 1)

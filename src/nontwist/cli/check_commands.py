@@ -35,7 +35,7 @@ def check_command(
 
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
     """
-    from ..runfile import RunFileError
+    from ..errors import RunFileError
     from ..runfile.forecast import forecast
 
     wrong = False

@@ -75,7 +75,7 @@ def run_command(
 
 def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFile]:
     """Read run files; all problems of all of them are reported in one error."""
-    from ..runfile import RunFileError
+    from ..errors import RunFileError
 
     run_files, problems = {}, []
     for path in files:

@@ -188,7 +188,7 @@ def show_command(
 @contextmanager
 def _explained() -> Iterator[None]:
     """Turn what only sweeps raise into its exit status, and warnings into messages."""
-    from ..sweeps.outcome import SweepError
+    from ..errors import SweepError
 
     try:
         with warnings.catch_warnings():

@@ -205,7 +205,7 @@ def _integrator(run: Any) -> Integrator:
     try:
         name = known.pop("name")
         if name not in INTEGRATORS:
-            raise ValueError(f"nontwist.INTEGRATORS has no {name}")
+            raise ValueError(f"nontwist.integrators.INTEGRATORS has no {name}")
         return INTEGRATORS[name](**known)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"the integrator of the run cannot be taken up again: {error}") from error

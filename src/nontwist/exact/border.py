@@ -33,7 +33,7 @@ def checked_attitude(rotation: Any) -> Array:
 
 
 def checked_inertia(inertia: ArrayLike, physical: bool, axis: Array | None = None) -> Array:
-    """Return the convected inertia J (3, 3), kg m²; errors as in `nontwist.euler_inertia`."""
+    """Return the convected inertia J (3, 3), kg m²; errors as in `nontwist.inertia.euler_inertia`."""
     return convected_inertia(euler_inertia(inertia, physical=physical, axis=axis))
 
 

@@ -62,7 +62,7 @@ def frame_along(
     Examples
     --------
     >>> import numpy as np
-    >>> from nontwist import frame_along
+    >>> from nontwist.curves import frame_along
     >>> first, last = frame_along(lambda t: (0.6 * np.cos(t), 0.6 * np.sin(t), 0.8), [0, 2 * np.pi])
     >>> angle = np.arctan2(last[0] @ first[1], last[0] @ first[0])
     >>> round(float(np.degrees(angle)), 6)  # 360° (1 - 0.8)
@@ -193,7 +193,7 @@ def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None 
     One turn of a helix that rises at 45°: relative to the Frenet frame the frame turns by -∫ τ ds = -√2 π:
 
     >>> import numpy as np
-    >>> from nontwist import frame_of_curve
+    >>> from nontwist.curves import frame_of_curve
     >>> t = np.linspace(0, 2 * np.pi, 201)
     >>> points = np.stack([np.cos(t), np.sin(t), t], axis=1)
     >>> tangents = np.stack([-np.sin(t), np.cos(t), np.ones(201)], axis=1)

@@ -114,7 +114,7 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
     Once around the circle of colatitude 60°, the frame returns turned by 2π (1 - cos 60°), half a turn:
 
     >>> import numpy as np
-    >>> from nontwist import nontwisting_frame
+    >>> from nontwist.curves import nontwisting_frame
     >>> t, a = np.linspace(0, 2 * np.pi, 201), np.radians(60)
     >>> d3 = np.stack([np.sin(a) * np.cos(t), np.sin(a) * np.sin(t), np.full(201, np.cos(a))], axis=1)
     >>> frames = nontwisting_frame(d3)
@@ -176,7 +176,7 @@ def closed_frame(
     Examples
     --------
     >>> import numpy as np
-    >>> from nontwist import closed_frame
+    >>> from nontwist.curves import closed_frame
     >>> t, z = np.arange(200) * np.pi / 100, 0.75
     >>> d3 = np.stack([np.sqrt(1 - z**2) * np.cos(t), np.sqrt(1 - z**2) * np.sin(t), np.full(200, z)], axis=1)
     >>> frames, holonomy = closed_frame(d3)
@@ -234,7 +234,7 @@ def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
     With twice as many samples, a sixteenth of the error:
 
     >>> import numpy as np
-    >>> from nontwist import frame_error_estimate
+    >>> from nontwist.curves import frame_error_estimate
     >>> def path(n):
     ...     t = np.linspace(0, 2 * np.pi, n)
     ...     return np.stack([0.6 * np.cos(t), 0.6 * np.sin(t), np.full(n, 0.8)], axis=1)
@@ -272,7 +272,7 @@ def holonomy(d3: ArrayLike) -> float | Array:
     Around an octant of the sphere the frame turns by a right angle:
 
     >>> import numpy as np
-    >>> from nontwist import holonomy
+    >>> from nontwist.curves import holonomy
     >>> round(float(np.degrees(holonomy([[1, 0, 0], [0, 1, 0], [0, 0, 1]]))), 9)
     90.0
     """
@@ -314,7 +314,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
 
     Examples
     --------
-    >>> from nontwist import solid_angle
+    >>> from nontwist.curves import solid_angle
     >>> x, y, z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
     >>> round(solid_angle([x, y, z]), 6)  # an octant, 4π/8
     1.570796

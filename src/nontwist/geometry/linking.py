@@ -72,7 +72,7 @@ def writhe(points: ArrayLike, *, closed: bool = True) -> float:
     A trefoil, right-handed:
 
     >>> import numpy as np
-    >>> from nontwist import writhe
+    >>> from nontwist.curves import writhe
     >>> t = 2 * np.pi * np.arange(300) / 300
     >>> r = 2 + np.cos(3 * t)
     >>> round(writhe(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1)), 2)
@@ -103,7 +103,7 @@ def link(a: ArrayLike, b: ArrayLike) -> int:
     Examples
     --------
     >>> import numpy as np
-    >>> from nontwist import link
+    >>> from nontwist.curves import link
     >>> ring = np.array([(1, 1, 0), (-1, 1, 0), (-1, -1, 0), (1, -1, 0)])
     >>> other = ring[:, [1, 2, 0]] + (1, 0, 0)
     >>> link(ring, other), link(ring, other[::-1]), link(ring, other + 10)
@@ -149,7 +149,7 @@ def ribbon_twist(points: ArrayLike, d1: ArrayLike, *, closed: bool = True) -> fl
     A ribbon along a circle with three full turns of twist:
 
     >>> import numpy as np
-    >>> from nontwist import link, ribbon_twist, writhe
+    >>> from nontwist.curves import link, ribbon_twist, writhe
     >>> t = 2 * np.pi * np.arange(200)[:, None] / 200
     >>> out, up = np.hstack([np.cos(t), np.sin(t), 0 * t]), np.array([0, 0, 1])
     >>> d1 = np.cos(3 * t) * out + np.sin(3 * t) * up

@@ -1,7 +1,12 @@
 """Integrators: the dict `INTEGRATORS` of frozen dataclasses, each with one `march`, and the name of the default."""
 
+from ..errors import SimulationError as SimulationError
+from ..errors import SimulationInterrupt as SimulationInterrupt
+from ..errors import Status as Status
 from ..geometry.values import Registry
-from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Status, unregistrable
+from .base import Integrator as Integrator
+from .base import Problem as Problem
+from .base import unregistrable
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
 from .exact_solution import Exact
@@ -19,18 +24,4 @@ INTEGRATORS: Registry[type[Integrator]] = Registry(
 DEFAULT = Gauss.name
 """The integrator of runs, ensembles, propagators, run files and sweeps that name none."""
 
-__all__ = [
-    "DEFAULT",
-    "INTEGRATORS",
-    "Continuous",
-    "EnergyMomentum",
-    "Exact",
-    "Gauss",
-    "Integrator",
-    "LieMidpoint",
-    "Problem",
-    "SimulationError",
-    "SimulationInterrupt",
-    "Split",
-    "Status",
-]
+__all__ = ["INTEGRATORS", "Continuous", "EnergyMomentum", "Exact", "Gauss", "LieMidpoint", "Split"]

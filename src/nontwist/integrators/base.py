@@ -11,11 +11,12 @@ from dataclasses import dataclass, fields
 from math import pi
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
+from ..errors import SimulationError, SimulationInterrupt, Status
 from ..geometry.arrays import Array
 from ..geometry.values import among, shown
 from .costs import Cost, steps_cost, unresolved
 from .members import one_by_one, outcome_of
-from .problem import Failure, March, Outcome, Problem, Status
+from .problem import Failure, March, Outcome, Problem
 
 if TYPE_CHECKING:
     from ..geometry.attitudes import States
@@ -32,80 +33,6 @@ __all__ = [
     "SimulationInterrupt",
     "Status",
 ]
-
-
-class SimulationError(RuntimeError):
-    """Raised when a run fails.
-
-    Attributes
-    ----------
-    status : int
-        See `Status`.
-    time : float, s
-        Start of the failed step.
-    step : float, s
-        The step size.
-    residual : float
-        Residual of the equations of the failed step.
-    partial : Trajectory
-        The run up to the failure.
-
-    Examples
-    --------
-    >>> from nontwist import SimulationError, simulate, standard
-    >>> try:
-    ...     run = simulate(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(0, 0, 20))
-    ... except SimulationError as error:
-    ...     print(error)
-    ...     run = error.partial.to_dataset()  # here the start alone
-    step 0 at t = 0 s: the body turns 10 rad in one step; try step <= 0.03
-    """
-
-    def __init__(
-        self, message: str, status: int, time: float, step: float, residual: float, partial: Any = None
-    ) -> None:
-        super().__init__(message)
-        self.status, self.time, self.step, self.residual, self.partial = status, time, step, residual, partial
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (str(self), self.status, self.time, self.step, self.residual, self.partial)
-
-
-class SimulationInterrupt(KeyboardInterrupt):
-    """Raised when a run is interrupted, by Ctrl-C or any other `KeyboardInterrupt`.
-
-    Attributes
-    ----------
-    partial : Trajectory
-        The completed part; ``start=partial`` resumes the run. Its status is `Status.INTERRUPTED`, or `Status.OK` if the
-        run was complete and only its dataset was missing.
-
-    Examples
-    --------
-    A load interrupts the run as Ctrl-C would; the run is then resumed without this load:
-
-    >>> from nontwist import SimulationInterrupt, moment, nontwisting, simulate
-    >>> def interrupting(t, directors, angular_velocity):
-    ...     if t > 1:
-    ...         raise KeyboardInterrupt
-    ...     return 0, 0, 0
-    >>> body, how = nontwisting([3, 4, 5]), {"t_end": 2, "step": 0.25, "integrator": "continuous"}
-    >>> try:
-    ...     simulate(body, angular_velocity=(0, 5, 0), load=moment(interrupting), **how)
-    ... except SimulationInterrupt as stop:
-    ...     print(stop)
-    ...     rest = simulate(body, start=stop.partial, **how)
-    interrupted at t = 0.75 s, after 3 of 8 steps
-    >>> rest.time.values[[0, -1]]
-    array([0.75, 2.  ])
-    """
-
-    def __init__(self, message: str, partial: Any) -> None:
-        super().__init__(message)
-        self.partial = partial
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (str(self), self.partial)
 
 
 class Prepared(Protocol):

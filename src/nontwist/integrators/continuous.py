@@ -82,7 +82,8 @@ class Continuous(Integrator):
 
     Examples
     --------
-    >>> from nontwist import Continuous, simulate, standard
+    >>> from nontwist import simulate, standard
+    >>> from nontwist.integrators import Continuous
     >>> scheme = Continuous(rtol=1e-9, atol=1e-11)
     >>> run = simulate(standard([3, 4, 5]), times=[0, 1, 2], material_angular_velocity=(0.1, 2, 0.1), integrator=scheme)
     >>> run.kinetic_energy.values.round(6)

@@ -135,7 +135,8 @@ class EnergyMomentum(Dissipative):
     The run has the multipliers of all constraints. That of the non-twisting constraint is ``μ = (J1 - J2) W1 W2`` if no
     load acts:
 
-    >>> from nontwist import EnergyMomentum, nontwisting, simulate
+    >>> from nontwist import nontwisting, simulate
+    >>> from nontwist.integrators import EnergyMomentum
     >>> body, scheme = nontwisting([3, 4, 5]), EnergyMomentum()
     >>> run = simulate(body, t_end=1, step=0.005, material_angular_velocity=(6, -18, 0), integrator=scheme)
     >>> run.constraint.values.tolist()

@@ -70,7 +70,8 @@ class Exact(Integrator):
 
     Examples
     --------
-    >>> from nontwist import Exact, simulate, standard
+    >>> from nontwist import simulate, standard
+    >>> from nontwist.integrators import Exact
     >>> W = (0.1, 2, 0.1)
     >>> run = simulate(standard([3, 4, 5]), times=[0, 1, 1000], material_angular_velocity=W, integrator=Exact())
     >>> run.spatial_momentum.values.round(9)

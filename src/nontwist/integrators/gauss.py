@@ -150,7 +150,8 @@ class Gauss(Compiled):
 
     Examples
     --------
-    >>> from nontwist import Gauss, simulate, standard
+    >>> from nontwist import simulate, standard
+    >>> from nontwist.integrators import Gauss
     >>> scheme = Gauss(order=12)
     >>> run = simulate(standard([3, 4, 5]), t_end=10, step=0.5, angular_velocity=(0.1, 2, 0.1), integrator=scheme)
     >>> run.kinetic_energy.values[[0, -1]].round(9)

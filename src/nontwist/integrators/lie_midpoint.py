@@ -99,7 +99,8 @@ class LieMidpoint(Dissipative):
 
     Examples
     --------
-    >>> from nontwist import LieMidpoint, simulate, standard
+    >>> from nontwist import simulate, standard
+    >>> from nontwist.integrators import LieMidpoint
     >>> start = {"material_angular_velocity": (0.1, 2, 0.1), "integrator": LieMidpoint()}
     >>> run = simulate(standard([3, 4, 5]), t_end=10, step=0.1, **start)
     >>> run.kinetic_energy.values[[0, -1]].round(9)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import Status as Status
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
@@ -36,29 +36,6 @@ OBSERVED = {
 }
 COLUMNS = sum(OBSERVED.values())
 FIRST, LEAST, MOST, INTEGRAL = range(4)
-
-
-class Status(IntEnum):
-    """How a run ended.
-
-    Examples
-    --------
-    >>> from nontwist import Status, nontwisting, simulate
-    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, angular_velocity=(0, 1, 0))
-    >>> Status(run.attrs["status"]).name, run.attrs["message"]
-    ('OK', 'done')
-    """
-
-    OK = 0  #: t_end reached, all numbers finite, times increasing
-    TURN = 1  #: more than half a turn in one step
-    STALLED = 2  #: Newton's iteration does not converge
-    BROKEN = 3  #: the directors are no longer a right-handed orthonormal triad
-    LOAD = 4  #: a load that depends on the state failed
-    SOLVER = 5  #: SciPy's solver gave up
-    INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM, SIGHUP
-    NOT_FINITE = 7  #: a number of the result is infinite or NaN
-    INCOMPLETE = 8  #: the integrator returned without an error and without all states
-    JUMP = 9  #: a load jumps with the state, and a step has no solution
 
 
 class Failure(NamedTuple):

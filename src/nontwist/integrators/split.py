@@ -121,7 +121,8 @@ class Split(Compiled):
     --------
     Without a load, steps of any length are exact:
 
-    >>> from nontwist import Split, nontwisting, rotation, simulate
+    >>> from nontwist import nontwisting, rotation, simulate
+    >>> from nontwist.integrators import Split
     >>> body = nontwisting([3, 4, 5])
     >>> run = simulate(body, t_end=1, step=0.5, material_angular_velocity=(0, 3, 0), integrator=Split())
     >>> rotation(run).magnitude().round(9)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..analysis.datasets import as_dataset
 from ..analysis.variables import reassembled
-from ..errors import warn
+from ..errors import ResultFileError, warn
 from ..geometry.values import as_path
 from .layout import file_bytes
 from .regular import require_regular
@@ -38,22 +38,6 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 BLOCK = 2**20
 UNSEALED = "has no seal: another program, as Dataset.to_netcdf, wrote or changed it, not nontwist.save_run(run, path)"
 EXPORTED = (".csv", ".npz", ".json")  # what `nontwist export` writes
-
-
-class ResultFileError(ValueError):
-    """Raised for a file that is not a run, or was changed after it was written; the message has one line.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from nontwist import ResultFileError, open_run
-    >>> _ = Path("notes.nc").write_text("Case 1: ...")
-    >>> try:
-    ...     open_run("notes.nc")
-    ... except ResultFileError as error:
-    ...     print(error)
-    notes.nc is not a NetCDF-4 file but text, 'Case 1:' ...
-    """
 
 
 def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:

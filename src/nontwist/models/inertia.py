@@ -28,7 +28,7 @@ from .system import checked_inertia, convected_inertia, euler_inertia, require_m
 ON_A_LINE = 1e-14  # second moment across the line through all points, relative to that along it: below is round-off
 
 
-def inertia_of_points(
+def of_points(
     masses: ArrayLike, positions: ArrayLike, about: ArrayLike | Literal["centre_of_mass"] = (0, 0, 0)
 ) -> Array:
     """Return the inertia of point masses.
@@ -56,8 +56,8 @@ def inertia_of_points(
 
     Examples
     --------
-    >>> from nontwist import inertia_of_points
-    >>> inertia_of_points([1, 2], [[0.5, 0, 0], [0, 0.2, 0]]).round(3)
+    >>> from nontwist import inertia
+    >>> inertia.of_points([1, 2], [[0.5, 0, 0], [0, 0.2, 0]]).round(3)
     array([[0.08, 0.  , 0.  ],
            [0.  , 0.25, 0.  ],
            [0.  , 0.  , 0.33]])
@@ -85,7 +85,7 @@ def inertia_of_points(
     return convected_inertia(largest * np.outer(axes[:, 2], axes[:, 2]) if second <= ON_A_LINE * largest else E)
 
 
-def inertia_of_cuboid(mass: float, lengths: ArrayLike) -> Array:
+def of_cuboid(mass: float, lengths: ArrayLike) -> Array:
     """Return the inertia of a solid cuboid about its centre.
 
     Parameters
@@ -108,15 +108,15 @@ def inertia_of_cuboid(mass: float, lengths: ArrayLike) -> Array:
     --------
     A book, which turns over when thrown with a spin about its middle axis:
 
-    >>> from nontwist import inertia_of_cuboid
-    >>> inertia_of_cuboid(1.2, (0.2, 0.3, 0.04)).diagonal().round(6)
+    >>> from nontwist import inertia
+    >>> inertia.of_cuboid(1.2, (0.2, 0.3, 0.04)).diagonal().round(6)
     array([0.00916, 0.00416, 0.013  ])
     """
     m, l = _mass(mass), as_positive(lengths, "lengths", (3,), "m")
     return convected_inertia(np.diag(m * l**2 / 12))
 
 
-def inertia_of_cylinder(
+def of_cylinder(
     mass: float, radius: float, length: float, *, inner_radius: float = 0.0, axis: ArrayLike = (0, 0, 1)
 ) -> Array:
     """Return the inertia of a circular cylinder, solid or hollow, about its centre.
@@ -144,8 +144,8 @@ def inertia_of_cylinder(
     --------
     A flywheel with a bore, its axis along z:
 
-    >>> from nontwist import inertia_of_cylinder
-    >>> inertia_of_cylinder(2.0, 0.1, 0.03, inner_radius=0.08).diagonal().round(6)
+    >>> from nontwist import inertia
+    >>> inertia.of_cylinder(2.0, 0.1, 0.03, inner_radius=0.08).diagonal().round(6)
     array([0.00835, 0.00835, 0.0164 ])
     """
     m, R = _mass(mass), float(as_positive(radius, "radius", (), "m"))
@@ -158,7 +158,7 @@ def inertia_of_cylinder(
     return J
 
 
-def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
+def of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
     """Return the inertia of a solid ellipsoid about its centre.
 
     Parameters
@@ -181,15 +181,15 @@ def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
     --------
     A sphere, 2/5 m r²:
 
-    >>> from nontwist import inertia_of_ellipsoid
-    >>> inertia_of_ellipsoid(3.0, (0.1, 0.1, 0.1)).diagonal().round(6)
+    >>> from nontwist import inertia
+    >>> inertia.of_ellipsoid(3.0, (0.1, 0.1, 0.1)).diagonal().round(6)
     array([0.012, 0.012, 0.012])
     """
     m, a = _mass(mass), as_positive(semi_axes, "semi_axes", (3,), "m")
     return convected_inertia(np.diag(m * a**2 / 5))
 
 
-def shift_inertia(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_centre_of_mass: bool = False) -> Array:
+def shift(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_centre_of_mass: bool = False) -> Array:
     """Return an inertia about another point, by the parallel axis theorem.
 
     Parameters
@@ -217,9 +217,9 @@ def shift_inertia(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_cent
     --------
     A hammer about the end of its handle, the handle along z:
 
-    >>> from nontwist import inertia_of_cuboid, inertia_of_cylinder, shift_inertia
-    >>> handle = shift_inertia(inertia_of_cylinder(0.2, 0.015, 0.3), 0.2, (0, 0, 0.15))
-    >>> head = shift_inertia(inertia_of_cuboid(0.5, (0.1, 0.03, 0.03)), 0.5, (0, 0, 0.3))
+    >>> from nontwist import inertia
+    >>> handle = inertia.shift(inertia.of_cylinder(0.2, 0.015, 0.3), 0.2, (0, 0, 0.15))
+    >>> head = inertia.shift(inertia.of_cuboid(0.5, (0.1, 0.03, 0.03)), 0.5, (0, 0, 0.3))
     >>> (handle + head).diagonal().round(6)
     array([0.051086, 0.051465, 0.000477])
     """

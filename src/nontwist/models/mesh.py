@@ -30,13 +30,13 @@ UNPACKED = 200_000_000  # bytes that a packed file may unpack to; they take thre
 
 
 class MassProperties(NamedTuple):
-    """Mass, centre of mass and inertia, returned by `inertia_of_mesh`.
+    """Mass, centre of mass and inertia, returned by `of_mesh`.
 
     Examples
     --------
-    >>> from nontwist import inertia_of_mesh
+    >>> from nontwist import inertia
     >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    >>> body = inertia_of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], mass=6)
+    >>> body = inertia.of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], mass=6)
     >>> body.mass, body.centre_of_mass.round(6)
     (6.0, array([0.25, 0.25, 0.25]))
     >>> body.inertia.diagonal().round(6)
@@ -48,7 +48,7 @@ class MassProperties(NamedTuple):
     inertia: Array  #: (3, 3), kg m², convected inertia J about the centre of mass, in the axes of the mesh
 
 
-def inertia_of_mesh(
+def of_mesh(
     vertices: ArrayLike | str | os.PathLike[str],
     faces: ArrayLike | None = None,
     *,
@@ -76,7 +76,7 @@ def inertia_of_mesh(
     -------
     MassProperties
         ``mass, centre_of_mass, inertia``; the inertia is about the centre of mass. About the origin of the mesh it is
-        ``shift_inertia(inertia, mass, centre_of_mass)``.
+        ``shift(inertia, mass, centre_of_mass)``.
 
     Raises
     ------
@@ -96,9 +96,9 @@ def inertia_of_mesh(
 
     Examples
     --------
-    >>> from nontwist import inertia_of_mesh
+    >>> from nontwist import inertia
     >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    >>> mass, centre, J = inertia_of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], density=600)
+    >>> mass, centre, J = inertia.of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], density=600)
     >>> round(mass, 6), centre.round(6), J.round(3)
     (100.0, array([0.25, 0.25, 0.25]), array([[7.5 , 1.25, 1.25],
            [1.25, 7.5 , 1.25],
@@ -164,7 +164,7 @@ def _sorted_rows(rows: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
-    """Return the vertices and the faces of a file; errors as `inertia_of_mesh`."""
+    """Return the vertices and the faces of a file; errors as `of_mesh`."""
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
     if not os.path.isfile(path):

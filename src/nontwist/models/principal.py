@@ -61,7 +61,8 @@ def principal_frame(
 
     Examples
     --------
-    >>> from nontwist import nontwisting, principal_frame, simulate
+    >>> from nontwist import nontwisting, simulate
+    >>> from nontwist.inertia import principal_frame
     >>> values, R = principal_frame([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], third="smallest")
     >>> values.round(6)
     array([3.99845 , 5.136556, 2.864994])

@@ -27,7 +27,7 @@ from . import equations
 from .system import DirectorSystem, as_system
 
 
-def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentum: ArrayLike) -> tuple[Array, Array]:
+def momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentum: ArrayLike) -> tuple[Array, Array]:
     """Split a momentum along the constrained director: ``π = π_⊥ + π_∥ d`` (eq-pi-split).
 
     If n is E3, ``π_⊥ = Π1 d1 + Π2 d2`` (eq-pi-perp). Any spatial vector can be split in this way; the parts of an
@@ -58,10 +58,10 @@ def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentu
     --------
     The momentum of a free non-twisting body remains in the tangent plane:
 
-    >>> from nontwist import nontwisting, simulate, split_momentum
+    >>> from nontwist import nontwisting, simulate, split_form
     >>> body = nontwisting([3, 4, 5])
     >>> run = simulate(body, t_end=1, step=0.1, material_angular_velocity=(1, 2, 0), integrator="split")
-    >>> perp, par = split_momentum(body, run.directors, run.spatial_momentum)
+    >>> perp, par = split_form.momentum(body, run.directors, run.spatial_momentum)
     >>> bool(abs(par).max() < 1e-13)
     True
     """
@@ -71,9 +71,7 @@ def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentu
     return perp.reshape(*lead, 3), par.reshape(lead)
 
 
-def split_velocity(
-    system: DirectorSystem, directors: ArrayLike, momentum_perp: ArrayLike, momentum_par: ArrayLike
-) -> Array:
+def velocity(system: DirectorSystem, directors: ArrayLike, momentum_perp: ArrayLike, momentum_par: ArrayLike) -> Array:
     """Return the spatial angular velocity of a split momentum (eq-pi-split-components).
 
     Parameters
@@ -93,15 +91,15 @@ def split_velocity(
     Raises
     ------
     ValueError
-        As `split_momentum`; or π_⊥ is not tangent at d (the message names the index).
+        As `momentum`; or π_⊥ is not tangent at d (the message names the index).
 
     Examples
     --------
     >>> import numpy as np
-    >>> from nontwist import nontwisting, split_velocity, standard
-    >>> split_velocity(standard([3, 4, 5]), np.eye(3), (3, 8, 0), 15)
+    >>> from nontwist import nontwisting, split_form, standard
+    >>> split_form.velocity(standard([3, 4, 5]), np.eye(3), (3, 8, 0), 15)
     array([1., 2., 3.])
-    >>> split_velocity(nontwisting([3, 4, 5]), np.eye(3), (3, 8, 0), 0)
+    >>> split_form.velocity(nontwisting([3, 4, 5]), np.eye(3), (3, 8, 0), 0)
     array([1., 2., 0.])
     """
     body = as_system(system)
@@ -110,7 +108,7 @@ def split_velocity(
     return w.reshape(*lead, 3)
 
 
-def split_energy(system: DirectorSystem, directors: ArrayLike, angular_velocity: ArrayLike) -> tuple[Array, Array]:
+def energy(system: DirectorSystem, directors: ArrayLike, angular_velocity: ArrayLike) -> tuple[Array, Array]:
     """Split the kinetic energy: ``K_⊥ = ½ w_⊥·π_⊥`` and ``K_∥ = ½ w_∥ π_∥`` (eq-kinetic-density-convected).
 
     Their sum is K for every body. If the axis is principal, they are the paper's ``½ w_⊥·j_⊥ w_⊥`` and ``½ j_∥ w_∥²``;
@@ -131,13 +129,13 @@ def split_energy(system: DirectorSystem, directors: ArrayLike, angular_velocity:
     Raises
     ------
     ValueError
-        As `split_momentum`.
+        As `momentum`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from nontwist import split_energy, standard
-    >>> perp, par = split_energy(standard([3, 4, 5]), np.eye(3), (1, 2, 3))
+    >>> from nontwist import split_form, standard
+    >>> perp, par = split_form.energy(standard([3, 4, 5]), np.eye(3), (1, 2, 3))
     >>> float(perp), float(par)  # (3 + 16)/2, 45/2
     (9.5, 22.5)
     """
@@ -149,7 +147,7 @@ def split_energy(system: DirectorSystem, directors: ArrayLike, angular_velocity:
     return dot(w_perp, pi_perp).reshape(lead) / 2, (w_par * pi_par).reshape(lead) / 2
 
 
-def split_rates(
+def rates(
     system: DirectorSystem,
     directors: ArrayLike,
     momentum_perp: ArrayLike,
@@ -186,16 +184,16 @@ def split_rates(
     Raises
     ------
     ValueError
-        As `split_velocity`.
+        As `velocity`.
 
     Examples
     --------
     The multiplier of case 1 of the paper, π_⊥·d3' = 468/7 N m:
 
     >>> import numpy as np
-    >>> from nontwist import nontwisting, split_rates
+    >>> from nontwist import nontwisting, split_form
     >>> body = nontwisting([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
-    >>> *rates, mu = split_rates(body, np.eye(3), body.inertia @ (6, -18, 0), 0)
+    >>> *rates, mu = split_form.rates(body, np.eye(3), body.inertia @ (6, -18, 0), 0)
     >>> round(float(mu), 9)
     66.857142857
     """
@@ -230,7 +228,7 @@ def _split_states(
     lead, states = _states(directors, momentum_perp=(perp, (3,)), momentum_par=(par, ()), **given)
     d = (np.eye(3)[2] if body.axis is None else body.axis) @ states[0]
     bad = np.abs(dot(d, states[1])) > TOLERANCE * norm(states[1]) + TINY
-    reason = "is not tangent at the director of the axis; split_momentum returns the tangent part"
+    reason = "is not tangent at the director of the axis; momentum returns the tangent part"
     refuse(bad.reshape(lead), "momentum_perp", reason)
     return lead, states
 

@@ -54,7 +54,7 @@ def convected_inertia(E: ArrayLike) -> Array:
 
     Examples
     --------
-    >>> from nontwist import convected_inertia
+    >>> from nontwist.inertia import convected_inertia
     >>> convected_inertia([[3, 0, 0], [0, 2, 0], [0, 0, 1]]).diagonal()
     array([3., 4., 5.])
     """
@@ -89,7 +89,7 @@ def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: ArrayLike | None
 
     Examples
     --------
-    >>> from nontwist import euler_inertia
+    >>> from nontwist.inertia import euler_inertia
     >>> euler_inertia([3, 4, 5]).diagonal()
     array([3., 2., 1.])
     >>> euler_inertia([1, 1, 3])
@@ -141,7 +141,7 @@ def split_inertia(J: ArrayLike) -> tuple[Array, float]:
 
     Examples
     --------
-    >>> from nontwist import split_inertia
+    >>> from nontwist.split_form import split_inertia
     >>> J_perp, J_par = split_inertia([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5]])
     >>> J_perp
     array([[3. , 0.1, 0. ],

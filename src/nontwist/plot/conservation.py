@@ -113,7 +113,7 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     Parameters
     ----------
     quotients : DataArray, or dict of str to DataArray
-        Results of `nontwist.second_quotient`, one or several with their labels.
+        Results of `nontwist.comparison.second_quotient`, one or several with their labels.
     ax : Axes, optional
         Axes to draw on; by default those of a new figure, one column wide, available as ``ax.figure``.
     order : int
@@ -133,7 +133,8 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
 
     Examples
     --------
-    >>> from nontwist import nontwisting, plot, second_quotient, simulate
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> from nontwist.comparison import second_quotient
     >>> start = {"material_angular_velocity": (1, -2, 0), "integrator": "energy-momentum"}
     >>> runs = [simulate(nontwisting([3, 4, 5]), t_end=1, step=h, **start) for h in (0.02, 0.01, 0.005)]
     >>> curve, limit = plot.second_quotient(second_quotient(*runs)).lines
@@ -143,7 +144,7 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
 
     def curves(quotient: Any, label: str) -> dict[str, Any]:
         if hasattr(quotient, "data_vars"):
-            raise ValueError("pass the result of nontwist.second_quotient(run_h, run_h2, run_h4), not a run")
+            raise ValueError("pass the result of nontwist.comparison.second_quotient(run_h, run_h2, run_h4), not a run")
         return {"Q": quotient}
 
     limit = 2 ** as_whole(order, "order", 1, 20)

@@ -47,7 +47,7 @@ def tube(
     radius : float, optional
         Radius of the tube in the unit of the points; by default 6 % of the size of the curve.
     turns : int
-        Additional whole turns of the stripes about the curve, as in `nontwist.closed_frame`.
+        Additional whole turns of the stripes about the curve, as in `nontwist.curves.closed_frame`.
     elevation, azimuth : float, degrees, optional
         View direction: angles above the xy plane and from the x axis.
     **properties
@@ -61,8 +61,8 @@ def tube(
     Raises
     ------
     ValueError
-        `points` are not a closed curve, as in `nontwist.writhe`; the radius is not positive; `ax` is not a Matplotlib
-        Axes, or an angle is invalid; or faces do not have one of the properties.
+        `points` are not a closed curve, as in `nontwist.curves.writhe`; the radius is not positive; `ax` is not a
+        Matplotlib Axes, or an angle is invalid; or faces do not have one of the properties.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def ribbon(
     points : (n, 3) array
         Centre line of the ribbon, in any unit of length; the last point is joined to the first, and may repeat it.
     d1 : (n, 3) array
-        Vectors across the ribbon at each point, of any length, as in `nontwist.ribbon_twist`.
+        Vectors across the ribbon at each point, of any length, as in `nontwist.curves.ribbon_twist`.
     ax : Axes, optional
         Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     width : float, optional
@@ -121,8 +121,9 @@ def ribbon(
     Raises
     ------
     ValueError
-        `points` are not a closed curve, or `d1` not vectors across it, as in `nontwist.ribbon_twist`; the width is not
-        positive; `ax` is not a Matplotlib Axes, or an angle is invalid; or faces do not have one of the properties.
+        `points` are not a closed curve, or `d1` not vectors across it, as in `nontwist.curves.ribbon_twist`; the width
+        is not positive; `ax` is not a Matplotlib Axes, or an angle is invalid; or faces do not have one of these
+        properties.
 
     Examples
     --------

@@ -1,7 +1,6 @@
 """Run files: a body, its start, loads and times as a TOML file, checked, and run."""
 
 from .document import RunFile
-from .problems import RunFileError
 from .reading import read_run_file
 
-__all__ = ["RunFile", "RunFileError", "read_run_file"]
+__all__ = ["RunFile", "read_run_file"]

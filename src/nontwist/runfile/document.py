@@ -13,6 +13,7 @@ from pydantic import Field, PrivateAttr
 from ..driver import simulate
 from ..driver.planning import known_body
 from ..driver.runs import dataset_of
+from ..errors import RunFileError
 from ..loads import Load
 from .body import Body
 from .checks import prepare
@@ -20,7 +21,7 @@ from .events import AnyEvent
 from .folder import Folder
 from .loads import AnyLoad, LoadSection, Place
 from .prepared import Prepared
-from .problems import Problem, RunFileError
+from .problems import Problem
 from .section import Section
 from .start import Start
 from .sweep_table import Sweep

@@ -24,7 +24,8 @@ T = TypeVar("T")
 
 
 def _result(path: Path, sha256: str | None) -> tuple[Any, str]:
-    from ..io import ResultFileError, open_run
+    from ..errors import ResultFileError
+    from ..io import open_run
 
     try:
         run, found = open_run(path), hashlib.sha256(path.read_bytes()).hexdigest()

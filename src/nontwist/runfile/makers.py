@@ -14,13 +14,13 @@ from pydantic import Field, create_model
 
 from ..geometry.arrays import Array
 from ..models.inertia import (
-    inertia_of_cuboid,
-    inertia_of_cylinder,
-    inertia_of_ellipsoid,
-    inertia_of_points,
-    shift_inertia,
+    of_cuboid,
+    of_cylinder,
+    of_ellipsoid,
+    of_points,
+    shift,
 )
-from ..models.mesh import MassProperties, inertia_of_mesh
+from ..models.mesh import MassProperties, of_mesh
 from .folder import Folder
 from .section import AN_AXIS, Axis, Positive, Section, Vector
 
@@ -43,7 +43,7 @@ class Cuboid(Maker):
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
-        return _shifted(self.mass, offset, inertia_of_cuboid(self.mass, self.lengths))
+        return _shifted(self.mass, offset, of_cuboid(self.mass, self.lengths))
 
 
 class Cylinder(Maker):
@@ -57,7 +57,7 @@ class Cylinder(Maker):
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
-        J = inertia_of_cylinder(self.mass, self.radius, self.length, inner_radius=self.inner_radius, axis=self.axis)
+        J = of_cylinder(self.mass, self.radius, self.length, inner_radius=self.inner_radius, axis=self.axis)
         return _shifted(self.mass, offset, J)
 
 
@@ -71,7 +71,7 @@ class Ellipsoid(Maker):
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
-        return _shifted(self.mass, offset, inertia_of_ellipsoid(self.mass, self.semi_axes))
+        return _shifted(self.mass, offset, of_ellipsoid(self.mass, self.semi_axes))
 
 
 class Points(Maker):
@@ -85,7 +85,7 @@ class Points(Maker):
         if len(self.masses) != len(self.positions):
             raise ValueError(f"{len(self.masses)} masses, but {len(self.positions)} positions")
         m, x = np.array(self.masses), np.array(self.positions).reshape(-1, 3) + offset
-        J = inertia_of_points(m, x)
+        J = of_points(m, x)
         return MassProperties(float(m.sum()), m @ x / m.sum(), J)
 
 
@@ -103,7 +103,7 @@ class Mesh(Maker):
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
         try:
-            made = inertia_of_mesh(*folder.mesh(self.file), density=self.density, mass=self.mass, scale=self.scale)
+            made = of_mesh(*folder.mesh(self.file), density=self.density, mass=self.mass, scale=self.scale)
         except (OSError, ImportError) as error:
             raise ValueError(str(error)) from error
         centre = offset if self.about == "centre_of_mass" else offset + made.centre_of_mass
@@ -111,7 +111,7 @@ class Mesh(Maker):
 
 
 def _shifted(mass: float, centre: Array, J: Array) -> MassProperties:
-    return MassProperties(mass, centre, shift_inertia(J, mass, centre))
+    return MassProperties(mass, centre, shift(J, mass, centre))
 
 
 MAKERS: dict[str, type[Maker]] = {

@@ -44,36 +44,6 @@ class Problem(NamedTuple):
         return f"{self.key}: {self.given} -> {self.accepted}"
 
 
-class RunFileError(ValueError):
-    """Raised for a run file that cannot be used.
-
-    Attributes
-    ----------
-    file : str
-    problems : tuple of Problem
-        All problems, each with `key`, `given`, `accepted`.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from nontwist import RunFileError, read_run_file
-    >>> _ = Path("run.toml").write_text('body = { kind = "standart", inertia = [3, 4, 5] }')
-    >>> try:
-    ...     read_run_file("run.toml")
-    ... except RunFileError as error:
-    ...     print(error)
-    run.toml: body.kind: "standart" -> did you mean "standard"? "standard", "nontwisting", "suslov" or "heavy_top"
-    run.toml: time: missing -> a table [time]
-    """
-
-    def __init__(self, file: str, problems: tuple[Problem, ...]) -> None:
-        super().__init__(file, problems)
-        self.file, self.problems = file, problems
-
-    def __str__(self) -> str:
-        return "\n".join(f"{self.file}: {problem}" for problem in self.problems)
-
-
 def printable(text: str) -> str:
     """Return a text without what a terminal would act on, shortened."""
     text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)

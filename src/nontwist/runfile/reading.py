@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from ..errors import RunFileError
 from ..geometry.values import as_list, as_path, shown
 from ..integrators import INTEGRATORS
 from ..io.regular import require_regular
@@ -17,7 +18,7 @@ from .checks import prepare
 from .document import RunFile
 from .folder import Folder
 from .loads import AnyLoad
-from .problems import Keys, Problem, RunFileError, path_in, problems_of
+from .problems import Keys, Problem, path_in, problems_of
 from .sweep_checks import key_problems, step_problems
 from .tables import Time
 from .toml_data import LARGEST, document, overridden

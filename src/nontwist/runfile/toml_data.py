@@ -12,7 +12,8 @@ import tomllib
 from collections.abc import Iterable
 from typing import Any
 
-from .problems import Keys, Problem, RunFileError, dotted, printable, shown
+from ..errors import RunFileError
+from .problems import Keys, Problem, dotted, printable, shown
 from .section import LARGEST_NUMBER
 
 LARGEST = 1_000_000  # bytes

@@ -24,12 +24,13 @@ from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.planning import known_body
 from ..driver.starts import starts
+from ..errors import RunFileError
 from ..geometry.arrays import Array
 from ..geometry.values import among
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.problem import COLUMNS
 from ..integrators.time_grid import stretched
-from ..runfile import RunFile, RunFileError
+from ..runfile import RunFile
 from ..runfile.document import with_loads
 from ..runfile.folder import Folder
 from ..runfile.loads import AnyLoad, Place

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..analysis.variables import COORDINATES
 from ..driver import simulate
-from ..errors import warn
+from ..errors import SweepStoreError, warn
 from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
@@ -15,7 +15,6 @@ from ..runfile.reading import checked
 from ..runfile.units import unit_of
 from .draws import values
 from .members import signs
-from .outcome import SweepStoreError
 from .store import SweepStore, open_store
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..errors import SweepStoreError
 from ..io.whole import atomic_file
-from .outcome import DamagedBlockError, SweepStoreError
+from .outcome import DamagedBlockError
 
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
 CHANGED = "was changed after it was written"

@@ -3,7 +3,7 @@
 A block is done when its marker is there, ``blocks/000/000017.json``, written last and by the one client that holds the
 lock: hashes of the block, and why members have failed (`seals`). Chunks carry a CRC-32C. A block is written whole,
 with the same bits by any worker, so that it may be written twice. ``status`` is 0 for a member that is done,
-−1 for one whose numbers define no run, −2 for one that is not done; other numbers are those of `nontwist.Status`.
+−1 for one whose numbers define no run, −2 for one that is not done; others are those of `nontwist.errors.Status`.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ import numpy as np
 from ..analysis.ensemble_dataset import status_attributes
 from ..analysis.trajectory import versions
 from ..analysis.variables import SIZES
+from ..errors import SweepStoreError
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
 from ..io.whole import atomic_folder
 from .draws import values
 from .members import REFUSED, Members, Results
-from .outcome import DamagedBlockError, SweepStoreError
+from .outcome import DamagedBlockError
 from .seals import CHANGED, SEAL, Done, Marks, damaged, read_seal, write_seal
 
 FORMAT, UNSEALED, ABSENT = 2, 1, -2

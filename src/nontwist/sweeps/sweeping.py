@@ -16,14 +16,14 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from ..driver.costs import cores, notice
-from ..errors import warn
+from ..errors import SweepError, SweepStoreError, warn
 from ..geometry.values import as_function
 from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from ..runfile.forecast import forecast
 from .members import Members
-from .outcome import Progress, SweepError, SweepStoreError
+from .outcome import Progress
 from .plan import plan
 from .reading import dataset
 from .seals import Done

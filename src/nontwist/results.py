@@ -1,0 +1,11 @@
+"""Classes of what functions return: runs, states, steppers, propagators, controls, fits."""
+
+from .analysis.trajectory import Trajectory
+from .driver.closed_loop import Stepper, StepperState
+from .driver.effort import LeastEffort
+from .driver.propagation import Propagator
+from .driver.states import BodyState
+from .driver.steering import Steering
+from .fitting.result import Fit
+
+__all__ = ["BodyState", "Fit", "LeastEffort", "Propagator", "Steering", "Stepper", "StepperState", "Trajectory"]

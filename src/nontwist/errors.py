@@ -83,7 +83,7 @@ class Worded:
 
 
 class InputError(Worded, ValueError):
-    """An input that cannot be used.
+    r"""An input that cannot be used.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class InputError(Worded, ValueError):
     >>> from nontwist import read_motion
     >>> from nontwist.errors import InputError
     >>> try:
-    ...     read_motion(StringIO("time,timestamp,qw,qx,qy,qz\\n0,0,1,0,0,0\\n1,2,0,0,0,1\\n"))
+    ...     read_motion(StringIO("time,timestamp,qw,qx,qy,qz\n0,0,1,0,0,0\n1,2,0,0,0,1\n"))
     ... except InputError as error:
     ...     print(error.code, error.fields)
     several-times {'names': 'time, timestamp'}

@@ -293,6 +293,8 @@ NEEDED = (
         "groups",
         "cases",
         "quick",
+        "project",
+        "jax.function.step",
     ),
 )
 
@@ -312,7 +314,8 @@ VALUES = {
     "v": tangents,
     **dict.fromkeys(("R", "frame", "initial_frame"), frames),
     **dict.fromkeys(("psi", "psi_dot", "s", "phase", "t"), number(-0.5, 0.5)),
-    **dict.fromkeys(("tolerance", "rtol"), number(1e-9, 1e-7)),
+    "rtol": number(1e-9, 1e-7),
+    "tolerance": lambda r, given: None if given.get("step") else 10.0 ** r.uniform(-9, -7),
     **dict.fromkeys(("t_end", "mass", "density", "length", "radius"), number(0.8, 1.2)),
     "DirectorSystem.euler_inertia": euler,
     "J": matrix,
@@ -497,6 +500,7 @@ VALUES = {
     "stepper.step": number(0.001, 0.1),
     "stepper.integrator": one_of("lie-midpoint", "gauss", "energy-momentum"),
     "step": one_of(None, 0.1),
+    "jax.function.step": one_of(0.1),
     "simulate.t_end": one_of(2, 1.5),
     "integrate.t_end": one_of(2, 1.5),
     "propagator.t_end": one_of(2, 1.5),
@@ -598,6 +602,7 @@ FORMS = {
     "Runs": runs,
     "Quotients": lambda r, given: quotients() if r.random() < 0.5 else {"a": quotients(), "b": quotients()},
     "Axes": lambda r, given: nt.plot.new_axes()[0],
+    "Problem": lambda r, given: nt.Problem(bodies(r)),
     "RunFile": lambda r, given: nt.read_run_file(file("sweep.toml", SWEEP)(r, given)),
 }
 

@@ -14,6 +14,7 @@ from .analysis.joining import join_runs as join_runs
 from .analysis.points import point_position as point_position
 from .analysis.points import point_velocity as point_velocity
 from .comparison import compare as compare
+from .driver import Problem as Problem
 from .driver import axis_crosses as axis_crosses
 from .driver import gradient as gradient
 from .driver import integrate as integrate

@@ -19,17 +19,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..analysis.invariants import invariants, quantities, scales
 from ..driver.grid import fits, inside, kinks, paced
+from ..driver.problem import OfComparison, Problem, posed, takes
 from ..driver.runs import integrate
 from ..geometry.values import as_whole
 from ..integrators import LieMidpoint
-from ..loads import Load, Term, as_load
+from ..loads import as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .dataset import comparison_dataset
@@ -41,24 +41,18 @@ if TYPE_CHECKING:
     import xarray
 
 FEW = 4
+COMPARED = ("step", "tolerance", "integrator", "order", "store")  # which a problem may have
 
 
+@takes(OfComparison, "progress")
 def compare(
-    system: DirectorSystem,
+    system: DirectorSystem | Problem,
     *,
-    t_end: float,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
     integrators: Sequence[Choice] | None = None,
     steps: Sequence[float] | None = None,
     repeats: int = 5,
-    project: bool = False,
     progress: bool = False,
+    **keywords: Unpack[OfComparison],
 ) -> xarray.Dataset:
     """Run many integrators at many steps on one problem and compare them with a reference solution.
 
@@ -116,23 +110,18 @@ def compare(
     """
     schemes = chosen(integrators)
     repeats = as_whole(repeats, "repeats", 1)
-    system, load = as_system(system), as_load(load)
-    arguments = {
-        "t_start": t_start,
-        "start": start,
-        "rotation": rotation,
-        "scalar_first": scalar_first,
-        "material_angular_velocity": material_angular_velocity,
-        "angular_velocity": angular_velocity,
-        "load": load,
-        "project": project,
-    }
+    problem = posed(
+        "compare", system, keywords, OfComparison, aside=("step", "tolerance", "integrator", "order", "store")
+    )
+    body, load, t_end = as_system(problem.system), as_load(problem.load), problem.t_end
+    arguments = {name: getattr(problem, name) for name in OfComparison.__annotations__ if name != "t_end"}
+    arguments["load"] = load
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        automatic = integrate(system, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
+        automatic = integrate(body, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
     known = {str(warning.message) for warning in caught}
     t0, t1 = (float(t) for t in automatic.time)
-    pace = paced(load, stacked(system))
+    pace = paced(load, stacked(body))
     found = grids(steps, t0, t1, automatic.step or t1 - t0, pace)
     numbers = {h: grid.steps for h, grid in found.items()}
     shared = shared_intervals(list(numbers.values()))
@@ -144,9 +133,9 @@ def compare(
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        exact = reference(system, arguments, automatic, at)
-    sizes = scales(quantities(exact.run), system)
-    case = Case(system, arguments, t1, exact, shared, invariants(system, load.description), sizes, known)
+        exact = reference(body, arguments, automatic, at)
+    sizes = scales(quantities(exact.run), body)
+    case = Case(body, arguments, t1, exact, shared, invariants(body, load.description), sizes, known)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
     outcomes = {key: compared(case, schemes[key[0]], found[key[1]]) for key in _shown(jobs, progress)}

@@ -6,6 +6,7 @@ from .effort import LeastEffort, least_effort
 from .ensembles import simulate_ensemble
 from .exponents import lyapunov, lyapunov_ensemble
 from .named_events import axis_crosses, spin_below
+from .problem import Problem
 from .propagation import Propagator, propagator
 from .resampling import resample
 from .runs import integrate, simulate
@@ -15,6 +16,7 @@ from .states import BodyState
 __all__ = [
     "BodyState",
     "LeastEffort",
+    "Problem",
     "Propagator",
     "Stepper",
     "StepperState",

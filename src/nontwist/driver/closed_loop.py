@@ -24,6 +24,8 @@ from .completion import OVERFLOW
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
 from .planning import internal_states, resolve_integrator
+from .problem import OfStart, part_of
+from .problem import Problem as Posed
 from .starts import start_of_one
 from .states import BodyState
 
@@ -34,8 +36,8 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def stepper(
-    system: DirectorSystem,
-    step: float,
+    system: DirectorSystem | Posed,
+    step: float | None = None,
     *,
     integrator: str | Integrator = "lie-midpoint",
     order: int | None = None,
@@ -43,14 +45,15 @@ def stepper(
 ) -> Stepper:
     """Return a body that is integrated step by step, under moments chosen at every step: for closed loops.
 
-    It starts at rest at the identity and t = 0; `Stepper.reset` sets another start.
+    It starts at rest at the identity and t = 0, or as a problem does; `Stepper.reset` sets another start.
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a problem, of which times and
+        output are not used.
     step : float, s
-        Length of all steps.
+        Length of all steps; by default that of the problem.
     integrator : str or Integrator
         "lie-midpoint", "gauss" or "energy-momentum", or an instance of these. The default differs from that of
         `simulate`: the moments of a controller jump from step to step, and a step of `lie-midpoint` is the cheapest.
@@ -85,7 +88,12 @@ def stepper(
     >>> max(abs(W) for W in state.material_angular_velocity) < 0.05
     True
     """
-    system, h, load = as_system(system), float(as_positive(step, "step", (), "s")), as_load(load)
+    problem = system if isinstance(system, Posed) else Posed(system)
+    step = problem.step if step is None else step
+    if step is None:
+        raise ValueError("give step=, the length of all steps")
+    integrator, order = problem.given.get("integrator", integrator), problem.order if order is None else order
+    body, h, load = as_system(problem.system), float(as_positive(step, "step", (), "s")), as_load(load or problem.load)
     scheme = resolve_integrator(integrator, order)
     if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):
         *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
@@ -94,7 +102,10 @@ def stepper(
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
-    return Stepper(system, h, scheme, of_body(load, system.inertia))
+    loop = Stepper(body, h, scheme, of_body(load, body.inertia))
+    if problem is system:
+        loop.reset(**part_of(problem, OfStart), time=problem.t_start)
+    return loop
 
 
 class Kind(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,18 +13,19 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES, Described, assembled, coordinates
 from ..geometry.arrays import Array, as_array
-from ..integrators import DEFAULT, Integrator, Problem
+from ..integrators import Problem
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
-from ..loads import Load, Term
-from ..models.system import DirectorSystem, as_system
+from ..models.system import DirectorSystem
 from .grid import stored_steps
 from .parameters import EVERY, Parameters
-from .planning import Plan, planned
+from .planning import Plan
+from .problem import OfStored, plan_of, posed, start_of, takes
+from .problem import Problem as Posed
 from .single_run import AT_REST, PreparedPlan, integrated, run_of
-from .starts import Starts, start_of_one
+from .starts import Starts
 
 if TYPE_CHECKING:
     import xarray
@@ -40,24 +41,12 @@ class Solved(NamedTuple):
     removed: float  # rad/s, of the velocity that was given, along the constrained axis
 
 
+@takes(OfStored)
 def sensitivities(
-    system: DirectorSystem,
+    system: DirectorSystem | Posed,
     *,
     wrt: str | Iterable[str] = EVERY,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    store: int | Literal["end"] = 1,
-    project: bool = False,
+    **keywords: Unpack[OfStored],
 ) -> xarray.Dataset:
     """Integrate the motion of a body and its derivatives with respect to the start, the body and the load.
 
@@ -67,8 +56,8 @@ def sensitivities(
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
     wrt : str or list of str
         With respect to what to differentiate: "material_angular_velocity" and "rotation" of the start, the latter as a
         rotation vector in the body, with the velocity in the body unchanged; "inertia", the entries 11, 22, 33, 23, 13,
@@ -117,35 +106,21 @@ def sensitivities(
     >>> d.parameter.values.tolist()[:3]
     ['principal_inertia[1]', 'principal_inertia[2]', 'principal_inertia[3]']
     """
-    system = as_system(system)
-    begin = start_of_one(
-        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
-    )
-    plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
+    problem = posed("sensitivities", system, keywords, OfStored)
+    begin = start_of(problem)
+    plan = plan_of(problem, begin)
     solved, parameters = solved_with(plan, begin, wrt, means=plan.store == 1)
     return _described(_stored(solved, plan, begin), changes_of(solved, parameters), parameters)
 
 
+@takes(OfStored)
 def gradient(
-    system: DirectorSystem,
+    system: DirectorSystem | Posed,
     *,
     d_rotation: ArrayLike | None = None,
     d_material_angular_velocity: ArrayLike | None = None,
     wrt: str | Iterable[str] = EVERY,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    store: int | Literal["end"] = 1,
-    project: bool = False,
+    **keywords: Unpack[OfStored],
 ) -> xarray.Dataset:
     """Return the derivatives of a function of the stored states of a run with respect to all parameters at once.
 
@@ -154,8 +129,8 @@ def gradient(
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
     d_rotation : (n, 3) array, optional
         Derivatives of f with respect to the attitudes at the n stored times, as rotation vectors in the body: a small
         rotation δ of an attitude changes f by the scalar product of δ with its row. Zero by default.
@@ -196,11 +171,9 @@ def gradient(
     >>> g.gradient.values.reshape(5, 3)[:, 1].round(4)  # the weights of the table, over J2
     array([0.0312, 0.0625, 0.0625, 0.0625, 0.0312])
     """
-    system = as_system(system)
-    begin = start_of_one(
-        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
-    )
-    plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
+    problem = posed("gradient", system, keywords, OfStored)
+    begin = start_of(problem)
+    plan = plan_of(problem, begin)
     solved, parameters = solved_with(plan, begin, wrt)
     slopes = np.zeros((len(solved.rows), 6))
     for at, name, given in (

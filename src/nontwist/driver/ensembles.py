@@ -5,57 +5,41 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, statistics
 from ..errors import warn
 from ..geometry.arrays import largest_size
 from ..geometry.values import as_whole
-from ..integrators import DEFAULT, Integrator, Status
+from ..integrators import DEFAULT, Status
 from ..integrators.base import Outcome, Problem
 from ..integrators.time_grid import stretched
-from ..loads import Load, Term
-from ..models.stack import SystemStack, stacked
+from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
 from .coarseness import coarseness
 from .costs import cores, members_cost
 from .grid import SMALL, automatic_grid, free_memory
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
-from .planning import planned
-from .starts import starts
+from .problem import OfEnsemble, every_stored, plan_of, posed, starts_of, takes
+from .problem import Problem as Posed
 from .tolerance import controlled, first_grid
 
 if TYPE_CHECKING:
     import xarray
 
 
+@takes(OfEnsemble, "variables", "reduce", "progress", "threads", store="end")
 def simulate_ensemble(
-    system: DirectorSystem | SystemStack,
+    system: DirectorSystem | SystemStack | Posed,
     *,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    load_scale: ArrayLike = 1.0,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    times: ArrayLike | None = None,
-    store: int | Literal["end"] = "end",
     variables: str | Iterable[str] = ("quaternion", "material_angular_velocity"),
     reduce: str | Iterable[str] = (),
-    project: bool = False,
     progress: bool = False,
     threads: int | None = None,
+    **keywords: Unpack[OfEnsemble],
 ) -> xarray.Dataset:
     """Integrate the motions of many bodies, or of one from many starts, and return them as one dataset.
 
@@ -64,8 +48,8 @@ def simulate_ensemble(
 
     Parameters
     ----------
-    system : DirectorSystem or SystemStack
-        One body, or ``DirectorSystem.stack([...])`` of m.
+    system : DirectorSystem, SystemStack or Problem
+        One body, or ``DirectorSystem.stack([...])`` of m; or a whole problem.
     t_end, step, tolerance, t_start, scalar_first, load, integrator, order, times, project, progress
         As in `nontwist.simulate`, the same for all members. ``step=None``: a tolerance of 1e-8 with `gauss`; with other
         integrators no member turns by more than 0.05 rad per step, by a bound from its energy, and the load is
@@ -129,20 +113,10 @@ def simulate_ensemble(
     array([0.5, 2. , 4.5, 8. ])
     """
     names, requested = ensemble_dataset.checked(variables), statistics.checked(reduce)
-    systems = stacked(system)
-    begin = starts(
-        systems,
-        start,
-        rotation,
-        scalar_first,
-        material_angular_velocity,
-        angular_velocity,
-        load_scale,
-        project,
-        t_start,
-    )
-    every = 1 if times is not None and store == "end" else store
-    plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time, tolerance)
+    task = posed("simulate_ensemble", system, keywords, OfEnsemble, store="end")
+    begin, store = starts_of(task), task.store
+    plan = plan_of(task, begin, store=every_stored(task))
+    systems = plan.systems
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested and not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; store states with times=, or use {DEFAULT}")

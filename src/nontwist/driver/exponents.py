@@ -4,33 +4,32 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole
-from ..integrators import DEFAULT, Integrator, Problem, SimulationError, Status
+from ..integrators import Integrator, Problem, SimulationError, Status
 from ..integrators.base import Outcome
 from ..integrators.growing import Growth
 from ..integrators.linearised import Linearised
 from ..integrators.members import in_threads
 from ..integrators.members import progress as counted
-from ..loads import Load, Term
-from ..models.stack import SystemStack, stacked
-from ..models.system import DirectorSystem, as_system
+from ..models.stack import SystemStack
+from ..models.system import DirectorSystem
 from . import completion
 from .costs import cores, members_cost
 from .derivatives import differentiable, linearised_by, solved_with
 from .ensembles import with_messages
 from .grid import automatic_grid
 from .notices import announce, progress_bar, warn_of_grid, warn_of_step
-from .planning import Plan, planned
-from .starts import start_of_one, starts
+from .planning import Plan
+from .problem import OfMany, OfMotion, plan_of, posed, start_of, starts_of, takes
+from .problem import Problem as Posed
 from .tolerance import controlled
 
 if TYPE_CHECKING:
@@ -41,23 +40,8 @@ LINEARISED = 6.0  # times the cost of a step in lanes, of its states, its matric
 KNOWN = {"units": "s-1", "long_name": "mean rate of growth from the start", "symbol": "λ"}
 
 
-def lyapunov(
-    system: DirectorSystem,
-    *,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    project: bool = False,
-) -> xarray.Dataset:
+@takes(OfMotion)
+def lyapunov(system: DirectorSystem | Posed, **keywords: Unpack[OfMotion]) -> xarray.Dataset:
     """Return the Lyapunov exponents of a motion, from its tangent flow.
 
     Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and orthonormalised
@@ -69,8 +53,8 @@ def lyapunov(
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, project
@@ -105,11 +89,9 @@ def lyapunov(
     """
     import xarray
 
-    system = as_system(system)
-    begin = start_of_one(
-        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
-    )
-    plan = planned(system, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
+    problem = posed("lyapunov", system, keywords, OfMotion)
+    begin = start_of(problem)
+    plan = plan_of(problem, begin, store="end")
     _warn_of_hidden(plan)
     known, _ = solved_with(plan, begin, "rotation")
     steps = Linearised(known.problem, known.run.integrator, ())
@@ -127,25 +109,13 @@ def _warn_of_hidden(plan: Plan) -> None:
         warn(text)
 
 
+@takes(OfMany, "progress", "threads")
 def lyapunov_ensemble(
-    system: DirectorSystem | SystemStack,
+    system: DirectorSystem | SystemStack | Posed,
     *,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    load_scale: ArrayLike = 1.0,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    project: bool = False,
     progress: bool = False,
     threads: int | None = None,
+    **keywords: Unpack[OfMany],
 ) -> xarray.Dataset:
     """Return the Lyapunov exponents of many motions: a map of order and chaos over starts, bodies or loads.
 
@@ -189,19 +159,10 @@ def lyapunov_ensemble(
     >>> found.lyapunov_exponent.sel(exponent=1).values.round(2)
     array([0.01, 0.52, 0.01])
     """
-    systems = stacked(system)
-    begin = starts(
-        systems,
-        start,
-        rotation,
-        scalar_first,
-        material_angular_velocity,
-        angular_velocity,
-        load_scale,
-        project,
-        t_start,
-    )
-    plan = planned(systems, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
+    task = posed("lyapunov_ensemble", system, keywords, OfMany)
+    begin = starts_of(task)
+    plan = plan_of(task, begin, store="end")
+    systems = plan.systems
     differentiable(plan, begin)
     _warn_of_hidden(plan)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
-from ..integrators import INTEGRATORS, Integrator, Problem
+from ..integrators import DEFAULT, INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
 from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
@@ -100,14 +100,14 @@ class Plan(NamedTuple):
 
 def planned(
     system: DirectorSystem | SystemStack,
-    load: Load | Term | None,
-    integrator: str | Integrator,
-    order: int | None,
-    t_start: float | None,
-    t_end: float | None,
-    times: ArrayLike | None,
-    step: float | None,
-    store: int | Literal["end"],
+    load: Load | Term | None = None,
+    integrator: str | Integrator = DEFAULT,
+    order: int | None = None,
+    t_start: float | None = None,
+    t_end: float | None = None,
+    times: ArrayLike | None = None,
+    step: float | None = None,
+    store: int | Literal["end"] = 1,
     start_time: float | None = None,
     tolerance: float | None = None,
 ) -> Plan:

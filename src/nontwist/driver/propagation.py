@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,34 +11,23 @@ from numpy.typing import ArrayLike
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import LARGEST, Array, as_number, vector
 from ..geometry.values import as_list
-from ..integrators import DEFAULT, Integrator
+from ..integrators import Integrator
 from ..integrators.compiled import Compiled
-from ..loads import Load, Term
+from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .derivatives import Jacobian, jacobian_of
 from .grid import require_resolution
 from .parameters import EVERY
-from .planning import Plan, planned
+from .planning import Plan
+from .problem import STARTS, OfStarts, Problem, every_stored, plan_of, posed, takes
 from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of, with_warning
 from .starts import Starts, last_attitude, start_of_one, without_spin
 
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
 
 
-def propagator(
-    system: DirectorSystem,
-    *,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    times: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    store: int | Literal["end"] = "end",
-    project: bool = False,
-) -> Propagator:
+@takes(OfStarts, store="end")
+def propagator(system: DirectorSystem | Problem, **keywords: Unpack[OfStarts]) -> Propagator:
     """Return a function that maps starts to runs of one body, under one load, over one span of time.
 
     Everything that does not depend on the start is checked, prepared and sampled once, here. A call then costs a few µs
@@ -47,8 +36,8 @@ def propagator(
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
     t_end, step, tolerance, t_start, times, load, integrator, order, project
         As in `simulate`. With a tolerance, or ``step=None``, steps are chosen for each start; a call then takes as long
         as `integrate`.
@@ -78,12 +67,11 @@ def propagator(
     >>> [run(material_angular_velocity=(0, W, 0)).rotation[-1].magnitude().round(6).item() for W in (1, 2, 3)]
     [1.0, 2.0, 3.0]
     """
-    system = as_system(system)
-    every = 1 if times is not None and store == "end" else store
-    plan = planned(system, load, integrator, order, t_start, t_end, times, step, every, None, tolerance)
+    problem = posed("propagator", system, keywords, OfStarts, aside=STARTS, store="end")
+    body, plan = as_system(problem.system), plan_of(problem, store=every_stored(problem))
     if plan.grid is not None:
         check_cost(plan, AT_REST, plan.grid)
-    return Propagator(system, plan, project)
+    return Propagator(body, plan, problem.project)
 
 
 def factor(load_scale: Any) -> float:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal
-
-from numpy.typing import ArrayLike
+from typing import TYPE_CHECKING, Unpack
 
 from ..analysis.trajectory import Trajectory
-from ..integrators import DEFAULT, Integrator, SimulationInterrupt
-from ..loads import Load, Term
-from ..models.system import DirectorSystem, as_system
+from ..integrators import SimulationInterrupt
+from ..models.system import DirectorSystem
 from .events import as_events
-from .planning import planned
+from .problem import OfRun, Problem, plan_of, posed, start_of, takes
 from .single_run import run_of
-from .starts import start_of_one
 
 if TYPE_CHECKING:
     import xarray
@@ -25,33 +21,19 @@ if TYPE_CHECKING:
     Events = Event | Sequence[Event]
 
 
+@takes(OfRun, "progress")
 def simulate(
-    system: DirectorSystem,
+    system: DirectorSystem | Problem,
     *,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    times: ArrayLike | None = None,
-    store: int | Literal["end"] = 1,
-    events: Events | None = None,
-    project: bool = False,
     progress: bool = False,
+    **keywords: Unpack[OfRun],
 ) -> xarray.Dataset:
     """Integrate the motion of a body and return it as a dataset.
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
     t_end : float, s
         Optional where `times` are given.
     step : float, s, optional
@@ -159,27 +141,7 @@ def simulate(
     >>> run.time.values.round(3)
     array([ 0.   ,  5.   , 10.   , 11.614])
     """
-    run = integrate(
-        system,
-        t_end=t_end,
-        step=step,
-        tolerance=tolerance,
-        t_start=t_start,
-        start=start,
-        rotation=rotation,
-        scalar_first=scalar_first,
-        material_angular_velocity=material_angular_velocity,
-        angular_velocity=angular_velocity,
-        load=load,
-        integrator=integrator,
-        order=order,
-        times=times,
-        store=store,
-        events=events,
-        project=project,
-        progress=progress,
-    )
-    return dataset_of(run)
+    return dataset_of(solved(posed("simulate", system, keywords, OfRun), progress))
 
 
 def dataset_of(run: Trajectory) -> xarray.Dataset:
@@ -191,26 +153,12 @@ def dataset_of(run: Trajectory) -> xarray.Dataset:
         raise SimulationInterrupt(message, run) from None
 
 
+@takes(OfRun, "progress")
 def integrate(
-    system: DirectorSystem,
+    system: DirectorSystem | Problem,
     *,
-    t_end: float | None = None,
-    step: float | None = None,
-    tolerance: float | None = None,
-    t_start: float | None = None,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    times: ArrayLike | None = None,
-    store: int | Literal["end"] = 1,
-    events: Events | None = None,
-    project: bool = False,
     progress: bool = False,
+    **keywords: Unpack[OfRun],
 ) -> Trajectory:
     """Integrate the motion of a body as `simulate` does, and return plain arrays instead of a dataset.
 
@@ -244,9 +192,11 @@ def integrate(
     >>> round(float(trajectory.rotation[-1].magnitude()), 6)
     2.0
     """
-    system = as_system(system)
-    begin = start_of_one(
-        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
-    )
-    plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time, tolerance)
-    return run_of(plan._replace(shows="between"), begin, progress, events=as_events(events))
+    return solved(posed("integrate", system, keywords, OfRun), progress)
+
+
+def solved(problem: Problem, progress: bool = False) -> Trajectory:
+    """Return the run of a problem; errors as `simulate`."""
+    begin = start_of(problem)
+    plan = plan_of(problem, begin)._replace(shows="between")
+    return run_of(plan, begin, progress, events=as_events(problem.events))

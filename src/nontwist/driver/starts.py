@@ -39,12 +39,12 @@ class Starts(NamedTuple):
 
 def start_of_one(
     system: DirectorSystem,
-    start: Any,
-    rotation: Any,
-    scalar_first: bool | None,
-    material_angular_velocity: ArrayLike | None,
-    angular_velocity: ArrayLike | None,
-    project: bool,
+    start: Any = None,
+    rotation: Any = None,
+    scalar_first: bool | None = None,
+    material_angular_velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
+    project: bool = False,
     t_start: float | None = None,
 ) -> Starts:
     """Return the checked start of one run; parameters as in `nontwist.simulate`.
@@ -74,13 +74,13 @@ def start_of_one(
 
 def starts(
     systems: SystemStack,
-    start: Any,
-    rotation: Any,
-    scalar_first: bool | None,
-    material_angular_velocity: ArrayLike | None,
-    angular_velocity: ArrayLike | None,
-    load_scale: ArrayLike,
-    project: bool,
+    start: Any = None,
+    rotation: Any = None,
+    scalar_first: bool | None = None,
+    material_angular_velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
+    load_scale: ArrayLike = 1.0,
+    project: bool = False,
     t_start: float | None = None,
 ) -> Starts:
     """Return the checked starts of an ensemble; parameters as in `nontwist.simulate_ensemble`.

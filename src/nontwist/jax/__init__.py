@@ -19,38 +19,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..driver.planning import planned
+from ..driver.problem import STARTS, OfNodes, Problem, plan_of, posed, takes
 from ..driver.starts import last_attitude
 from ..driver.varied import Varied
 from ..geometry.arrays import as_array
 from ..geometry.attitudes import attitudes
 from ..geometry.values import shown
-from ..integrators import DEFAULT, Integrator
-from ..loads import Load, Term
 from ..models.system import DirectorSystem, as_system
 
 __all__ = ["function"]
 
 
+@takes(OfNodes, store="end", material_angular_velocity=(0.0, 0.0, 0.0))
 def function(
-    system: DirectorSystem,
-    *,
-    t_end: float,
-    step: float,
-    t_start: float | None = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
-    load: Load | Term | None = None,
-    integrator: str | Integrator = DEFAULT,
-    order: int | None = None,
-    store: int | Literal["end"] = "end",
-    project: bool = False,
+    system: DirectorSystem | Problem, **keywords: Unpack[OfNodes]
 ) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
     """Return a JAX function that maps parameters of a run to its stored states.
 
@@ -61,8 +47,8 @@ def function(
 
     Parameters
     ----------
-    system : DirectorSystem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    system : DirectorSystem or Problem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
     t_end, step, t_start
         As in `simulate`. The step must be given, so that the number of states is known before the run and the steps do
         not change with the parameters.
@@ -119,13 +105,13 @@ def function(
     [-0.0004, 0.0004, -0.0001]
     """
     require_jax()
-    system = as_system(system)
-    if step is None:
+    known = posed("function", system, keywords, OfNodes, aside=STARTS, store="end")
+    if known.step is None:
         raise ValueError("give step=: a JAX function has steps that do not depend on its parameters")
-    plan = planned(system, load, integrator, order, t_start, t_end, None, step, store)
-    R = None if rotation is None else attitudes(last_attitude(rotation, scalar_first)[0])
-    W = as_array(material_angular_velocity, "material_angular_velocity", (3,))
-    problem = Varied(system, plan, R, W, project)
+    body, plan = as_system(known.system), plan_of(known)
+    R = None if known.rotation is None else attitudes(last_attitude(known.rotation, known.scalar_first)[0])
+    W = as_array(known.given.get("material_angular_velocity", np.zeros(3)), "material_angular_velocity", (3,))
+    problem = Varied(body, plan, R, W, known.project)
 
     def run(params: Mapping[str, Any]) -> dict[str, Any]:
         if not isinstance(params, Mapping):

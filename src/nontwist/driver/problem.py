@@ -1,0 +1,282 @@
+"""`Problem`: a body, its start, its load, its times and its integrator, described once for all that solves it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import FrozenInstanceError
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
+
+from numpy.typing import ArrayLike
+
+from ..integrators import DEFAULT, Integrator
+from ..loads import Load, Term
+from ..models.stack import SystemStack, stacked
+from ..models.system import DirectorSystem, as_system
+from .planning import Plan, planned
+from .starts import Starts, start_of_one, starts
+
+if TYPE_CHECKING:
+    from .states import BodyState
+
+    Event = Callable[[float, BodyState], float]
+    Events = Event | Sequence[Event]
+
+
+class OfStart(TypedDict, total=False):
+    """Keywords for the start."""
+
+    start: Any
+    rotation: Any
+    scalar_first: bool | None
+    material_angular_velocity: ArrayLike | None
+    angular_velocity: ArrayLike | None
+    project: bool
+
+
+class OfSpan(TypedDict, total=False):
+    """Keywords for times, load and integrator."""
+
+    t_end: float | None
+    step: float | None
+    tolerance: float | None
+    t_start: float | None
+    load: Load | Term | None
+    integrator: str | Integrator
+    order: int | None
+
+
+class OfMotion(OfSpan, OfStart, total=False):
+    """Keywords for one motion whose stored states nobody chooses."""
+
+
+class OfStored(OfMotion, total=False):
+    """Keywords for one motion whose nodes are stored."""
+
+    store: int | Literal["end"]
+
+
+class OfRun(OfStored, total=False):
+    """Keywords for one run."""
+
+    times: ArrayLike | None
+    events: Events | None
+
+
+class OfMany(OfMotion, total=False):
+    """Keywords for many motions."""
+
+    load_scale: ArrayLike
+
+
+class OfEnsemble(OfMany, total=False):
+    """Keywords for an ensemble."""
+
+    times: ArrayLike | None
+    store: int | Literal["end"]
+
+
+class OfStarts(OfSpan, total=False):
+    """Keywords for many starts that are given one by one."""
+
+    times: ArrayLike | None
+    store: int | Literal["end"]
+    project: bool
+
+
+class OfNodes(TypedDict, total=False):
+    """Keywords for runs at nodes that do not depend on what is varied."""
+
+    t_end: float
+    step: float
+    t_start: float | None
+    rotation: Any
+    scalar_first: bool | None
+    material_angular_velocity: ArrayLike
+    load: Load | Term | None
+    integrator: str | Integrator
+    order: int | None
+    store: int | Literal["end"]
+    project: bool
+
+
+class OfComparison(OfStart, total=False):
+    """Keywords for what integrators are compared on."""
+
+    t_end: float | None
+    t_start: float | None
+    load: Load | Term | None
+
+
+class OfProblem(OfRun, OfEnsemble, total=False):
+    """All keywords of a problem."""
+
+
+DEFAULTS: dict[str, Any] = {"integrator": DEFAULT, "store": 1, "project": False, "load_scale": 1.0}
+STARTS = tuple(OfStart.__annotations__)
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
+    """Give a function the keys of a group as keywords of its signature, in place of ``**keywords``.
+
+    `defaults` are those that differ from the ones of a problem; `last` are its own keywords that stand behind them.
+    """
+
+    def described(function: F) -> F:
+        signature, kind = inspect.signature(function), inspect.Parameter.KEYWORD_ONLY
+        own = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+        known = DEFAULTS | defaults
+        more = [
+            inspect.Parameter(name, kind, default=known.get(name), annotation=getattr(form, "__forward_arg__", form))
+            for name, form in group.__annotations__.items()
+        ]
+        behind = [one for one in own if one.name in last]
+        parameters = [*(one for one in own if one.name not in last), *more, *behind]
+        function.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return function
+
+    return described
+
+
+def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> None:
+    """Raise a TypeError where a group has no such keyword."""
+    for name in keywords.keys() - group.__annotations__.keys():
+        near = get_close_matches(name, group.__annotations__, 1)
+        hint = f"; did you mean {near[0]}=?" if near else ""
+        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint}")
+
+
+class Problem:
+    """A body, its start, its load, its times and its integrator, for every function that solves it.
+
+    It cannot be changed; `replace` returns another. What is wrong is found where it is solved.
+
+    Parameters
+    ----------
+    system : DirectorSystem or SystemStack
+        The body, or many.
+    t_end, step, tolerance, t_start, load, integrator, order, times, store, events, project
+        As in `simulate`.
+    start, rotation, scalar_first, material_angular_velocity, angular_velocity
+        As in `simulate`; of many starts as in `simulate_ensemble`.
+    load_scale
+        As in `simulate_ensemble`.
+
+    Raises
+    ------
+    TypeError
+        There is no such keyword.
+
+    Examples
+    --------
+    One description for a run, its derivatives and its chaos:
+
+    >>> from nontwist import Problem, lyapunov, sensitivities, simulate, standard
+    >>> problem = Problem(standard([3, 4, 5]), t_end=20, material_angular_velocity=(0.1, 2, 0))
+    >>> simulate(problem).time.values[-1].item()
+    20.0
+    >>> sensitivities(problem, wrt="inertia", t_end=5).sizes["parameter"]
+    6
+    >>> lyapunov(problem.replace(integrator="lie-midpoint", step=0.1)).sizes["exponent"]
+    6
+    """
+
+    system: DirectorSystem | SystemStack
+    given: Mapping[str, Any]
+
+    @takes(OfProblem)
+    def __init__(self, system: DirectorSystem | SystemStack, **keywords: Unpack[OfProblem]) -> None:
+        refuse_unknown("Problem", keywords, OfProblem)
+        vars(self).update(system=system, given=dict(keywords))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=...) returns another")
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in OfProblem.__annotations__:
+            raise AttributeError(f"a problem has no {name!r}")
+        return self.given.get(name, DEFAULTS.get(name))
+
+    def __repr__(self) -> str:
+        return f"Problem({', '.join([self.system.name, *(f'{key}={value!r}' for key, value in self.given.items())])})"
+
+    def replace(self, **changes: Unpack[OfProblem]) -> Problem:
+        """Return the problem with other values; None takes one away.
+
+        Parameters
+        ----------
+        **changes
+            Keywords of a problem.
+
+        Returns
+        -------
+        Problem
+        """
+        given = {**self.given, **changes}
+        return _problem(self.system, {key: value for key, value in given.items() if value is not None})
+
+
+def start_of(problem: Problem) -> Starts:
+    """Return the checked start of one run; errors as `simulate`."""
+    return start_of_one(as_system(problem.system), t_start=problem.t_start, **part_of(problem, OfStart))
+
+
+def starts_of(problem: Problem) -> Starts:
+    """Return the checked starts of many runs; errors as `simulate_ensemble`."""
+    how = {"t_start": problem.t_start, "load_scale": problem.load_scale, **part_of(problem, OfStart)}
+    return starts(stacked(problem.system), **how)
+
+
+def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan:
+    """Return the checked plan, which continues the run that a start ends; errors as `simulate`.
+
+    `fixed` are keywords that the caller decides.
+    """
+    how = {**part_of(problem, OfSpan), "store": problem.store, "times": problem.times, **fixed}
+    return planned(stacked(problem.system), start_time=None if begin is None else begin.time, **how)
+
+
+def every_stored(problem: Problem) -> int | Literal["end"]:
+    """Return which states are stored where the ends are by default: all that `times` asks for."""
+    every: int | Literal["end"] = problem.store
+    return 1 if problem.times is not None and every == "end" else every
+
+
+def part_of(problem: Problem, group: Any) -> dict[str, Any]:
+    """Return the keywords of a group that a problem has."""
+    return {key: problem.given[key] for key in group.__annotations__ if key in problem.given}
+
+
+def _problem(system: DirectorSystem | SystemStack, given: Mapping[str, Any]) -> Problem:
+    problem = Problem.__new__(Problem)
+    vars(problem).update(system=system, given=dict(given))
+    return problem
+
+
+def posed(
+    function: str,
+    system: DirectorSystem | SystemStack | Problem,
+    keywords: Mapping[str, Any],
+    group: type,
+    aside: Collection[str] = ("store",),
+    **defaults: Any,
+) -> Problem:
+    """Return the problem that a function is to solve: one that it is given, with changes, or a body with keywords.
+
+    Raises
+    ------
+    TypeError
+        The group has no such keyword.
+    ValueError
+        The problem has what the function does not take, and does not leave `aside`.
+    """
+    refuse_unknown(function, keywords, group)
+    if not isinstance(system, Problem):
+        return _problem(system, {**defaults, **keywords})
+    found = {**system.given, **keywords}
+    for name in found.keys() - group.__annotations__.keys():
+        if name not in aside and found[name] is not None:
+            raise ValueError(f"{function} does not take {name}; problem.replace({name}=None) is without")
+    return _problem(system.system, {**defaults, **found})

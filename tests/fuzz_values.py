@@ -566,7 +566,8 @@ VALUES = {
     "block": one_of(None, 2),
     "member": one_of(0, 3),
     "run_file": file("sweep.toml", SWEEP),
-    "read_run_file.path": file("sweep.toml", SWEEP),
+    "Problem.write.path": new_path(".toml"),
+    "read.path": file("sweep.toml", SWEEP),
     "overrides": one_of((), ["time.t_end=2"]),
     "open_run.path": saved,
     "save_run.path": new_path(".nc"),
@@ -602,8 +603,8 @@ FORMS = {
     "Runs": runs,
     "Quotients": lambda r, given: quotients() if r.random() < 0.5 else {"a": quotients(), "b": quotients()},
     "Axes": lambda r, given: nt.plot.new_axes()[0],
-    "Problem": lambda r, given: nt.Problem(bodies(r)),
-    "RunFile": lambda r, given: nt.read_run_file(file("sweep.toml", SWEEP)(r, given)),
+    "Problem": lambda r, given: nt.Problem(bodies(r), t_end=1.0),
+    "RunFile": lambda r, given: nt.runfile.read_run_file(file("sweep.toml", SWEEP)(r, given)),
 }
 
 

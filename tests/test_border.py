@@ -192,8 +192,8 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
         ),
         (lambda: nt.open_run(3.5), "path must be a path, a string or an os.PathLike; got 3.5"),
         (lambda: nt.open_sweep(None), "store must be a path, a string or an os.PathLike; got None"),
-        (lambda: nt.read_run_file(b"x"), "path must be a path, a string or an os.PathLike; got b'x'"),
-        (lambda: nt.read_run_file("x", [3]), "overrides must be strings 'key=value', got 3"),
+        (lambda: nt.runfile.read_run_file(b"x"), "path must be a path, a string or an os.PathLike; got b'x'"),
+        (lambda: nt.runfile.read_run_file("x", [3]), "overrides must be strings 'key=value', got 3"),
         (lambda: nt.save_run(3, "a.nc"), "expected a run or a result of twist as a Dataset, got 3"),
         (
             lambda: nt.save_run(run().assign(a=("time", [1j, 0, 0])), "a.nc"),

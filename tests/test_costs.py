@@ -16,7 +16,6 @@ from nontwist import (
     moment,
     nontwisting,
     pulse,
-    read_run_file,
     simulate,
     simulate_ensemble,
     sine,
@@ -34,6 +33,7 @@ from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
 from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
+from nontwist.runfile import read_run_file
 from nontwist.runfile.forecast import forecast
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'

@@ -11,7 +11,6 @@ from nontwist import (
     nontwisting,
     propagator,
     pulse,
-    read_run_file,
     simulate,
     simulate_ensemble,
     standard,
@@ -19,6 +18,7 @@ from nontwist import (
 )
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
+from nontwist.runfile import read_run_file
 from nontwist.sweeps import sweep
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])

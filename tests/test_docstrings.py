@@ -9,10 +9,10 @@ import pytest
 from numpydoc.docscrape import NumpyDocString
 
 import nontwist
-from nontwist import RunFile
 from nontwist.errors import InputWarning, SweepError
 from nontwist.inertia import MassProperties
 from nontwist.results import Fit, LeastEffort, Propagator, Steering, Stepper, StepperState
+from nontwist.runfile import RunFile
 
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "See Also", "Notes", "References", "Examples"]

@@ -18,7 +18,6 @@ from nontwist import (
     nontwisting,
     propagator,
     pulse,
-    read_run_file,
     simulate,
     simulate_ensemble,
     sine,
@@ -30,6 +29,7 @@ from nontwist import (
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS
+from nontwist.runfile import read_run_file
 from nontwist.validation import energy_momentum_reference
 
 W = {"material_angular_velocity": [1, 2, 0]}

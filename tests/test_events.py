@@ -18,7 +18,6 @@ from nontwist import (
     moment,
     nontwisting,
     open_run,
-    read_run_file,
     save_run,
     simulate,
     spin_below,
@@ -28,6 +27,7 @@ from nontwist.cli import app
 from nontwist.driver.events import Search
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
+from nontwist.runfile import read_run_file
 
 BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
@@ -317,7 +317,7 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     assert run.event_name.values.tolist() == ["tilted", "axis_crosses", "axis_crosses"]
     assert run.attrs["message"].startswith("the event axis_crosses ended the run at t = 2.3561944")
     assert 'sha256 = "' in file.text()
-    assert simulate(**file.arguments()).equals(run)
+    assert simulate(file.problem).equals(run)
     done = CliRunner().invoke(app, ["run", "run.toml"])
     assert done.exit_code == 0, done.output
     assert "event axis_crosses" in done.output

@@ -20,7 +20,6 @@ from nontwist import (
     moment,
     nontwisting,
     open_run,
-    read_run_file,
     resample,
     rotor,
     save_run,
@@ -32,6 +31,7 @@ from nontwist import (
 )
 from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
+from nontwist.runfile import read_run_file
 from nontwist.viewer.cameras import Camera, camera_of
 from nontwist.viewer.content import content, contents
 from nontwist.viewer.drawing import CLEAR, LABEL, Look, Motion, _unpacked, colours, label_places, still

@@ -12,18 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fit_errors import message, off
-from nontwist import (
-    body_moment,
-    fit_inertia,
-    inertia,
-    nontwisting,
-    plot,
-    read_run_file,
-    save_run,
-    sensors,
-    simulate,
-    standard,
-)
+from nontwist import body_moment, fit_inertia, inertia, nontwisting, plot, save_run, sensors, simulate, standard
 from nontwist.cli import app
 from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one
@@ -38,6 +27,7 @@ from nontwist.recordings.headers import rate_unit
 from nontwist.recordings.headers import sensors as three_axes
 from nontwist.recordings.rates import Rates
 from nontwist.recordings.spellings import ACCELEROMETER, GYROSCOPE
+from nontwist.runfile import read_run_file
 from refusals import refused
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
@@ -250,7 +240,7 @@ def test_another_body_among_the_recordings_shows():
 def test_the_run_file_reproduces_the_motion(tmp_path):
     _, recording = throw(2)
     fit = fit_inertia(recording)
-    (tmp_path / "run.toml").write_text(fit.to_run_file().text(), encoding="utf-8")
+    fit.problem().write(tmp_path / "run.toml")
     run = read_run_file(tmp_path / "run.toml").simulate(times=fit.parts[0].time)
     model = fit.scale * run.material_angular_velocity.values + fit.bias
     assert abs(model - fit.parts[0].model).max() < 1e-6
@@ -337,7 +327,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
     assert np.isnan(fit.inertia[[0, 1, 2, 0], [0, 1, 2, 1]]).all()
     assert "turn it about a second axis" in fit.table()["undetermined"]
     assert beyond_the_wall(fit.solution, fit.told) == 0
-    assert "does not determine the whole inertia" in message(fit.to_run_file)
+    assert "does not determine the whole inertia" in message(fit.problem)
     assert len(fit.plot().figure.axes) == 3
     csv("spin.csv", recording.time.values, recording.gyroscope.values)
     result = CliRunner().invoke(app, ["fit", "spin.csv", "--out", "body.toml"])

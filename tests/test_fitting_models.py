@@ -18,7 +18,6 @@ from nontwist import (
     heavy_top,
     inertia,
     nontwisting,
-    read_run_file,
     rotor,
     sensors,
     simulate,
@@ -37,6 +36,7 @@ from nontwist.fitting.speeds import as_speed, refined
 from nontwist.fitting.telling import covariance, quantile
 from nontwist.fitting.walled import walled
 from nontwist.geometry.tensors import ENTRIES
+from nontwist.runfile import read_run_file
 
 MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])
 J = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])
@@ -229,7 +229,7 @@ def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
     sign = np.sign(n @ CENTRE)
     assert np.linalg.norm(sign * n - CENTRE / FAR) < 2 * tilt + 1e-12
     assert (tilt == 0) == (known == "centre")
-    run = fit.to_run_file().simulate(times=fit.parts[0].time)
+    run = simulate(fit.problem(), times=fit.parts[0].time)
     model = fit.scale * run.material_angular_velocity.values + fit.bias
     assert abs(model - fit.parts[0].model).max() < 1e-6
     assert ("does not determine the sign" in fit.table()["centre of mass"]) == (known != "centre")
@@ -380,7 +380,7 @@ def test_damping_is_fitted_or_given():
     given = fit_inertia(recording, gravity=GRAVITIES["centre"], damping=C)
     for fit in (three, given):
         assert abs(off(fit, J)).max() < 4
-        run = fit.to_run_file().simulate(times=fit.parts[0].time)
+        run = simulate(fit.problem(), times=fit.parts[0].time)
         model = fit.scale * run.material_angular_velocity.values + fit.bias
         assert abs(model - fit.parts[0].model).max() < 1e-6
     found, intervals = three.damping
@@ -414,7 +414,7 @@ def test_a_swing_in_a_plane_tells_one_moment():
     assert fit.inertia[0, 0] == pytest.approx(0.02, rel=1e-3)
     assert np.isnan(fit.inertia[1:, 1:]).all()
     assert len(fit.untold) == 3
-    assert "does not determine the whole inertia" in message(fit.to_run_file)
+    assert "does not determine the whole inertia" in message(fit.problem)
 
 
 def test_a_rotor_gives_the_scale():
@@ -423,7 +423,7 @@ def test_a_rotor_gives_the_scale():
     assert abs(off(fit, SAT)).max() < 4
     assert fit.is_white
     assert fit.untold == ()
-    run = fit.to_run_file().simulate(times=fit.parts[0].time)
+    run = simulate(fit.problem(), times=fit.parts[0].time)
     model = fit.scale * run.material_angular_velocity.values + fit.bias
     assert abs(model - fit.parts[0].model).max() < 1e-6
     times, speeds = fit.parts[0].speed
@@ -443,7 +443,7 @@ def test_the_axis_of_a_rotor_is_fitted():
     assert off_axis[0] == pytest.approx(off_axis[1], abs=1e-3)
     assert tilt < np.radians(3)
     assert fit.numbers()["rotor_axis_tilt"] == tilt
-    np.testing.assert_allclose(fit.to_run_file().load[0].axis, found, atol=1e-12)
+    np.testing.assert_allclose(fit.problem().load.terms[0].rotor, found, atol=1e-12)
     given = fit_inertia(spun(), rotor={"axis": "z", "inertia": WHEEL, "speed": 0})
     assert given.rotor_axis[1] == 0
     assert np.diff(given.principal.intervals[0])[0] < np.diff(fit.principal.intervals[0])[0]
@@ -559,7 +559,7 @@ def test_a_body_that_may_not_twist_has_all_of_its_inertia_but_about_that_axis(ma
             assert abs(fit.inertia[i, j] - true[i, j]) < 4 * error < 1e-4
     assert (len(fit.identifiable), fit.untold) == (5, ())
     assert fit.table()["Jzz"] == "undetermined"
-    again = fit.to_run_file().simulate(times=fit.parts[0].time)
+    again = simulate(fit.problem(), times=fit.parts[0].time)
     model = fit.scale * again.material_angular_velocity.values + fit.bias
     assert abs(model - fit.parts[0].model).max() < 1e-6
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fit_errors import message, off
-from nontwist import fit_inertia, heavy_top, read_motion, read_run_file, rotation, sensors, simulate, standard
+from nontwist import fit_inertia, heavy_top, read_motion, rotation, sensors, simulate, standard
 from nontwist.cli import app
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short
@@ -21,6 +21,7 @@ from nontwist.fitting.result import Part
 from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import constant
 from nontwist.fitting.telling import quantile
+from nontwist.runfile import read_run_file
 
 TILT = np.radians(0.3)
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
@@ -230,14 +231,14 @@ def test_a_pivoted_body_by_its_attitudes():
     fit = fit_inertia((run.time.values, read), gravity={"mass": MASS, "centre": CENTRE})
     assert abs(off(fit, true)).max() < 4
     assert fit.unit == "kg m²"
-    again = fit.to_run_file().simulate(times=fit.parts[0].time)
+    again = simulate(fit.problem(), times=fit.parts[0].time)
     assert abs(again.material_angular_velocity.values - fit.parts[0].model).max() < 1e-6
 
 
 def test_the_run_file_reproduces_the_attitudes():
     time, _, read, _ = flight(2)
     fit = fit_inertia((time, read), interval="all")
-    run = fit.to_run_file().simulate(times=time)
+    run = simulate(fit.problem(), times=time)
     gap = (rotation(run).inv() * read).as_rotvec()
     np.testing.assert_allclose(gap, fit.residual, atol=1e-7)
 

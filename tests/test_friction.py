@@ -19,7 +19,6 @@ from nontwist import (
     moment,
     nontwisting,
     propagator,
-    read_run_file,
     resample,
     sensitivities,
     simulate,
@@ -35,6 +34,7 @@ from nontwist import (
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import LieMidpoint
 from nontwist.integrators.compiled import Compiled
+from nontwist.runfile import read_run_file
 from nontwist.runfile.forecast import forecast
 
 PENDULUM = heavy_top([1.01, 1.01, 0.01], mass=1, centre_of_mass=(0, 0, 1))

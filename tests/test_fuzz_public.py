@@ -32,7 +32,7 @@ SECONDS = 20
 VALID = 0.3  # least part of the inputs of each function that must give a result
 INPUTS, FEW = 100, 3
 SLOW = {"compare": 60, "reproduce": 20, "sweep": 60, "plot.save": 40, "open_run": 60, "save_run": 60}
-MADE_BY_THE_PACKAGE = (nontwist.results.Trajectory, nontwist.RunFile, *MADE)  # nobody calls these classes
+MADE_BY_THE_PACKAGE = (nontwist.results.Trajectory, nontwist.runfile.RunFile, *MADE)  # nobody calls these classes
 
 
 def functions():

@@ -20,7 +20,6 @@ from nontwist import (
     integrate,
     moment,
     nontwisting,
-    read_run_file,
     simulate,
     simulate_ensemble,
     sine,
@@ -33,6 +32,7 @@ from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
+from nontwist.runfile import read_run_file
 from nontwist.runfile.forecast import forecast
 
 ORDERS = Gauss.orders

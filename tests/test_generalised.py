@@ -25,7 +25,6 @@ from nontwist import (
     potential,
     propagator,
     pulse,
-    read_run_file,
     resample,
     rotation,
     rotor,
@@ -45,6 +44,7 @@ from nontwist.integrators import EnergyMomentum
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
+from nontwist.runfile import read_run_file
 from nontwist.spec import Spec
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 

@@ -9,21 +9,11 @@ from scipy.integrate import solve_ivp
 
 import exact_reference as reference
 from conftest import random_inertia
-from nontwist import (
-    damping,
-    exact,
-    integrate,
-    nontwisting,
-    read_run_file,
-    rotations,
-    rotor,
-    simulate,
-    simulate_ensemble,
-    standard,
-)
+from nontwist import damping, exact, integrate, nontwisting, rotations, rotor, simulate, simulate_ensemble, standard
 from nontwist.exact.gyrostat_constants import gyrostat
 from nontwist.exact.theta import Theta
 from nontwist.geometry.attitudes import attitudes
+from nontwist.runfile import read_run_file
 
 FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
 AXIS = np.array([0.5, -0.3, 0.8])

@@ -24,7 +24,6 @@ from nontwist import (
     moment,
     open_sweep,
     pulse,
-    read_run_file,
     rotor,
     simulate,
     sine,
@@ -37,7 +36,7 @@ from nontwist.cli import app
 from nontwist.errors import RunFileError
 from nontwist.loads import LOADS, Term
 from nontwist.loads.kinds import load_of
-from nontwist.runfile import json_schema
+from nontwist.runfile import json_schema, read_run_file
 from nontwist.spec import Spec
 from nontwist.validation import conserved
 
@@ -301,7 +300,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     assert pickle.loads(pickle.dumps(load)) == load != magnet([0.3, 0, 1.2], [0, 1, -3]).load
     path.write_text(FILE, encoding="utf-8")
     run_file = read_run_file(path)
-    assert run_file.arguments()["load"] == load
+    assert run_file.problem.load == load
     assert 'kind = "magnet"\ndipole = [0.3, 0.0, 1.2]' in run_file.text()
     run = run_file.simulate()
     assert json.loads(run.attrs["load"]) == load.description

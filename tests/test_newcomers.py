@@ -28,7 +28,6 @@ from nontwist import (
     open_run,
     plot,
     read_motion,
-    read_run_file,
     simulate,
     sine,
     standard,
@@ -46,6 +45,7 @@ from nontwist.integrators.stepping import march
 from nontwist.loads import LOADS, DirectorForces
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.recordings.formats import READERS
+from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.json_schema import json_schema
 from nontwist.spec import Spec
@@ -603,5 +603,5 @@ def test_a_default_of_a_body_of_ones_own_is_that_of_its_run_file(tmp_path):
     body = 'kind = "moon"\ninertia = [2, 2, 1]\nmass = 3\ncentre_of_mass = [0, 0, 0.5]\n'
     path.write_text(f"[body]\n{body}[time]\nt_end = 1\n", encoding="utf-8")
     for overrides, gravity in (([], 1.62), (["body.gravity=[0, 0, -3.7]"], 3.7)):
-        system = read_run_file(path, overrides).arguments()["system"]
+        system = read_run_file(path, overrides).problem.system
         assert system.dead_force[2] == pytest.approx([0, 0, -gravity * 3 * 0.5], rel=1e-15)

@@ -10,9 +10,10 @@ import pytest
 
 from conftest import LOW_CONTRAST, frames, until
 from conftest import nontwist as command
-from nontwist import nontwisting, pulse, read_run_file, simulate, sphere, standard, suslov, with_gravity
+from nontwist import nontwisting, pulse, simulate, sphere, standard, suslov, with_gravity
 from nontwist.paper.cases import CASES, INERTIA
 from nontwist.playground import playground
+from nontwist.runfile import read_run_file
 
 MARCH = """(problems) => problems.map((x) => {
     const body = makeBody(x.J, x.held, x.centre, x.gravity);

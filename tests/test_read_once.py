@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from nontwist import DirectorSystem, read_run_file
+from nontwist import DirectorSystem
 from nontwist.cli import app
 from nontwist.errors import RunFileError
-from nontwist.runfile import checks
+from nontwist.runfile import checks, read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.tables import Time
 

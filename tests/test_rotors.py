@@ -15,7 +15,6 @@ from nontwist import (
     open_run,
     propagator,
     pulse,
-    read_run_file,
     rotation,
     rotor,
     save_run,
@@ -29,6 +28,7 @@ from nontwist.analysis.invariants import drifts
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
+from nontwist.runfile import read_run_file
 from nontwist.sweeps import sweep
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])

@@ -15,11 +15,12 @@ from typer.testing import CliRunner
 
 import nontwist as package
 from conftest import nontwist
-from nontwist import join_runs, open_run, plot, read_run_file, simulate
+from nontwist import Problem, join_runs, open_run, plot, simulate
 from nontwist.cli import app
 from nontwist.cli.file_commands import example_names
 from nontwist.cli.outcomes import code_of
 from nontwist.errors import RunFileError, Status
+from nontwist.runfile import read_run_file
 
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
 TIME = "[time]\nt_end = 1\nstep = 0.1\n"
@@ -76,11 +77,11 @@ def test_the_first_five_minutes(here):
 
 
 def test_the_result_is_that_of_simulate(here):
-    from nontwist import read_run_file
+    from nontwist.runfile import read_run_file
 
     here(BODY + TIME + START)
     assert nontwist("run", "run.toml").exit_code == 0
-    expected = simulate(**read_run_file("run.toml").arguments())
+    expected = simulate(read_run_file("run.toml").problem)
     assert np.array_equal(open_run("run.nc").directors, expected.directors)
 
 
@@ -189,9 +190,9 @@ def test_info_prints_the_time_from_which_a_run_continues(here):
 
 def test_arguments_of_a_file_are_those_of_sensitivities_too(here):
     here(BODY + TIME + START)
-    arguments = read_run_file("run.toml").arguments()
-    run = package.sensitivities(wrt="material_angular_velocity", **arguments)
-    assert run.directors.values.tolist() == simulate(**arguments).directors.values.tolist()
+    problem = Problem.read("run.toml")
+    run = package.sensitivities(problem, wrt="material_angular_velocity")
+    assert run.directors.values.tolist() == simulate(problem).directors.values.tolist()
 
 
 def test_paths_of_results(here):

@@ -20,7 +20,6 @@ from nontwist import (
     inertia,
     integrate,
     pulse,
-    read_run_file,
     simulate,
     sine,
     space_moment,
@@ -34,6 +33,7 @@ from nontwist.errors import InputError, RunFileError, SimulationError
 from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
+from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.document import Integrator, Output, Time
 from nontwist.runfile.folder import Folder
@@ -427,7 +427,7 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 def test_each_form_of_the_start_is_the_same_rotation(form, write):
     run_file = read(write, f"{BODY}{TIME}[start]\nrotation = {FORMS[form]}\n")
-    assert run_file.arguments()["rotation"].as_matrix() == pytest.approx(R.as_matrix(), abs=1e-15)
+    assert run_file.problem.rotation.as_matrix() == pytest.approx(R.as_matrix(), abs=1e-15)
 
 
 def test_angular_velocity_in_body_and_in_space(write):
@@ -509,7 +509,7 @@ BODIES = {
 @pytest.mark.parametrize("case", BODIES)
 def test_bodies(case, write):
     text, expected = BODIES[case]
-    found, wanted = read(write, f"[body]\n{text}{TIME}").arguments()["system"], expected()
+    found, wanted = read(write, f"[body]\n{text}{TIME}").problem.system, expected()
     for name in ("euler_inertia", "dead_force", "axis"):
         if getattr(wanted, name) is None:
             assert getattr(found, name) is None
@@ -521,7 +521,7 @@ def test_a_mesh_lies_beside_its_run_file(write, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box((1000, 2000, 3000)).apply_translation((500, 0, 0)).export(tmp_path / "box.stl")
     mesh = 'mesh = { file = "box.stl", mass = 6, scale = 0.001, about = "origin" }'
-    found = read(write, f'[body]\nkind = "heavy_top"\ninertia = {{ {mesh} }}\n{TIME}').arguments()["system"]
+    found = read(write, f'[body]\nkind = "heavy_top"\ninertia = {{ {mesh} }}\n{TIME}').problem.system
     _, centre, _ = inertia.of_mesh(tmp_path / "box.stl", mass=6, scale=0.001)
     assert centre == pytest.approx([0.5, 0, 0])
     assert found.convected_inertia == pytest.approx(inertia.shift(inertia.of_cuboid(6, [1, 2, 3]), 6, centre))
@@ -569,7 +569,7 @@ def test_loads(case, write, tmp_path):
     write("Zeit (s);mx;my;mz\n0;0;0;0\n0,5;1;2,5;3,0e0\n2;0;1;0\n", "commas.csv")
     write("t,quality,M1,M2,M3\n0,good,1,2,3\n2,bad,4,5,6\n", "wide.csv")
     text, expected = LOADS[case]
-    found = read(write, f"{BODY}{TIME}[[load]]\n{text}\n").arguments()["load"]
+    found = read(write, f"{BODY}{TIME}[[load]]\n{text}\n").problem.load
     t = np.array([0.05, 0.1, 0.25, 0.3, 0.49, 0.6, 0.95])
     for frame in ("body", "space"):
         assert found.sample(t, frame) == pytest.approx(expected.sample(t, frame), abs=1e-15)
@@ -684,7 +684,7 @@ def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):
 def test_other_arguments_take_the_place_of_those_of_the_file(write):
     run_file = read(write, f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 3] }}")
     run = run_file.simulate(step=0.05, store=2)
-    expected = simulate(**run_file.arguments() | {"step": 0.05, "store": 2})
+    expected = simulate(run_file.problem, step=0.05, store=2)
     assert np.array_equal(run.directors, expected.directors)
 
 

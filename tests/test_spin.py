@@ -15,7 +15,6 @@ from nontwist import (
     nontwisting,
     propagator,
     pulse,
-    read_run_file,
     resample,
     rotation,
     rotor,
@@ -28,6 +27,7 @@ from nontwist import (
 )
 from nontwist.analysis.invariants import drifts, twist_defect
 from nontwist.integrators import Continuous
+from nontwist.runfile import read_run_file
 from nontwist.sweeps import sweep
 
 TABLE = ([0.5, 1.0, 1.75], [0.4, 3.0, -2.0])

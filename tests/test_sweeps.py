@@ -15,21 +15,11 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from nontwist import (
-    exact,
-    nontwisting,
-    open_sweep,
-    plot,
-    read_run_file,
-    save_run,
-    simulate,
-    suslov,
-    sweep,
-    sweep_member,
-)
+from nontwist import Problem, exact, nontwisting, open_sweep, plot, save_run, simulate, suslov, sweep, sweep_member
 from nontwist.cli import app
 from nontwist.errors import RunFileError, Status, SweepError, SweepStoreError
 from nontwist.io.whole import locked
+from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep
 from nontwist.sweeps.bar import duration
@@ -274,10 +264,9 @@ def test_keys_that_are_no_axes_of_an_ensemble(write, tmp_path):
     for i in (0, 13, 39):
         order, amplitude = int(many["integrator.order"][i]), many["load.0.amplitude"][i].values.tolist()
         file = read_run_file(write(HELD), [f"load.0.amplitude={amplitude}", f"integrator.order={order}"])
-        arguments = file.arguments()
-        J = arguments.pop("system").convected_inertia
+        J = file.problem.system.convected_inertia
         body = suslov(J, [float(many["body.axis.0"][i]), 0.2, 1.0])
-        run = simulate(body, **{**arguments, "t_end": float(many["time.t_end"][i])})
+        run = simulate(Problem(body, **file.problem.given), t_end=float(many["time.t_end"][i]))
         np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-12)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from nontwist import read_run_file
+from nontwist.runfile import read_run_file
 from nontwist.runfile.units import UNITS, unit_of
 from nontwist.units import in_datasets
 

@@ -62,8 +62,6 @@ from .recordings.counting import TwistCounter as TwistCounter
 from .recordings.motions import rotation as rotation
 from .recordings.reading import read_motion as read_motion
 from .recordings.twisting import twist as twist
-from .runfile import RunFile as RunFile
-from .runfile import read_run_file as read_run_file
 from .sweeps import open_sweep as open_sweep
 from .sweeps import sweep as sweep
 from .sweeps import sweep_member as sweep_member

@@ -238,7 +238,7 @@ class RunFileError(ValueError):
     Examples
     --------
     >>> from pathlib import Path
-    >>> from nontwist import read_run_file
+    >>> from nontwist.runfile import read_run_file
     >>> from nontwist.errors import RunFileError
     >>> _ = Path("run.toml").write_text('body = { kind = "standart", inertia = [3, 4, 5] }')
     >>> try:

@@ -6,8 +6,8 @@ import os
 import resource
 from pathlib import Path
 
-from nontwist import read_run_file
 from nontwist.errors import RunFileError
+from nontwist.runfile import read_run_file
 
 from .children import answer
 

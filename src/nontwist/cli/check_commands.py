@@ -18,7 +18,7 @@ from .summaries import estimate_words, forecast_rows, hint, print_json, print_ro
 if TYPE_CHECKING:
     import xarray
 
-    from ..runfile.prepared import Prepared
+    from ..driver.prepared import Prepared
 
 TOLERANCE = 0.2  # of the observed order
 NOISE = 1e-12  # of the difference of two runs in the nine director components: below it no order can be seen

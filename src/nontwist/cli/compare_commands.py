@@ -68,15 +68,13 @@ def compare_command(
 
     if against != "seconds" and figure is None:
         raise typer.BadParameter("applies to --figure only; add --figure PATH", param_hint="--against")
-    problem = read_one(file, overrides).arguments()
-    for name in ("integrator", "step", "tolerance", "store", "times", "events"):
-        problem.pop(name, None)
+    problem = read_one(file, overrides).problem.replace(times=None, events=None)
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
         require_places(figure, force=force)
     with about(str(file), ValueError), printed_warnings(file):
         bar = not quiet and sys.stderr.isatty()
-        found = compare(problem.pop("system"), **problem, integrators=chosen, steps=steps, progress=bar)
+        found = compare(problem, integrators=chosen, steps=steps, progress=bar)
     if as_json:
         print_json({"file": str(file), "reference": found.attrs["reference"], "runs": _rows(found)})
     elif not quiet:

@@ -132,7 +132,7 @@ def fit_command(
     model.
     """
     from ..fitting import fit_inertia
-    from ..io.whole import require_free, written
+    from ..io.whole import require_free
 
     if everything and (first is not None or last is not None):
         raise typer.BadParameter("--from and --to name a part", param_hint="--all")
@@ -178,8 +178,7 @@ def fit_command(
         made.append(figure)
     done = fit.is_explained and not fit.untold
     if out is not None and done:
-        with written(out, force=force) as file:
-            file.write(fit.to_run_file().text().encode())
+        fit.problem().write(out, force=force)
         made.append(out)
     if made and not quiet:
         say(f"written: {', '.join(map(str, made))}")

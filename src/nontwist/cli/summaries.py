@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from ..driver.forecast import Forecast
     from ..runfile import RunFile
-    from ..runfile.forecast import Forecast
 
 ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes
 MOST_TIMES = 5  # of an event, in a table

@@ -12,7 +12,10 @@ from .states import BodyState
 
 
 class NamedEvent:
-    """An event function with a name, made by `axis_crosses` or `spin_below`."""
+    """An event function with a name, made by `axis_crosses` or `spin_below`; its kind and keys in run files."""
+
+    kind = ""
+    fields: tuple[str, ...] = ()
 
     def __init__(self, name: str, terminal: bool | int, direction: float) -> None:
         self.__name__, self.terminal, self.direction = name, terminal, direction
@@ -26,6 +29,8 @@ class NamedEvent:
 
 
 class _AxisCrosses(NamedEvent):
+    kind, fields = "axis-crosses", ("axis", "normal", "cosine")
+
     def __init__(self, axis: Any, normal: Any, cosine: float, *rest: Any) -> None:
         super().__init__(*rest)
         self.axis, self.normal, self.cosine = axis, normal, cosine
@@ -35,6 +40,8 @@ class _AxisCrosses(NamedEvent):
 
 
 class _SpinBelow(NamedEvent):
+    kind, fields = "spin-below", ("value", "axis")
+
     def __init__(self, value: float, axis: Any, *rest: Any) -> None:
         super().__init__(*rest)
         self.value, self.axis = value, axis

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
@@ -14,10 +15,13 @@ from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
+from .events import as_events
 from .planning import Plan, planned
+from .prepared import Prepared
 from .starts import Starts, start_of_one, starts
 
 if TYPE_CHECKING:
+    from .forecast import Forecast
     from .states import BodyState
 
     Event = Callable[[float, BodyState], float]
@@ -185,6 +189,7 @@ class Problem:
 
     system: DirectorSystem | SystemStack
     given: Mapping[str, Any]
+    file: Any = None  # the run file that it was read from, as it stands
 
     @takes(OfProblem)
     def __init__(self, system: DirectorSystem | SystemStack, **keywords: Unpack[OfProblem]) -> None:
@@ -215,7 +220,94 @@ class Problem:
         Problem
         """
         given = {**self.given, **changes}
-        return _problem(self.system, {key: value for key, value in given.items() if value is not None})
+        return problem_with(self.system, {key: value for key, value in given.items() if value is not None})
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Problem:
+        """Read and check a run file: a problem in TOML.
+
+        Parameters
+        ----------
+        path : path
+            A TOML file; see the page of run files, or ``nontwist example``.
+        overrides : iterable of str
+            Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``;
+            ``"key="`` removes a key. A step replaces the tolerance of the file, and the other way round.
+
+        Returns
+        -------
+        Problem
+            `simulate` records the file in the attributes of a run of it.
+
+        Raises
+        ------
+        RunFileError
+            A ValueError with one line for each problem: "file: key: what was given -> what is accepted".
+        ValueError
+            `path` is not a path, or overrides are not strings.
+        OSError
+            The file cannot be read; it is a FIFO or a device.
+
+        Examples
+        --------
+        >>> from nontwist import Problem, nontwisting, simulate
+        >>> problem = Problem(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+        >>> problem.write("run.toml")
+        >>> run = simulate(Problem.read("run.toml", ["time.t_end=2"]))
+        >>> run.time.values[-1].item(), "run_file" in run.attrs
+        (2.0, True)
+        """
+        from ..runfile.reading import read_run_file
+
+        return read_run_file(path, overrides).problem
+
+    def write(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the problem as a run file, from which `read` makes the same problem.
+
+        Parameters
+        ----------
+        path : path
+            With the suffix ``.toml``.
+        force : bool
+            Replace an existing file.
+
+        Raises
+        ------
+        ValueError
+            Functions in Python, many bodies and many starts have no place in a run file; the message names them.
+        FileExistsError
+            The file exists, and `force` is False.
+
+        Notes
+        -----
+        The motion depends on mass times centre of mass alone: the file of a body that was not read from one has the
+        mass 1 kg.
+        """
+        from ..runfile.writing import write
+
+        write(self, path, force)
+
+    def forecast(self) -> Forecast:
+        """Return what a run will be like: steps, states, time, memory, warnings; nothing is run.
+
+        Returns
+        -------
+        Forecast
+
+        Raises
+        ------
+        ValueError
+            As `simulate`.
+        """
+        from .forecast import forecast
+
+        return forecast(prepared(self))
+
+
+def prepared(problem: Problem) -> Prepared:
+    """Return a problem made ready to run; errors as `simulate`."""
+    begin = start_of(problem)
+    return Prepared(plan_of(problem, begin), begin, as_events(problem.events))
 
 
 def start_of(problem: Problem) -> Starts:
@@ -249,9 +341,10 @@ def part_of(problem: Problem, group: Any) -> dict[str, Any]:
     return {key: problem.given[key] for key in group.__annotations__ if key in problem.given}
 
 
-def _problem(system: DirectorSystem | SystemStack, given: Mapping[str, Any]) -> Problem:
+def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any], file: Any = None) -> Problem:
+    """Return the problem with these keywords, which are known; `file` is the run file that says the same."""
     problem = Problem.__new__(Problem)
-    vars(problem).update(system=system, given=dict(given))
+    vars(problem).update(system=system, given=dict(given), file=file)
     return problem
 
 
@@ -274,9 +367,9 @@ def posed(
     """
     refuse_unknown(function, keywords, group)
     if not isinstance(system, Problem):
-        return _problem(system, {**defaults, **keywords})
+        return problem_with(system, {**defaults, **keywords})
     found = {**system.given, **keywords}
     for name in found.keys() - group.__annotations__.keys():
         if name not in aside and found[name] is not None:
             raise ValueError(f"{function} does not take {name}; problem.replace({name}=None) is without")
-    return _problem(system.system, {**defaults, **found})
+    return problem_with(system.system, {**defaults, **found}) if keywords or defaults else system

@@ -141,7 +141,9 @@ def simulate(
     >>> run.time.values.round(3)
     array([ 0.   ,  5.   , 10.   , 11.614])
     """
-    return dataset_of(solved(posed("simulate", system, keywords, OfRun), progress))
+    problem = posed("simulate", system, keywords, OfRun)
+    run = dataset_of(solved(problem, progress))
+    return run if problem.file is None else run.assign_attrs(problem.file.record())
 
 
 def dataset_of(run: Trajectory) -> xarray.Dataset:

@@ -26,7 +26,7 @@ TINY = 1e-6  # of the speed: residuals of a recording without noise
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..runfile import RunFile
+    from ..driver.problem import Problem as Described
 
 
 @dataclass(frozen=True)
@@ -396,8 +396,8 @@ class Fit:
 
         return drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
 
-    def to_run_file(self, recording: int = 0) -> RunFile:
-        """Return a run file of the motion that was fitted: the body, its start and its times.
+    def problem(self, recording: int = 0) -> Described:
+        """Return the motion that was fitted as a problem: the body, its start and its times.
 
         If nothing gives the scale, the trace is 1 kg m², or m|c| is 1 kg m. About a pivot the heading at the start is
         arbitrary.
@@ -409,8 +409,8 @@ class Fit:
 
         Returns
         -------
-        RunFile
-            ``.simulate()`` runs it, ``.text()`` is its text.
+        Problem
+            `simulate` runs it; ``problem.write(path)`` writes it as a run file.
 
         Raises
         ------
@@ -422,7 +422,7 @@ class Fit:
         >>> from nontwist import fit_inertia, sensors, simulate, standard
         >>> run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
         >>> fit = fit_inertia(sensors.gyroscope(run, noise=1e-4, rate=200))
-        >>> fit.to_run_file().simulate().material_angular_velocity.values[0].round(1)
+        >>> simulate(fit.problem()).material_angular_velocity.values[0].round(1)
         array([3., 8., 1.])
         """
         from ..runfile import RunFile
@@ -431,8 +431,8 @@ class Fit:
         part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
         if self.untold:
             told = f"it leaves open {self.untold[-1].name}"
-            raise ValueError(f"the recording does not determine the whole inertia, which a run file needs: {told}")
-        return RunFile.model_validate(as_run(self, part))
+            raise ValueError(f"the recording does not determine the whole inertia, which a problem needs: {told}")
+        return RunFile.model_validate(as_run(self, part)).problem
 
 
 def _only(problem: Problem, stretches: list[Any]) -> Problem:

@@ -16,6 +16,7 @@ from ..driver.events import as_events
 from ..driver.grid import MOST_STEPS, asked_times, count_steps, is_too_short, stored_count
 from ..driver.named_events import NamedEvent
 from ..driver.planning import Plan, candidates, known_body, require_possible
+from ..driver.prepared import Prepared
 from ..driver.starts import Starts, start_of_one
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS
@@ -31,7 +32,6 @@ from .events import EventSection
 from .folder import Folder
 from .loads import LoadSection, Place
 from .makers import MAKERS, MadeInertia
-from .prepared import Prepared
 from .problems import Problem, problems_of, shown
 from .section import Section
 from .start import Start

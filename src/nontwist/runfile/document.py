@@ -12,6 +12,8 @@ from pydantic import Field, PrivateAttr
 
 from ..driver import simulate
 from ..driver.planning import known_body
+from ..driver.prepared import Prepared
+from ..driver.problem import Problem, problem_with
 from ..driver.runs import dataset_of
 from ..errors import RunFileError
 from ..loads import Load
@@ -20,8 +22,7 @@ from .checks import prepare
 from .events import AnyEvent
 from .folder import Folder
 from .loads import AnyLoad, LoadSection, Place
-from .prepared import Prepared
-from .problems import Problem
+from .problems import Problem as KeyProblem
 from .section import Section
 from .start import Start
 from .sweep_table import Sweep
@@ -35,7 +36,7 @@ MOST_LOADS, MOST_EVENTS = 1000, 100
 
 
 class RunFile(Section):
-    """A run as described by a file; returned by `nontwist.read_run_file`.
+    """A run as described by a file; returned by `nontwist.runfile.read_run_file`.
 
     Attributes
     ----------
@@ -65,7 +66,8 @@ class RunFile(Section):
 
     def __copy__(self) -> Self:
         copied = super().__copy__()
-        vars(copied).pop("prepared", None)  # `model_copy` changes tables
+        for made in ("prepared", "problem"):  # `model_copy` changes tables
+            vars(copied).pop(made, None)
         return copied
 
     @property
@@ -76,7 +78,7 @@ class RunFile(Section):
     @cached_property
     def prepared(self) -> Prepared:
         """The objects that a run needs, made once; a RunFileError lists all problems of tables that define no run."""
-        problems: list[Problem] = []
+        problems: list[KeyProblem] = []
         tables = {key: getattr(self, key) for key in RunFile.model_fields}
         many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
         made = prepare(tables | many, self._folder, problems)
@@ -84,15 +86,15 @@ class RunFile(Section):
             raise RunFileError("the run file", tuple(problems))
         return made
 
-    def arguments(self) -> dict[str, Any]:
-        """Return the arguments of `nontwist.simulate`: ``simulate(**run_file.arguments())``."""
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem that the file describes."""
         plan, system = self.prepared.plan, self._folder.system(self.body)
-        made: dict[str, Any] = {"system": system, "load": plan.load, "integrator": plan.scheme}
-        if plan.is_controlled and len(plan.schemes) > 1:
-            made["integrator"] = plan.scheme.name
+        integrator = plan.scheme.name if plan.is_controlled and len(plan.schemes) > 1 else plan.scheme
         time = self.time.model_dump(exclude={"times"}) | ({} if plan.asked is None else {"times": plan.asked})
         events = {"events": [one.event() for one in self.event]} if self.event else {}
-        return {**made, **self.start.arguments(self._folder), **time, **events}
+        given = {"load": plan.load, "integrator": integrator, **self.start.arguments(self._folder), **time, **events}
+        return problem_with(system, {key: value for key, value in given.items() if value is not None}, self)
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
         """Run the file.
@@ -117,7 +119,7 @@ class RunFile(Section):
         Examples
         --------
         >>> from pathlib import Path
-        >>> from nontwist import read_run_file
+        >>> from nontwist.runfile import read_run_file
         >>> text = '''
         ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
         ... start.angular_velocity.body = [6, -18, 0]
@@ -129,7 +131,7 @@ class RunFile(Section):
         array([ 18., -72.])
         """
         if changes:
-            run = simulate(**self.arguments() | changes, progress=progress)
+            run = simulate(self.problem, **changes, progress=progress)
         else:
             run = dataset_of(self.prepared.run(progress))
         return run.assign_attrs(self.record())

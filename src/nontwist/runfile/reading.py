@@ -53,7 +53,7 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     Examples
     --------
     >>> from pathlib import Path
-    >>> from nontwist import read_run_file
+    >>> from nontwist.runfile import read_run_file
     >>> text = '''
     ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
     ... start.angular_velocity.body = [6, -18, 0]
@@ -63,7 +63,7 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     >>> run_file = read_run_file("run.toml", ["time.t_end=2"])
     >>> run_file.time.t_end
     2.0
-    >>> run_file.arguments()["system"].name
+    >>> run_file.problem.system.name
     'nontwisting'
     """
     path, texts = as_path(path, "path"), as_list(overrides, "overrides")

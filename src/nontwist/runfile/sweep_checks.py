@@ -21,7 +21,7 @@ from .problems import Problem, shown
 from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform, Values
 
 if TYPE_CHECKING:
-    from .prepared import Prepared
+    from ..driver.prepared import Prepared
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named

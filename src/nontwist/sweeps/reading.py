@@ -172,7 +172,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     number = as_whole(member, "member", 0, len(kept.members) - 1)
     file = member_file(kept, number)
     try:
-        run = simulate(**file.arguments())
+        run = simulate(file.problem)
     except SimulationError as error:
         run = error.partial.to_dataset()
     run["quaternion"] *= signs(run["quaternion"].values[-1])  # all of one sign, so that the last is that of the store

@@ -16,6 +16,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from ..driver.costs import cores, notice
+from ..driver.problem import Problem
 from ..errors import SweepError, SweepStoreError, warn
 from ..geometry.values import as_function
 from ..integrators.costs import Cost
@@ -42,7 +43,7 @@ Report = Callable[[Progress], None]
 
 
 def sweep(
-    run_file: RunFile | str | os.PathLike[str],
+    run_file: Problem | RunFile | str | os.PathLike[str],
     store: str | os.PathLike[str],
     *,
     workers: int | None = None,
@@ -54,7 +55,7 @@ def sweep(
 
     Parameters
     ----------
-    run_file : RunFile or path
+    run_file : Problem or path
         A run file with a table ``[sweep]``; see the page of run files.
     store : path
         A folder (Zarr), created if it does not exist. An existing store of the same file is completed: every byte is
@@ -113,7 +114,7 @@ def sweep(
     array([ 2.,  8., 18., 32.])
     """
     report: Report = as_function(progress, "progress") if not isinstance(progress, bool) else lambda now: None
-    file = run_file if isinstance(run_file, RunFile) else read_run_file(run_file)
+    file = run_file if isinstance(run_file, RunFile) else as_file(run_file)
     members, place = Members(file), place_of(store)
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
@@ -136,6 +137,16 @@ def sweep(
         else:
             _make(kept, sorted(again), pool, _counter(kept, done, found.failed, report))
     return dataset(open_store(place, members=kept.members), place)
+
+
+def as_file(given: Problem | str | os.PathLike[str]) -> RunFile:
+    """Return the run file that a problem was read from, or that of a path; a ValueError where there is none."""
+    if not isinstance(given, Problem):
+        return read_run_file(given)
+    if given.file is None:
+        raise ValueError("a sweep is that of a problem as it was read: Problem.read(path, overrides), with [sweep]")
+    file: RunFile = given.file
+    return file
 
 
 def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:

@@ -1,4 +1,4 @@
-"""A run file made ready to run, once: check, forecast, run and every block of a sweep use the same `Prepared`."""
+"""A problem made ready to run, once: check, forecast, run and every block of a sweep use the same `Prepared`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
-from ..driver.events import Event
-from ..driver.grid import automatic_grid, even_step, stored_count
-from ..driver.planning import Plan
-from ..driver.single_run import first_run, run_of
-from ..driver.starts import Starts
 from ..integrators import Integrator
 from ..integrators.time_grid import Stretches, stretched
+from .events import Event
+from .grid import automatic_grid, even_step, stored_count
+from .planning import Plan
+from .single_run import first_run, run_of
+from .starts import Starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Prepared:
 
     @cached_property
     def grid(self) -> Stretches:
-        """The time grid; an estimate where the file gives no step, a ValueError where there are too many steps."""
+        """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
         plan = self.plan
         if plan.is_controlled:
             return self.first[1]

@@ -1,0 +1,148 @@
+"""The way back from a `Problem` to a run file: its objects as tables.
+
+A term of the load has its fields as keys, and a body its J, so the file makes the same numbers. A weight is a constant
+force on the directors, m c ⊗ g: of such a matrix of rank one, g is taken of length 9.81 m/s² and m as 1 kg.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..driver.named_events import NamedEvent
+from ..driver.problem import Problem, start_of
+from ..integrators import INTEGRATORS
+from ..io.whole import written
+from ..loads import LOADS, Term, as_load
+from ..models.bodies import BODIES
+from ..models.system import DirectorSystem, as_system
+from ..spec import specs
+from .folder import Folder
+from .loads import Tables, keys_of
+from .reading import checked
+
+if TYPE_CHECKING:
+    from .document import RunFile
+
+FALL, RANK = 9.81, 1e-12
+
+
+def write(problem: Problem, path: str | os.PathLike[str], force: bool = False) -> None:
+    """Write a problem as a run file; errors as `Problem.write`."""
+    place = Path(path)
+    if place.suffix != ".toml":
+        raise ValueError(f"a run file has the suffix .toml, got {place.name!r}")
+    made = file_of(problem, place)
+    with written(place, force=force) as file:
+        file.write(made.text().encode())
+
+
+def file_of(problem: Problem, place: Path) -> RunFile:
+    """Return the run file that says what a problem says; a ValueError where it has what none can say."""
+    if problem.file is not None:
+        file: RunFile = problem.file
+        return file
+    system, begin = as_system(problem.system), start_of(problem)
+    start: dict[str, Any] = {"angular_velocity": {"body": begin.velocity[0].tolist()}}
+    if not np.array_equal(begin.quaternion[0], [0, 0, 0, 1]):
+        start["rotation"] = {"quaternion": begin.quaternion[0].tolist(), "order": "xyzw"}
+    if begin.internal is not None:
+        raise ValueError("start= has internal states of wheels or memory, which a run file takes from a run alone")
+    time = {key: getattr(problem, key) for key in ("t_end", "t_start", "step", "tolerance", "store")}
+    if time["t_start"] is None:
+        time["t_start"] = begin.time or 0.0
+    if problem.times is not None:
+        time["times"] = np.asarray(problem.times, dtype=float).tolist()
+        time["t_end"] = time["times"][-1] if time["t_end"] is None else time["t_end"]
+    tables = {
+        "body": body_table(system),
+        "start": start,
+        "load": [load_table(term) for term in as_load(problem.load).terms],
+        "time": {key: plain(value) for key, value in time.items() if value is not None},
+        "integrator": integrator_table(problem),
+        "event": [event_table(one) for one in events_of(problem)],
+    }
+    return checked(str(place), tables, Folder(place.parent))
+
+
+def body_table(system: DirectorSystem) -> dict[str, Any]:
+    """Return the table of a body."""
+    kind = system.name.split(" ")[0]
+    if kind not in BODIES or "mass" in BODIES[kind].takes:
+        kind = "standard" if system.axis is None else "suslov"
+    table = {"kind": kind, "inertia": system.inertia.tolist()}
+    if "axis" in BODIES[kind].takes and system.axis is not None:
+        table["axis"] = system.axis.tolist()
+    if not system.physical:
+        table["physical"] = False
+    if system.spin is not None:
+        one = system.spin.times.size == 1
+        table["spin"] = (
+            float(system.spin.values[0])
+            if one
+            else {"times": system.spin.times.tolist(), "values": system.spin.values.tolist()}
+        )
+    if system.dead_force.any():
+        left, sizes, right = np.linalg.svd(system.dead_force)
+        if sizes[1] > RANK * sizes[0]:
+            raise ValueError("the body has forces on several directors, as no weight has: a run file has none")
+        centre = sizes[0] * left[:, 0] / FALL
+        table |= {"mass": 1.0, "centre_of_mass": centre.tolist(), "gravity": (FALL * right[0]).tolist()}
+    return table
+
+
+def load_table(term: Term) -> dict[str, Any]:
+    """Return the table of a term of the load."""
+    kind = next(kind for kind, cls in LOADS.items() if cls is type(term))
+    if kind not in [*Tables()]:
+        raise ValueError(f"a load that is a {kind} has no place in a run file; save the run instead")
+    table = {"kind": kind} | ({} if term.scale == 1 else {"scale": term.scale})
+    known = {"damping": "coefficient", "rotor": "axis"} if kind in ("damping", "rotor") else keys_of(type(term))
+    for name, (_, default, _) in specs(type(term)).items():
+        value = getattr(term, name)
+        if value is not None and (default is MISSING or not np.array_equal(value, default)):
+            table[known.get(name, name)] = plain(value)
+    return table
+
+
+def integrator_table(problem: Problem) -> dict[str, Any]:
+    """Return the table of the integrator: its name, its order, and its other options where they are no defaults."""
+    scheme, order = problem.integrator, problem.order
+    if isinstance(scheme, str):
+        return {"name": scheme} | ({} if order is None else {"order": order})
+    if INTEGRATORS.get(scheme.name) is not type(scheme):
+        raise ValueError(f"INTEGRATORS has no entry for {type(scheme).__name__}")
+    own = {one.name: getattr(scheme, one.name) for one in fields(scheme) if getattr(scheme, one.name) != one.default}
+    order = getattr(scheme, "order", None) if scheme.orders else None
+    options = {key: plain(value) for key, value in own.items() if key != "order"}
+    table: dict[str, Any] = {"name": scheme.name} | ({} if order is None else {"order": order})
+    return table | ({"options": options} if options else {})
+
+
+def events_of(problem: Problem) -> list[Any]:
+    """Return the event functions of a problem."""
+    if problem.events is None:
+        return []
+    return [problem.events] if callable(problem.events) else [*problem.events]
+
+
+def event_table(event: Any) -> dict[str, Any]:
+    """Return the table of an event that `axis_crosses` or `spin_below` made."""
+    if not isinstance(event, NamedEvent):
+        raise ValueError("an event that is a function has no place in a run file: axis_crosses, spin_below have")
+    table = {"kind": event.kind, "name": event.__name__, "terminal": event.terminal, "direction": int(event.direction)}
+    own = {key: plain(getattr(event, key)) for key in event.fields if getattr(event, key) is not None}
+    return table | own
+
+
+def plain(value: Any) -> Any:
+    """Return a value as TOML has it."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [*map(plain, value)]
+    return value

@@ -1,0 +1,169 @@
+"""A problem is one description: functions take it or its keywords, files hold it, and what does not fit is refused."""
+
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import nontwist as nt
+from nontwist import Problem
+from nontwist.integrators import Continuous, LieMidpoint
+
+BODY = nt.standard([3, 4, 5])
+START = {"material_angular_velocity": (0.1, 2, 0.3), "rotation": Rotation.from_rotvec([0.3, -0.2, 0.5])}
+PROBLEM = Problem(BODY, t_end=1, step=0.1, load=nt.sine((0, 0, 1), frequency=0.5), **START)
+LAST = np.array([[0.0, 0, 0], [0, 1, 0]])
+
+# Each function with a problem, and with its keywords.
+CALLS = {
+    "simulate": lambda *a, **k: nt.simulate(*a, **k).directors,
+    "integrate": lambda *a, **k: nt.integrate(*a, **k).quaternion,
+    "sensitivities": lambda *a, **k: nt.sensitivities(*a, wrt="inertia", **k).d_rotation,
+    "gradient": lambda *a, **k: nt.gradient(*a, wrt="inertia", store="end", d_rotation=LAST, **k).gradient,
+    "lyapunov": lambda *a, **k: nt.lyapunov(*a, **k).lyapunov_exponent,
+    "lyapunov_ensemble": lambda *a, **k: nt.lyapunov_ensemble(*a, **k).lyapunov_exponent,
+    "simulate_ensemble": lambda *a, **k: nt.simulate_ensemble(*a, **k).quaternion,
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_problem_and_its_keywords_are_the_same(name):
+    whole, apart = CALLS[name](PROBLEM), CALLS[name](BODY, **PROBLEM.given)
+    assert np.array_equal(whole, apart)
+    assert not np.array_equal(whole, CALLS[name](PROBLEM, load=nt.sine((0, 0, 2), frequency=0.5)))
+
+
+def test_starts_of_a_problem_are_left_aside_where_calls_give_them():
+    run = nt.propagator(PROBLEM)
+    assert np.array_equal(run(**START).quaternion[-1], nt.integrate(PROBLEM).quaternion[-1])
+    loop = nt.stepper(PROBLEM.replace(load=None, integrator="lie-midpoint", order=2))
+    for _ in range(10):
+        state = loop.step()
+    expected = nt.integrate(PROBLEM, load=None, integrator="lie-midpoint").quaternion[-1]
+    np.testing.assert_allclose(state.quaternion, expected, atol=1e-14)
+
+
+def test_integrators_are_compared_on_a_problem():
+    found = nt.compare(PROBLEM.replace(integrator="exact"), integrators=["lie-midpoint"], steps=[0.1], repeats=1)
+    expected = nt.compare(
+        BODY, t_end=1, integrators=["lie-midpoint"], steps=[0.1], repeats=1, load=PROBLEM.load, **START
+    )
+    assert np.array_equal(found.attitude_error, expected.attitude_error)
+
+
+@pytest.mark.parametrize("change", [{"times": [0.5, 1.0]}, {"events": nt.spin_below(0.1)}, {"load_scale": 2.0}])
+def test_what_a_function_does_not_take_is_refused(change):
+    (name,) = change
+    with pytest.raises(ValueError, match=f"lyapunov does not take {name}"):
+        nt.lyapunov(PROBLEM.replace(**change))
+    nt.lyapunov(PROBLEM.replace(**change).replace(**{name: None}))
+
+
+@pytest.mark.parametrize("function", [nt.simulate, nt.lyapunov, nt.propagator, nt.simulate_ensemble, Problem])
+def test_a_keyword_that_is_none_names_the_nearest(function):
+    with pytest.raises(TypeError, match=r"argument 't_endd'; did you mean t_end=\?"):
+        function(BODY, t_endd=1)
+
+
+def test_a_problem_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        PROBLEM.t_end = 2
+    assert PROBLEM.replace(t_end=2).t_end == 2
+    assert PROBLEM.t_end == 1
+    with pytest.raises(AttributeError):
+        PROBLEM.mass  # noqa: B018
+
+
+TABLE = ([0, 0.4, 1], [[0, 0, 1], [1, 0, 0], [0, 0.5, 0]])
+WRITTEN = {
+    "free": Problem(BODY, t_end=1, step=0.1, **START),
+    "tolerance": Problem(nt.standard(np.diag([3.0, 4, 5]) + 0.1), t_end=1, tolerance=1e-9, **START),
+    "spun": Problem(nt.nontwisting([3, 4, 5], spin=([0, 1], [0, 2])), t_end=1, step=0.1, angular_velocity=(1, 0, 0)),
+    "rod": Problem(nt.nontwisting([1, 1, 0]), t_end=1, step=0.1, angular_velocity=(1, 0, 0)),
+    "suslov": Problem(nt.suslov([3, 4, 5], (1, 1, 0)), t_end=1, step=0.1, material_angular_velocity=(0, 0, 1)),
+    "unphysical": Problem(nt.standard([1, 1, 3], physical=False), t_end=1, step=0.1, **START),
+    "top": Problem(nt.heavy_top([2, 2, 1], 1.5, (0.1, 0, 0.6)), t_end=1, step=0.1, **START),
+    "weight": Problem(nt.with_gravity(BODY, 2, (0, 0.1, 0.2), (0, 1, -9)), t_end=1, step=0.1, **START),
+    "loads": Problem(
+        BODY,
+        t_end=1,
+        step=0.1,
+        load=nt.pulse((0, 1, 0), 0.2, 0.6)
+        + 0.5 * nt.sine((0, 0, 1), frequency=0.5)
+        + nt.body_moment(*TABLE)
+        + nt.space_moment(*TABLE)
+        + nt.damping(0.1)
+        + nt.rotor((0, 0, 1), [0, 1], [0, 1])
+        + nt.dipole((0, 0, 1), (1, 0, 0))
+        + nt.spring(3.0, (0, 0, 1), (1, 0, 1), rest_length=0.5)
+        + nt.gravity_gradient(0.1, (1, 0, 0), (0, 0, 1)),
+        **START,
+    ),
+    "wheel": Problem(BODY, t_end=1, step=0.1, load=nt.wheel((0, 0, 1), 0.1, speed=3, viscous=0.01), **START),
+    "friction": Problem(BODY, t_end=1, step=0.1, load=nt.dry_friction(0.5, axis=(0, 0, 1)), **START),
+    "options": Problem(BODY, t_end=1, integrator=Continuous(rtol=1e-9), times=[0.5, 1], **START),
+    "dissipation": Problem(BODY, t_end=1, step=0.1, integrator=LieMidpoint(dissipation=0.5), **START),
+    "order": Problem(BODY, t_end=1, step=0.1, integrator="gauss", order=4, store="end", **START),
+    "event": Problem(
+        BODY, t_end=5, step=0.1, events=[nt.axis_crosses((1, 0, 0), terminal=2), nt.spin_below(0.1)], **START
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_problem_is_read_as_it_was_written(name, tmp_path):
+    problem, path = WRITTEN[name], tmp_path / "run.toml"
+    problem.write(path)
+    run, again = nt.simulate(problem), nt.simulate(Problem.read(path))
+    np.testing.assert_allclose(again.directors, run.directors, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.time, run.time, rtol=0, atol=1e-14)
+    assert "run_file" in again.attrs
+    Problem.read(path).write(tmp_path / "again.toml")
+    assert nt.simulate(Problem.read(tmp_path / "again.toml")).attrs["run_file"] == again.attrs["run_file"]
+
+
+REFUSED = {
+    "function": {"load": nt.moment(lambda t, directors, w: (0, 0, -w[2]))},
+    "event": {"events": lambda t, state: state.material_angular_velocity[0]},
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_python_functions_have_no_place_in_a_file(name, tmp_path):
+    with pytest.raises(ValueError, match="no place in a run file"):
+        PROBLEM.replace(**REFUSED[name]).write(tmp_path / "run.toml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_are_not_replaced(tmp_path):
+    path = tmp_path / "run.toml"
+    PROBLEM.write(path)
+    with pytest.raises(FileExistsError):
+        PROBLEM.write(path)
+    PROBLEM.replace(t_end=2).write(path, force=True)
+    assert Problem.read(path).t_end == 2
+    with pytest.raises(ValueError, match="suffix"):
+        PROBLEM.write(tmp_path / "run.txt")
+
+
+def test_a_changed_problem_is_not_recorded_as_its_file(tmp_path):
+    PROBLEM.write(tmp_path / "run.toml")
+    problem = Problem.read(tmp_path / "run.toml")
+    assert "run_file" in nt.simulate(problem).attrs
+    assert "run_file" not in nt.simulate(problem, t_end=2).attrs
+    with pytest.raises(ValueError, match="as it was read"):
+        nt.sweep(problem.replace(t_end=2), tmp_path / "store")
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_forecast_is_of_the_run(name):
+    coming, run = WRITTEN[name].forecast(), nt.simulate(WRITTEN[name])
+    if "tolerance" not in WRITTEN[name].given and "events" not in WRITTEN[name].given:
+        assert coming.states == run.sizes["time"]
+    assert coming.problems == ()
+    assert len(coming.loads) == len(nt.Load().terms if WRITTEN[name].load is None else WRITTEN[name].load.terms)
+
+
+def test_what_cannot_be_run_is_forecast():
+    assert PROBLEM.replace(integrator="split", load=nt.dry_friction(0.1)).forecast().problems[0][0] == "integrator"

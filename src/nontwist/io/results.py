@@ -3,7 +3,8 @@
 A file ends with a line of text, the seal: the number of bytes before it and their CRC-32. It stands behind the end that
 HDF5 knows, so every NetCDF-4 reader takes the file as it is; `open_run` checks the seal before HDF5 sees a byte.
 Numbers, names, attributes and HDF5's own index are all under it: a flipped bit anywhere is noticed, whereas HDF5's
-checksums would cover arrays alone.
+checksums would cover arrays alone. xarray makes the file in memory: HDF5 2.0 ends the process with a segmentation fault
+when a disk is full while it closes a file there.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from ..analysis.datasets import as_dataset
 from ..analysis.variables import reassembled
 from ..errors import ResultFileError, warn
 from ..geometry.values import as_path
-from .layout import file_bytes
 from .regular import require_regular
 from .suspects import suspect
 from .whole import atomic_file, reserved_path
@@ -93,15 +93,13 @@ def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[C
 
 
 def _write(run: xarray.Dataset, place: Path) -> None:
-    checksum = size = 0
-    pieces = file_bytes(run)
+    try:
+        content = run.to_netcdf(engine="h5netcdf", encoding={name: {"_FillValue": None} for name in run.variables})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"only numbers and text can be saved: {error}") from error
     with atomic_file(place) as file:
-        for piece in pieces:
-            for start in range(0, len(piece), BLOCK):
-                block = piece[start : start + BLOCK]
-                checksum, size = zlib.crc32(block, checksum), size + len(block)
-                file.write(block)
-        file.write(SEAL.format(size, checksum).encode("ascii"))
+        file.write(content)
+        file.write(SEAL.format(len(content), zlib.crc32(content)).encode("ascii"))
 
 
 def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
@@ -190,7 +188,7 @@ def _loaded(file: BinaryIO) -> xarray.Dataset:
 def _values(stored: Any) -> NDArray[Any]:
     """Return an array that was stored, numbers in the order of bytes of this machine, texts as such."""
     values = np.asarray(stored)
-    return values.astype(values.dtype.newbyteorder("=") if values.dtype.kind in "fiu" else str, copy=False)
+    return values.astype(values.dtype.newbyteorder("=") if values.dtype.kind in "fiuc" else str, copy=False)
 
 
 def _decoded(name: str, dims: tuple[str, ...], values: NDArray[Any], attributes: dict[str, Any]) -> tuple[Any, ...]:

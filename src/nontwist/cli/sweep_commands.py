@@ -109,7 +109,7 @@ def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, de
     """Verify STORE: hash every byte, count members, and name missing or damaged blocks.
 
     Exits with status 1 if there are such blocks; nontwist sweep computes only these again. Exits with status 3 if the
-    metadata of STORE are damaged. The metadata of a store of nontwist 0.1.0 have no seal and cannot be verified.
+    metadata of STORE are damaged.
     """
     with _explained():
         from ..sweeps.store import open_store

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..analysis.variables import COORDINATES
 from ..driver import simulate
-from ..errors import SweepStoreError, warn
+from ..errors import SweepStoreError
 from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
@@ -57,11 +57,6 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     FileNotFoundError
         The folder does not exist.
 
-    Warns
-    -----
-    UserWarning
-        The store was written by nontwist 0.1.0, has no seal, and cannot be verified as it is read.
-
     Examples
     --------
     >>> from pathlib import Path
@@ -87,18 +82,13 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     >>> dict(data.set_coords(keys).set_index(member=keys).unstack("member").status.sizes)
     {'body.inertia.0': 3, 'body.inertia.2': 3}
     """
-    return dataset(open_store(store, verify), store, verify)
+    return dataset(open_store(store, verify), store)
 
 
-def dataset(kept: SweepStore, store: str | os.PathLike[str], verify: bool = True) -> xarray.Dataset:
+def dataset(kept: SweepStore, store: str | os.PathLike[str]) -> xarray.Dataset:
     """Return the dataset of a store, as `open_sweep`."""
     import xarray
 
-    if verify and not kept.seal:
-        warn(
-            f"{store} is an unsealed store of nontwist 0.1.0: data read from it are not verified. "
-            "nontwist sweep-verify compares its numbers with their hashes; verify=False reads it without this warning"
-        )
     try:
         data: xarray.Dataset = xarray.open_zarr(kept.files, chunks={}, consolidated=True, zarr_format=3)
         data = data[kept.names].assign(_swept(kept))

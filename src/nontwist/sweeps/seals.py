@@ -3,8 +3,7 @@
 ``blocks/seal.json`` is written when a store is made: the SHA-256 of each ``zarr.json``. The marker of a block, written
 when the block is done, repeats the hash of the seal, so that a block of another store is recognised, and holds the
 number of the block and the SHA-256 of each of its chunk files. Both carry a hash of their own text. Nothing here is a
-signature: who can write a store can seal it again. Stores of nontwist 0.1.0 (format 1) have no seal; their markers
-hold the hash of the numbers alone.
+signature: who can write a store can seal it again.
 """
 
 from __future__ import annotations
@@ -110,7 +109,7 @@ class Marks:
     block, members : int
         Members of a block, and of the sweep.
     seal : Seal or None
-        None for a store of format 1.
+        None where it is not verified.
     """
 
     def __init__(self, path: Path, block: int, members: int, seal: Seal | None) -> None:
@@ -162,7 +161,7 @@ class Marks:
         """
         try:
             text = self.place(k).read_bytes()
-            data = {"chunks": {}, **json.loads(text)} if self.seal is None else unsealed(text)
+            data = json.loads(text) if self.seal is None else unsealed(text)
             done = Done(**{name: data[name] for name in Done._fields})
         except FileNotFoundError as error:
             raise self.damaged(k, "its marker was removed after the store was opened") from error

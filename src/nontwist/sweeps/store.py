@@ -32,7 +32,7 @@ from .members import REFUSED, Members, Results
 from .outcome import DamagedBlockError
 from .seals import CHANGED, SEAL, Done, Marks, damaged, read_seal, write_seal
 
-FORMAT, UNSEALED, ABSENT = 2, 1, -2
+FORMAT, ABSENT = 2, -2
 MOST_REASONS = 1000  # in a marker; running a member again gives its own
 MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
 
@@ -46,7 +46,6 @@ class Verification(NamedTuple):
     damaged: dict[int, str]  #: blocks that were changed, and why
     failed: int  #: members that have failed
     sha256: str | None  #: of all numbers in the order of members, whatever the blocks; None where some are not there
-    sealed: bool  #: whether metadata and chunk files were compared with a seal; False for stores of nontwist 0.1.0
 
     @property
     def complete(self) -> bool:
@@ -70,11 +69,9 @@ class SweepStore:
             changed = hashlib.sha256(text.encode()).hexdigest() != attributes["run_file_sha256"]
         except Exception as error:  # Zarr raises exceptions of any kind
             raise SweepStoreError(f"{path} is not the store of a sweep, or is damaged: {_words(error)}") from error
-        if form not in (UNSEALED, FORMAT):
-            raise SweepStoreError(
-                f"{path} has sweep_format {form}; this version of nontwist reads {UNSEALED} and {FORMAT}"
-            )
-        if verify and form != UNSEALED and seal is None:
+        if form != FORMAT:
+            raise SweepStoreError(f"{path} has sweep_format {form}; this version of nontwist reads {FORMAT}")
+        if verify and seal is None:
             raise damaged(path, f"{SEAL} is missing")
         if verify and changed:
             raise damaged(path, f"its run file {CHANGED}")
@@ -91,14 +88,12 @@ class SweepStore:
 
     @property
     def seal(self) -> str:
-        """The hash of the seal; "" where it is not verified, as in stores of nontwist 0.1.0, which have none."""
+        """The hash of the seal; "" where it is not verified."""
         return "" if self.marks.seal is None else self.marks.seal.sha256
 
     @property
     def seal_words(self) -> str:
         """The hash of the seal, or why there is none."""
-        if self.attributes["sweep_format"] == UNSEALED:
-            return "unsealed: written by nontwist 0.1.0"
         return self.seal or "not read: verify=False"
 
     @property
@@ -157,7 +152,7 @@ class SweepStore:
         total = None
         if good == self.blocks:
             total = _sha256(np.frombuffer(whole_hash[name].digest(), np.uint8) for name in self.names)
-        return Verification(len(self.members), self.blocks, missing, faults, failed, total, bool(self.seal))
+        return Verification(len(self.members), self.blocks, missing, faults, failed, total)
 
     def _sound(self, k: int) -> tuple[Done, dict[str, Array]] | str:
         """Return the marker and the arrays of a block, or why they differ from what was written."""

@@ -60,7 +60,7 @@ def sweep(
     store : path
         A folder (Zarr), created if it does not exist. An existing store of the same file is completed: every byte is
         read and compared with its hash, and blocks that are missing, damaged, exchanged or from another store are
-        computed. A store of nontwist 0.1.0 can be read but not completed.
+        computed.
     workers : int, optional
         Number of threads, or, with ``dask="local"``, of processes; by default one per processor.
     dask : "local", address, Client or Cluster, optional
@@ -80,7 +80,7 @@ def sweep(
     ValueError
         The file has no ``[sweep]``, or all members that were tried are refused.
     SweepStoreError
-        The store belongs to another file, has damaged metadata, or is an incomplete store of nontwist 0.1.0.
+        The store belongs to another file, or has damaged metadata.
     BlockingIOError
         Another process is writing this store.
     SweepError
@@ -122,11 +122,6 @@ def sweep(
         kept = _store(place, members, pool.capacity() if dask is not None else workers or cores(), block)
         found = kept.verified()
         again = [*found.missing, *found.damaged]
-        if again and not found.sealed:
-            raise SweepStoreError(
-                f"{place} is an unsealed store of nontwist 0.1.0, and {len(again)} of its {found.blocks} blocks are "
-                "missing or damaged; this version can read but not complete such stores; choose another store"
-            )
         kept.clear(again)
         done = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
         if progress is True:

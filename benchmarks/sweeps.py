@@ -14,9 +14,9 @@ from time import perf_counter
 import numpy as np
 
 from nontwist import sweep
-from nontwist.sweeps.bar import duration
 from nontwist.sweeps.members import Members
 from nontwist.sweeps.plan import plan
+from nontwist.sweeps.workers import duration
 
 from .rows import Row, Table
 

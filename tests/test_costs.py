@@ -34,7 +34,7 @@ from nontwist.io.results import open_run
 from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
 from nontwist.runfile import read_run_file
-from nontwist.runfile.forecast import forecast
+from nontwist.runfile.document import forecast
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
 SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequency = 1e8\n'

@@ -35,7 +35,7 @@ from nontwist.errors import SimulationError, Status
 from nontwist.integrators import LieMidpoint
 from nontwist.integrators.compiled import Compiled
 from nontwist.runfile import read_run_file
-from nontwist.runfile.forecast import forecast
+from nontwist.runfile.document import forecast
 
 PENDULUM = heavy_top([1.01, 1.01, 0.01], mass=1, centre_of_mass=(0, 0, 1))
 TILTED = {"rotation": Rotation.from_euler("x", np.pi - 1)}

@@ -33,7 +33,7 @@ from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
 from nontwist.runfile import read_run_file
-from nontwist.runfile.forecast import forecast
+from nontwist.runfile.document import forecast
 
 ORDERS = Gauss.orders
 MARKED = [pytest.param(k, marks=[] if k in (6, 16) else [pytest.mark.long]) for k in ORDERS]

@@ -36,7 +36,8 @@ from nontwist.cli import app
 from nontwist.errors import RunFileError
 from nontwist.loads import LOADS, Term
 from nontwist.loads.kinds import load_of
-from nontwist.runfile import json_schema, read_run_file
+from nontwist.runfile import read_run_file
+from nontwist.runfile.document import json_schema
 from nontwist.spec import Spec
 from nontwist.validation import conserved
 
@@ -306,7 +307,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     assert json.loads(run.attrs["load"]) == load.description
     assert load_of(json.loads(run.attrs["load"])) == load
     assert "magnet: dipole (0.3, 0, 1.2) A m², field (0, 1, −2) T" in view(run).html
-    schema = json_schema.json_schema()
+    schema = json_schema()
     assert {"$ref": "#/$defs/Magnet"} in schema["properties"]["load"]["items"]["oneOf"]
     path.write_text(FILE.replace("field = [0, 1, -2]", "field = [0, 1]"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"load\.0\.field: \[0, 1\] -> 3 numbers, T: along fixed axes"):

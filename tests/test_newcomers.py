@@ -47,7 +47,7 @@ from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bo
 from nontwist.recordings.formats import READERS
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
-from nontwist.runfile.json_schema import json_schema
+from nontwist.runfile.document import json_schema
 from nontwist.spec import Spec
 from nontwist.validation import conserved
 from nontwist.validation.problems import SAMPLES

@@ -740,7 +740,7 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
     here(BODY + START + '[time]\nt_end = 20\nstep = 0.01\n[integrator]\nname = "gauss"\norder = 4\n')
     ticks = iter([0, 0.2, 0.2, 0.3, 0.3, 0.25 + 0.1])  # three runs, of 200, 100 and 50 ms
     with monkeypatch.context() as patch:
-        patch.setattr("nontwist.comparison.running.perf_counter", lambda: next(ticks))
+        patch.setattr("nontwist.comparison.reference.perf_counter", lambda: next(ticks))
         again = nontwist("precision", "run.toml", "--target", "1e-9", "--json")
     numbers = json.loads(again.stdout)
     assert numbers["seconds"] == pytest.approx(0.05)
@@ -763,7 +763,7 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
 def test_the_time_of_a_target_is_that_of_a_run_with_the_output_of_the_file(here, monkeypatch):
     here(BODY + START + "[time]\nt_end = 20\nstep = 0.01\ntimes = { every = 0.004 }\n")
     timed = []
-    place = "nontwist.comparison.running.shortest_times"
+    place = "nontwist.comparison.reference.shortest_times"
     monkeypatch.setattr(place, lambda calls, repeats: {key: timed.append(call()) or 1.0 for key, call in calls.items()})
     assert "│ 1000 ms, storing what FILE stores" in nontwist("precision", "run.toml", "--target", "1e-9").stdout
     (run,) = timed

@@ -34,17 +34,13 @@ from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile import read_run_file
-from nontwist.runfile.body import Body
-from nontwist.runfile.document import Integrator, Output, Time
+from nontwist.runfile.body import MAKERS, Body
+from nontwist.runfile.document import Integrator, Output, Time, checked, forecast, json_schema
 from nontwist.runfile.folder import Folder
-from nontwist.runfile.forecast import forecast
-from nontwist.runfile.json_schema import json_schema
 from nontwist.runfile.loads import Tables
-from nontwist.runfile.makers import MAKERS
-from nontwist.runfile.reading import checked
-from nontwist.runfile.start import Start
+from nontwist.runfile.section import toml_text
+from nontwist.runfile.tables import Start
 from nontwist.runfile.toml_data import document
-from nontwist.runfile.toml_text import toml_text
 from runfile_documents import documents
 
 A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"

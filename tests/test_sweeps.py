@@ -22,13 +22,12 @@ from nontwist.io.whole import locked
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep
-from nontwist.sweeps.bar import duration
-from nontwist.sweeps.bodies import InvalidMembersError, stack
 from nontwist.sweeps.draws import values
 from nontwist.sweeps.figure import draw
-from nontwist.sweeps.members import Members
+from nontwist.sweeps.members import InvalidMembersError, Members, stack
 from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
+from nontwist.sweeps.workers import duration
 
 INERTIA = [[3.0, 0.2, 0.1], [0.2, 4.0, -0.3], [0.1, -0.3, 5.0]]
 FREE = f"""

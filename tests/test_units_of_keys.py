@@ -3,7 +3,7 @@
 import pytest
 
 from nontwist.runfile import read_run_file
-from nontwist.runfile.units import UNITS, unit_of
+from nontwist.runfile.document import UNITS, unit_of
 from nontwist.units import in_datasets
 
 FILE = """

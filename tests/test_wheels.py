@@ -26,9 +26,9 @@ from nontwist import (
     wheel,
 )
 from nontwist.errors import SimulationError, Status
+from nontwist.runfile.document import checked
 from nontwist.runfile.folder import Folder
-from nontwist.runfile.problems import RunFileError
-from nontwist.runfile.reading import checked
+from nontwist.runfile.section import RunFileError
 
 RPM = 2 * np.pi / 60
 J = np.diag([3.0, 4.0, 5.0])

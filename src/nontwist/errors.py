@@ -232,7 +232,7 @@ class RunFileError(ValueError):
     Attributes
     ----------
     file : str
-    problems : tuple of Problem
+    problems : tuple of Fault
         All problems, each with `key`, `given`, `accepted`.
 
     Examples

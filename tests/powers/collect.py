@@ -39,7 +39,7 @@ from nontwist.analysis.statistics import STATISTICS
 from nontwist.cli import app
 from nontwist.integrators import Integrator
 from nontwist.recordings.formats import READERS
-from nontwist.runfile.json_schema import json_schema
+from nontwist.runfile.document import json_schema
 from test_docstrings import NOT_CALLED, PUBLIC
 from test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE
 

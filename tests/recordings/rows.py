@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import read_motion
 from nontwist.recordings.rates import read_rates
-from nontwist.runfile.csv_table import columns_of
+from nontwist.runfile.folder import columns_of
 
 from .makers import (
     ACC,

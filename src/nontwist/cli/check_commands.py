@@ -36,7 +36,7 @@ def check_command(
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
     """
     from ..errors import RunFileError
-    from ..runfile.forecast import forecast
+    from ..runfile.document import forecast
 
     wrong = False
     for path in files:
@@ -124,7 +124,7 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
-    from ..comparison.running import shortest_times
+    from ..comparison.reference import shortest_times
     from ..geometry.values import number_text
     from ..runfile.toml_data import document
 

@@ -59,7 +59,7 @@ def example_command(
 
 def schema_command(debug: Debug = False) -> None:
     """Print the JSON Schema of run files, for editors that complete and validate them."""
-    from ..runfile.json_schema import json_schema
+    from ..runfile.document import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 

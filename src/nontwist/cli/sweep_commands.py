@@ -20,7 +20,7 @@ from .sweep_summaries import plan_rows, print_sweep, sweep_facts
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
-    from ..sweeps.outcome import Progress
+    from ..sweeps.workers import Progress
 
 EVERY = 10.0  # s between lines of progress where stderr is no terminal
 Store = Annotated[Path, typer.Argument(metavar="STORE", help="The store of a sweep (a folder).", show_default=False)]
@@ -215,7 +215,7 @@ def _print_plan(
 
 def _progress_lines() -> Any:
     """Return what prints the progress line by line, now and then."""
-    from ..sweeps.bar import words
+    from ..sweeps.workers import words
 
     last = [perf_counter()]
 

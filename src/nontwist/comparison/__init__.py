@@ -1,8 +1,7 @@
 """Comparison of integrators on one problem: `compare`, and its tables `summary` and `table`."""
 
 from ..analysis.precision import observed_order, second_quotient
-from .choice import summary
 from .comparing import compare
-from .tables import table
+from .tables import summary, table
 
 __all__ = ["compare", "observed_order", "second_quotient", "summary", "table"]

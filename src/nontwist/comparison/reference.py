@@ -15,26 +15,228 @@ round-off.
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
+from math import ceil, log2
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..analysis.invariants import Invariant, drift, quantities
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
 from ..driver import completion
-from ..driver.grid import kinks, paced
-from ..driver.planning import planned
+from ..driver.coarseness import COARSE_STEP
+from ..driver.grid import count_steps, kinks, paced, stretches_of
+from ..driver.planning import planned, resolve_integrator
 from ..driver.runs import integrate
 from ..driver.single_run import run_of, trajectory
 from ..driver.starts import start_of_one
 from ..driver.tolerance import CHANGE, EPS, LARGER, moved
-from ..geometry.arrays import Array
-from ..integrators import Continuous, Exact, Gauss, Integrator
+from ..geometry.arrays import Array, as_array
+from ..geometry.values import as_list, shown
+from ..integrators import INTEGRATORS, Continuous, Exact, Gauss, Integrator, SimulationError
 from ..integrators.time_grid import Stretches, stretched
+from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
+
+# Which integrators and which steps are compared, and the times that all runs share.
+
+Choice = str | tuple[str, int] | Integrator
+
+COARSEST, SERIES, LEAST, FEWEST = 32, 7, 4, 10
+SHARED, STORED = 1000, 10_000
+
+
+def chosen(integrators: Sequence[Choice] | None) -> dict[str, Integrator]:
+    """Return the integrators to compare, by label.
+
+    None: every order of every integrator; one whose setting is a tolerance, at 1e-6, 1e-9 and 1e-12.
+
+    Raises
+    ------
+    ValueError
+        An unknown name or order, something that is no integrator, one given twice, or none at all.
+    """
+    if isinstance(integrators, str):
+        raise ValueError(f"integrators must be a list, got {integrators!r}; write [{integrators!r}]")
+    if integrators is None:
+        schemes = [scheme for cls in INTEGRATORS.values() for scheme in cls.variants()]
+    else:
+        schemes = [_integrator(choice) for choice in as_list(integrators, "integrators")]
+    if not schemes:
+        raise ValueError("integrators is empty; leave it out to compare all that accept the body and the load")
+    found: dict[str, Integrator] = {}
+    for scheme in schemes:
+        name = label(scheme)
+        if name in found:
+            raise ValueError(f"integrators contains {name!r} twice")
+        found[name] = scheme
+    return found
+
+
+def label(scheme: Integrator, *, tolerance: bool = True) -> str:
+    """Return the name of an integrator with its order, its tolerance and what else is not the default."""
+    parts = [scheme.name]
+    for field in fields(scheme):
+        value = getattr(scheme, field.name)
+        if field.name == "order":
+            parts.append(f"{value}")
+        elif field.name == "rtol":
+            parts += [short(value)] * tolerance
+        elif field.name == "atol":
+            usual = math.isclose(value, scheme.rtol / 100)  # type: ignore[attr-defined]
+            parts += [f"atol {short(value)}"] * (tolerance and not usual)
+        elif value != field.default:
+            parts.append(f"{field.name} {value:g}" if isinstance(value, float) else str(value))
+    return " ".join(parts)
+
+
+def short(x: float, digits: int = 1) -> str:
+    """Return a small or large number in few characters: 1e-9, 3.2e-14."""
+    mantissa, exponent = f"{x:.{digits}e}".split("e")
+    return f"{mantissa.removesuffix('.0')}e{int(exponent)}"
+
+
+def grids(
+    steps: Sequence[float] | None, t_start: float, t_end: float, automatic: float, load: Load
+) -> dict[float, Stretches]:
+    """Return the time grids by their longest step, coarse to fine.
+
+    None: up to seven, each with twice the steps of the one before; the first has about 32 times the automatic step, at
+    least 10 steps, and the breakpoints of the load as nodes.
+
+    Raises
+    ------
+    ValueError
+        As `simulate` for one step; no steps.
+    """
+    span = t_end - t_start
+    if steps is None:
+        first = stretches_of(load, t_start, t_end, min(span / FEWEST, COARSEST * automatic), resolves=False)
+        most = SERIES if len(first.sizes) == 1 else max(LEAST, 2 + ceil(log2(max(1.0, first.longest / automatic))))
+        series = [stretched(first.borders, 2**k * np.diff(first.numbers)) for k in range(min(SERIES, most))]
+        return {grid.longest: grid for grid in series}
+    found = {float(h): stretched((t_start, t_end), (count_steps(span, h),)) for h in as_array(steps, "steps", (None,))}
+    if not found:
+        raise ValueError("steps is empty; leave it out for a series about the automatic step")
+    return dict(sorted(found.items(), reverse=True))
+
+
+def shared_intervals(numbers: Sequence[int]) -> int:
+    """Return the most equal intervals, at most 1000, whose ends every grid of `numbers` steps holds."""
+    return _divisor(math.gcd(*numbers), SHARED)
+
+
+def stored_intervals(N: int, shared: int) -> int:
+    """Return the most equal intervals that N steps make, the shared ones among them, at most 10 000."""
+    return shared * _divisor(N // shared, STORED // shared)
+
+
+def _divisor(n: int, most: int) -> int:
+    return max(k for k in range(1, min(n, most) + 1) if n % k == 0)
+
+
+def _integrator(choice: Choice) -> Integrator:
+    if isinstance(choice, (str, Integrator)):
+        return resolve_integrator(choice, None)
+    if isinstance(choice, (tuple, list)) and len(choice) == 2 and isinstance(choice[0], str):
+        return resolve_integrator(*choice)
+    raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {shown(choice)}")
+
+
+# The runs of a comparison: each is compared with the reference once, and then timed.
+
+
+REFUSED, LONG, SHORT = -1, 0.3, 0.01
+
+
+class Case(NamedTuple):
+    """The problem, its reference solution and its invariants."""
+
+    system: DirectorSystem
+    arguments: dict[str, Any]  # of `integrate`, without integrator and times
+    t_end: float
+    reference: Reference
+    shared: int  # intervals
+    invariants: dict[str, Invariant]
+    scales: dict[str, float]  # by unit
+    known_warnings: set[str]  # already issued
+
+
+class Outcome(NamedTuple):
+    """The result of one run: numbers by name, status, message, and the call to be timed."""
+
+    numbers: dict[str, float]
+    status: int
+    message: str
+    call: Callable[[], Trajectory]
+
+
+def compared(case: Case, scheme: Integrator, grid: Stretches) -> Outcome:
+    """Run once and compare with the reference; this also compiles what the timed calls need."""
+    call, exact = partial(_run, case, scheme, grid, False), case.reference.run
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            run = _run(case, scheme, grid, True)
+        except ValueError as error:
+            return Outcome({}, REFUSED, str(error), call)
+        except SimulationError as error:
+            return Outcome({}, int(error.status), str(error), call)
+    stride = (len(run.time) - 1) // case.shared
+    attitude, momentum = attitude_distance(run, exact, stride), momentum_distance(run, exact, stride)
+    found = {"attitude_error": attitude[-1], "momentum_error": momentum[-1]}
+    found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
+    x = quantities(run)
+    found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
+    if case.system.axis is not None:
+        spin = case.system.spin
+        rate = observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]
+        found["twist_defect"] = abs(rate - (0.0 if spin is None else spin.at(run.time))).max()
+    issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - case.known_warnings)
+    return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
+
+
+def texts_of(caught: list[warnings.WarningMessage]) -> set[str]:
+    """Return what warnings say."""
+    return {str(warning.message) for warning in caught}
+
+
+def _run(case: Case, scheme: Integrator, grid: Stretches, keep_states: bool) -> Trajectory:
+    """Run to the end; store the states at the shared times and between them, or the last one only."""
+    times = case.reference.run.time
+    if scheme.any_times:
+        return integrate(case.system, times=times if keep_states else times[-1:], integrator=scheme, **case.arguments)
+    N = grid.steps
+    store: Any = N // stored_intervals(N, case.shared) if keep_states else "end"
+    return run_on(case.system, grid, store, scheme, case.arguments)
+
+
+def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:
+    """Return the shortest time of each call, s; calls alternate, so that a slow phase of the machine affects all alike.
+
+    A call that took longer than `LONG` is not repeated. One shorter than `SHORT` is timed twice in a row: the first
+    time includes what other calls have left cold.
+    """
+    best = dict.fromkeys(calls, np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for _ in range(repeats):
+            for key, call in calls.items():
+                for first in (True, False):
+                    if best[key] < SHORT or (first and not LONG < best[key] < np.inf):
+                        start = perf_counter()
+                        call()
+                        best[key] = min(best[key], perf_counter() - start)
+    return best
+
 
 SAME = 1e-12  # of the span, of times that are one
 STARTS = "start", "rotation", "scalar_first", "material_angular_velocity", "angular_velocity", "project"

@@ -13,7 +13,7 @@ from ..geometry.values import as_whole, counted, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, damping_rate, largest_velocity
 from ..integrators.time_grid import FIT, Stretches, stretched
-from ..io.regular import free_memory as free_memory  # which tests replace here
+from ..io.whole import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
 from ..loads.forces import ForceTable
 from ..loads.terms import Table

@@ -257,7 +257,7 @@ class Problem:
         >>> run.time.values[-1].item(), "run_file" in run.attrs
         (2.0, True)
         """
-        from ..runfile.reading import read_run_file
+        from ..runfile.document import read_run_file
 
         return read_run_file(path, overrides).problem
 

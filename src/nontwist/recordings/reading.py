@@ -13,7 +13,7 @@ import numpy as np
 from ..analysis.variables import assembled, coordinates
 from ..errors import InputError
 from ..geometry.values import shown
-from ..io.regular import free_memory, require_regular
+from ..io.whole import free_memory, require_regular
 from ..spec import takes
 from .attitudes import of_bodies, of_table
 from .formats import BEGINNINGS, PACKED, READERS, Content

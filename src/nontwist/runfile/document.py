@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import re
+from collections.abc import Iterable
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field, PrivateAttr
+from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from ..driver import simulate
+from ..driver.forecast import Forecast
+from ..driver.forecast import forecast as forecast_of
 from ..driver.planning import known_body
 from ..driver.prepared import Prepared
 from ..driver.problem import Problem, problem_with
 from ..driver.runs import dataset_of
 from ..errors import RunFileError
+from ..geometry.values import as_list, as_path
+from ..geometry.values import shown as in_python
+from ..integrators import DEFAULT, INTEGRATORS
+from ..io.whole import require_regular
 from ..loads import Load
+from ..units import RATE, in_datasets
 from .body import Body
 from .checks import prepare
-from .events import AnyEvent
 from .folder import Folder
 from .loads import AnyLoad, LoadSection, Place
-from .problems import Problem as KeyProblem
-from .section import Section
-from .start import Start
-from .sweep_table import Sweep
-from .tables import Integrator, Output, Time
-from .toml_text import toml_text
+from .section import Fault, Keys, Section, path_in, problems_of, shown, toml_text
+from .sweep_table import Sweep, key_problems, step_problems
+from .tables import AnyEvent, Integrator, Output, Start, Time
+from .toml_data import LARGEST, document, overridden
 
 if TYPE_CHECKING:
     import xarray
@@ -78,7 +86,7 @@ class RunFile(Section):
     @cached_property
     def prepared(self) -> Prepared:
         """The objects that a run needs, made once; a RunFileError lists all problems of tables that define no run."""
-        problems: list[KeyProblem] = []
+        problems: list[Fault] = []
         tables = {key: getattr(self, key) for key in RunFile.model_fields}
         many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
         made = prepare(tables | many, self._folder, problems)
@@ -182,3 +190,207 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
     load = sum((one.load(place) for one in loads), Load())
     vars(copied)["prepared"] = replace(file.prepared, plan=plan._replace(load=known_body(load, plan.systems)))
     return copied
+
+
+# `read_run_file`: bytes, plain data, tables, checks; all problems are reported at once.
+
+
+MOST_PROBLEMS = 100  # that are reported
+
+
+def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
+    """Read and check a run file without running it.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file; see the page of run files, or ``nontwist example``.
+    overrides : iterable of str
+        Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``;
+        ``"key="`` removes a key. A step replaces the tolerance of the file, and the other way round.
+
+    Returns
+    -------
+    RunFile
+
+    Raises
+    ------
+    RunFileError
+        A ValueError with one line for each problem: "file: key: what was given -> what is accepted".
+    ValueError
+        `path` is not a path, or overrides are not strings.
+    OSError
+        The file cannot be read; it is a FIFO or a device.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist.runfile import read_run_file
+    >>> text = '''
+    ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
+    ... start.angular_velocity.body = [6, -18, 0]
+    ... time.t_end = 1
+    ... '''
+    >>> _ = Path("run.toml").write_text(text)
+    >>> run_file = read_run_file("run.toml", ["time.t_end=2"])
+    >>> run_file.time.t_end
+    2.0
+    >>> run_file.problem.system.name
+    'nontwisting'
+    """
+    path, texts = as_path(path, "path"), as_list(overrides, "overrides")
+    if wrong := [text for text in texts if not isinstance(text, str)]:
+        raise ValueError(f"overrides must be strings 'key=value', got {in_python(wrong[0])}")
+    require_regular(path)
+    with path.open("rb") as file:
+        data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
+    return checked(str(path), overridden(str(path), data, texts), Folder(path.parent))
+
+
+def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
+    """Return plain data as a run file; a RunFileError names all that is wrong."""
+    try:
+        run_file = RunFile.model_validate(data)
+    except ValidationError as error:
+        problems = list(islice(problems_of(error, data, RunFile), MOST_PROBLEMS))
+        named, further = {problem.key for problem in problems}, list[Fault]()
+        if len(named) < MOST_PROBLEMS:
+            wrong = [path_in(data, one["loc"]) for one in error.errors()]
+            tables = _valid_tables(data, wrong)
+            prepared = prepare(tables, folder, further)
+            if data.get("sweep") is not None and (time := tables.get("time")) and (scheme := tables.get("integrator")):
+                further += step_problems(time.step, INTEGRATORS[scheme.name], prepared)
+        problems += [problem for problem in further if problem.key not in named]
+        raise RunFileError(name, _first(problems)) from error
+    run_file._folder, problems = folder, []
+    prepared = None
+    try:
+        prepared = run_file.prepared
+    except RunFileError as error:
+        problems += error.problems
+    if run_file.sweep is not None and not any(problem.key.startswith("sweep") for problem in problems):
+        problems += key_problems(run_file.sweep, run_file.model_dump(exclude_none=True), prepared)
+    if problems:
+        raise RunFileError(name, _first(problems))
+    try:
+        _ = run_file.prepared.states
+    except ValueError as error:
+        tolerance = run_file.time.tolerance
+        key, given = ("step", "missing") if tolerance is None else ("tolerance", shown(tolerance))
+        accepted = Time.model_fields[key].description or ""
+        raise RunFileError(name, (Fault(f"time.{key}", f"{given} ({error})", accepted),)) from error
+    return run_file
+
+
+def _first(problems: list[Fault]) -> tuple[Fault, ...]:
+    """Return the first problems; where there are many, that these are not all."""
+    if len(problems) < MOST_PROBLEMS:
+        return tuple(problems)
+    more = Fault("the file", f"at least {MOST_PROBLEMS} problems", "none; the first are listed")
+    return (*problems[: MOST_PROBLEMS - 1], more)
+
+
+def _valid_tables(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
+    """Return the tables that are of the right form once the keys at `wrong` are left out; loads by their number."""
+    tables = {key: data.get(key, {}) for key in ("body", "start", "time", "integrator", "sweep")}
+    loads = data.get("load", [])
+    entries = dict(enumerate(loads)) if isinstance(loads, list) else {}
+    for place in wrong:
+        if place[:2] == ("integrator", "name"):  # order and options belong to it
+            tables["integrator"] = None
+        elif place[:1] == ("load",):
+            entries = _without(entries, place[1:3])
+        else:
+            tables = _without(tables, place[:2])
+    parts = {key: _valid(key, value) for key, value in tables.items()}
+    load = {k: one for k, value in entries.items() if (one := _valid("load", value)) is not None}
+    return {key: part for key, part in parts.items() if part is not None} | {"load": load}
+
+
+def _without(tables: dict[Any, Any], place: Keys) -> dict[Any, Any]:
+    if len(place) == 2 and isinstance(tables.get(place[0]), dict):
+        rest = {key: value for key, value in tables[place[0]].items() if key != place[1]}
+        return tables | {place[0]: rest}
+    return tables
+
+
+def _valid(key: str, value: Any) -> Any:
+    try:
+        return _adapter(key).validate_python(value)
+    except ValidationError:
+        return None
+
+
+@cache
+def _adapter(key: str) -> TypeAdapter[Any]:
+    form: Any = AnyLoad if key == "load" else RunFile.model_fields[key].annotation
+    return TypeAdapter(form)
+
+
+# What a run file will be like, in the words of its keys.
+
+
+CAPABLE = f"an integrator that can: {DEFAULT} takes every body and load"
+
+
+def forecast(run_file: RunFile) -> Forecast:
+    """Return what a run will be like; nothing is run."""
+    coming = forecast_of(run_file.prepared, None if run_file.sweep is None else run_file.sweep.members)
+    keys = {
+        "integrator": ("integrator.name", run_file.integrator.name, CAPABLE),
+        "store": ("time.store", run_file.time.store, Time.model_fields["store"].description or ""),
+    }
+    problems = []
+    for name, reason in coming.problems:
+        key, value, accepted = keys[name]
+        problems.append(Fault(key, f"{shown(value)} ({reason})", accepted))
+    loads = tuple(one.in_words(run_file._folder) for one in run_file.load)
+    return coming._replace(loads=loads, problems=tuple(problems))
+
+
+# The JSON Schema of run files, made from the tables themselves; committed as docs/runfile.schema.json.
+
+
+Schema = dict[str, Any]
+
+
+def json_schema() -> Schema:
+    """Return the schema (draft 2020-12). TOML has no null, so neither has the schema: such keys are left out."""
+    schema: Schema = _without_null(RunFile.model_json_schema())
+    own = {"title": "nontwist run file", "description": "A run as a file describes it."}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, **own}
+
+
+def _without_null(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_without_null(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {key: _without_null(part) for key, part in schema.items() if part is not None}
+    if {"type": "null"} in (forms := kept.get("anyOf", [])):
+        forms = [form for form in forms if form != {"type": "null"}]
+        rest = {key: part for key, part in kept.items() if key != "anyOf"}
+        return {**forms[0], **rest} if len(forms) == 1 else {"anyOf": forms, **rest}
+    return kept
+
+
+# Units of the numbers of a run file, from the descriptions of their keys.
+
+
+UNITS = ("kg m² s⁻¹", "kg m²", "N m s", "N m", "N/m", "rad/s", "m/s²", "Hz", "rad", "kg/m³", "kg", "m", "s")
+UNIT = re.compile(rf"(?:^|, )({'|'.join(map(re.escape, UNITS))})(?=[:;,]|$)")
+
+
+def unit_of(file: RunFile, key: str) -> str | None:
+    """Return the unit of the numbers under a dotted key, as ``load.0.frequency``; None if it is not one of these."""
+    value, text = file, ""
+    for part in key.split("."):
+        if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        elif isinstance(value, Section) and part in type(value).model_fields:
+            if (unit := getattr(value, "unit", None)) in RATE:
+                return in_datasets(unit)
+            text = type(value).model_fields[part].description or text
+            value = getattr(value, part)
+    found = UNIT.search(text)
+    return in_datasets(found[1]) if found else None

@@ -18,8 +18,8 @@ from pydantic import Discriminator, Field, Tag, create_model
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
 from ..loads.terms import FRAME, ForceTerm, own_fields
 from ..spec import Spec, specs
-from .csv_table import Table as CsvTable
 from .folder import Folder
+from .folder import Table as CsvTable
 from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
 HASH = "the hash of the CSV file, in quotes: another content is refused"

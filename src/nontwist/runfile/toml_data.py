@@ -13,8 +13,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..errors import RunFileError
-from .problems import Keys, Problem, dotted, printable, shown
-from .section import LARGEST_NUMBER
+from .section import LARGEST_NUMBER, Fault, Keys, dotted, printable, shown
 
 LARGEST = 1_000_000  # bytes
 DEEPEST = 32  # parts of a dotted key; tomllib's time grows with the square of them
@@ -159,34 +158,32 @@ def _put(name: str, where: str, data: Any, keys: list[str], value: Any) -> None:
 
 
 def _refused(name: str, key: str, given: str, accepted: str) -> RunFileError:
-    return RunFileError(name, (Problem(key, given, accepted),))
+    return RunFileError(name, (Fault(key, given, accepted),))
 
 
-def _explained(text: str, message: str) -> Problem:
+def _explained(text: str, message: str) -> Fault:
     """Return what tomllib says in the words of somebody who writes their first run file."""
     place, reason = _PLACE.search(message), _PLACE.sub("", message)
     lines = text.rstrip("\n").split("\n")
     number = min(int(place[1]), len(lines)) if place and place[1] else len(lines)
     line = printable(lines[number - 1].strip())
     if text.lstrip()[:1] == "{":
-        return Problem("line 1", "this looks like JSON", TOML)
+        return Fault("line 1", "this looks like JSON", TOML)
     if re.match(r"(---|[\w-]+\s*:(\s|$))", line):
-        return Problem(f"line {number}", f"{line} looks like YAML", TOML)
+        return Fault(f"line {number}", f"{line} looks like YAML", TOML)
     if "overwrite" in reason or "twice" in reason:
-        return Problem(
-            f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat"
-        )
+        return Fault(f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat")
     if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?\d+),(\d+)\s*(#.*)?", line):
-        return Problem(f"line {number}", line, f"a decimal point: {word[1]} = {word[2]}.{word[3]}")
+        return Fault(f"line {number}", line, f"a decimal point: {word[1]} = {word[2]}.{word[3]}")
     if re.search(r"=\s*\[\s*[+-]?\d+([.,]\d+)?(,\d+)?\s*(;|\s[+-]?\d)", line):
-        return Problem(f"line {number}", line, "decimal points, and commas between numbers: [0.5, 0.0, -1.0]")
+        return Fault(f"line {number}", line, "decimal points, and commas between numbers: [0.5, 0.0, -1.0]")
     if re.search("[“”„‟«»‘’‚]", line):
-        return Problem(f"line {number}", line, 'straight quotes: "standard"')
+        return Fault(f"line {number}", line, 'straight quotes: "standard"')
     if re.fullmatch(r"[a-z_]+", line):
-        return Problem(f"line {number}", line, f"a table in brackets, [{line}], or a value, {line} = ...")
+        return Fault(f"line {number}", line, f"a table in brackets, [{line}], or a value, {line} = ...")
     if word := re.fullmatch(r"([\w.-]+)\s*=\s*([A-Za-z_][\w -]*?)\s*(#.*)?", line):
-        return Problem(f"line {number}", line, f'text in quotes: {word[1]} = "{word[2]}"')
+        return Fault(f"line {number}", line, f'text in quotes: {word[1]} = "{word[2]}"')
     if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?[\d.]+)\s*[A-Za-z°].*", line):
-        return Problem(f"line {number}", line, f"a number without a unit (kg, m, s, N m, rad): {word[1]} = {word[2]}")
+        return Fault(f"line {number}", line, f"a number without a unit (kg, m, s, N m, rad): {word[1]} = {word[2]}")
     column = f", column {place[2]}" if place and place[2] else ""
-    return Problem(f"line {number}{column}", f"{line} ({reason[:1].lower()}{reason[1:]})", f"TOML, with {VALUES}")
+    return Fault(f"line {number}{column}", f"{line} ({reason[:1].lower()}{reason[1:]})", f"TOML, with {VALUES}")

@@ -21,9 +21,9 @@ from ..loads import LOADS, Term, as_load
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem, as_system
 from ..spec import specs
+from .document import checked
 from .folder import Folder
 from .loads import Tables, keys_of
-from .reading import checked
 
 if TYPE_CHECKING:
     from .document import RunFile

@@ -11,8 +11,7 @@ from ..errors import SweepStoreError
 from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
-from ..runfile.reading import checked
-from ..runfile.units import unit_of
+from ..runfile.document import checked, unit_of
 from .draws import values
 from .members import signs
 from .store import SweepStore, open_store

@@ -16,10 +16,20 @@ from typing import Any, NamedTuple
 
 from ..errors import SweepStoreError
 from ..io.whole import atomic_file
-from .outcome import DamagedBlockError
 
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
 CHANGED = "was changed after it was written"
+
+
+class DamagedBlockError(SweepStoreError):
+    """A block that was changed after it was written: `where` it is, and the `reason`."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        super().__init__(where, reason)
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}: {self.reason}; run the sweep again to recompute the block"
 
 
 class Done(NamedTuple):

@@ -29,8 +29,7 @@ from ..integrators import Status
 from ..io.whole import atomic_folder
 from .draws import values
 from .members import REFUSED, Members, Results
-from .outcome import DamagedBlockError
-from .seals import CHANGED, SEAL, Done, Marks, damaged, read_seal, write_seal
+from .seals import CHANGED, SEAL, DamagedBlockError, Done, Marks, damaged, read_seal, write_seal
 
 FORMAT, ABSENT = 2, -2
 MOST_REASONS = 1000  # in a marker; running a member again gives its own

@@ -22,14 +22,13 @@ from ..geometry.values import as_function
 from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
-from ..runfile.forecast import forecast
+from ..runfile.document import forecast
 from .members import Members
-from .outcome import Progress
 from .plan import plan
 from .reading import dataset
 from .seals import Done
 from .store import SweepStore, create, open_store
-from .workers import Workers, open_workers, place_of
+from .workers import Progress, Workers, open_workers, place_of
 
 if TYPE_CHECKING:
     import xarray
@@ -125,7 +124,7 @@ def sweep(
         kept.clear(again)
         done = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
         if progress is True:
-            from .bar import bar
+            from .workers import bar
 
             with bar(len(members)) as shown:
                 _make(kept, sorted(again), pool, _counter(kept, done, found.failed, shown))

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..driver.costs import cores
+from ..driver.costs import cores, duration
+from ..driver.signals import shown_bar
 from ..geometry.values import as_path, as_whole, shown
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
@@ -145,3 +146,40 @@ def open_workers(where: Any, count: int | None) -> Any:
 def place_of(path: str | os.PathLike[str]) -> Path:
     """Return the real path of a store, which need not exist yet."""
     return Path(os.path.realpath(as_path(path, "store")))
+
+
+# A bar on stderr: members done, rate, time left.
+
+
+class Progress(NamedTuple):
+    """The progress of a sweep."""
+
+    done: int  #: members
+    members: int
+    failed: int  #: members that have failed
+    rate: float  #: members a second since the beginning of this call
+    left: float  #: s
+
+
+@contextmanager
+def bar(members: int) -> Iterator[Callable[[Progress], None]]:
+    """Show a bar, on a terminal until the end; yield the function that takes a `Progress`."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("members"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
+    console = Console(stderr=True)
+    with shown_bar(Bar(*columns, console=console, transient=console.is_terminal)) as one:
+        task = one.add_task("members", total=members, words="")
+
+        def report(now: Progress) -> None:
+            one.update(task, completed=now.done, words=words(now))
+
+        yield report
+
+
+def words(now: Progress) -> str:
+    """Return rate, time left and failures in words."""
+    failures = f", {now.failed} failed" if now.failed else ""
+    return f"{now.rate:.3g}/s, {duration(now.left)} left{failures}"

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from conftest import nontwist
 from nontwist import open_run, read_motion, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
-from nontwist.cli.help import place
+from nontwist.cli.options import place
 from nontwist.cli.twist_commands import twist_command
 from nontwist.runfile.document import Integrator, Start, Time
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from nontwist.paper.labels import printed, printed_numbers, theorems
+from nontwist.paper.tables import printed, printed_numbers, theorems
 from nontwist.validation import GROUPS
 from paper_numbers import numbers
 

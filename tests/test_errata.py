@@ -12,8 +12,7 @@ from nontwist.analysis import observables as obs
 from nontwist.comparison import second_quotient
 from nontwist.integrators import Continuous
 from nontwist.models.constraints import constraint_matrices
-from nontwist.paper.cases import CASES
-from nontwist.paper.tables import printed_tables
+from nontwist.paper.tables import CASES, printed_tables
 from nontwist.validation import GROUPS
 from nontwist.validation import energy_momentum_reference as reference
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from nontwist.paper.labels import LABEL, printed_numbers
+from nontwist.paper.tables import LABEL, printed_numbers
 
 ROOT = Path(__file__).parents[1]
 

@@ -15,7 +15,7 @@ from typer.main import get_command
 
 import nontwist
 from nontwist.cli import app
-from nontwist.cli.help import meaning
+from nontwist.cli.options import meaning
 
 ROOT = Path(__file__).parents[1]
 SHEET = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ import pytest
 from conftest import LOW_CONTRAST, frames, until
 from conftest import nontwist as command
 from nontwist import nontwisting, pulse, simulate, sphere, standard, suslov, with_gravity
-from nontwist.paper.cases import CASES, INERTIA
+from nontwist.paper.tables import CASES, INERTIA
 from nontwist.playground import playground
 from nontwist.runfile import read_run_file
 

@@ -240,7 +240,7 @@ def test_nothing_in_a_file_is_executed(run, tmp_path):
     hostile = "__import__('os').system('true')"
     save_run(run.assign_attrs(run_file=hostile, load=json.dumps([{"function": hostile}])), tmp_path / "a.nc")
     assert open_run(tmp_path / "a.nc").attrs["run_file"] == hostile
-    with pytest.raises(ValueError, match="only numbers and text"):
+    with pytest.raises(TypeError):
         save_run(run.assign_attrs(bad=object()), tmp_path / "b.nc")
     with pytest.raises((TypeError, ValueError)):
         save_run(run.assign(bad=("time", np.array([object()] * 31))), tmp_path / "b.nc")

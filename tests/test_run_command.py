@@ -17,8 +17,8 @@ import nontwist as package
 from conftest import nontwist
 from nontwist import Problem, join_runs, open_run, plot, simulate
 from nontwist.cli import app
-from nontwist.cli.file_commands import example_names
 from nontwist.cli.outcomes import code_of
+from nontwist.cli.run_commands import example_names
 from nontwist.errors import RunFileError, Status
 from nontwist.runfile import read_run_file
 

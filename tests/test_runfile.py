@@ -28,7 +28,7 @@ from nontwist import (
 )
 from nontwist import nontwisting as nontwisting_body
 from nontwist.analysis.invariants import drifts
-from nontwist.cli.file_commands import example_names
+from nontwist.cli.run_commands import example_names
 from nontwist.errors import InputError, RunFileError, SimulationError
 from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES

@@ -42,7 +42,7 @@ from nontwist import (
     view,
 )
 from nontwist.loads.kinds import load_in_words
-from nontwist.paper.cases import CASES
+from nontwist.paper.tables import CASES
 from nontwist.viewer.cameras import camera_of
 from nontwist.viewer.content import STATES, content
 from nontwist.viewer.drawing import Motion

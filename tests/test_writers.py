@@ -112,7 +112,7 @@ def test_every_command_that_writes_asks_and_is_tried():
 
 WRITES = {"savefig", "savetxt", "savez", "to_csv", "to_netcdf", "tofile", "write_bytes", "write_text"}
 INTO_OPEN_FILES = {
-    ("cli/help.py", "write_text"): 1,  # of the formatter of help
+    ("cli/options.py", "write_text"): 1,  # of the formatter of help
     ("io/exports.py", "savez"): 1,
     ("io/exports.py", "to_csv"): 1,
     ("io/whole.py", "open"): 1,

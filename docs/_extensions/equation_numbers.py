@@ -10,7 +10,7 @@ import re
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from nontwist.paper.labels import LABEL, printed, printed_numbers
+from nontwist.paper.tables import LABEL, printed, printed_numbers
 
 CITED = re.compile(LABEL.pattern + r"(?: \(([a-d])\))?")
 CLASS = "paper-number"

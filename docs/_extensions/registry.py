@@ -10,7 +10,7 @@ import pandas as pd
 from nontwist import body_moment, damping, integrate, moment, nontwisting, rotor, space_moment, wheel
 from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import sample_bodies
-from nontwist.paper.labels import LABEL
+from nontwist.paper.tables import LABEL
 
 PROBLEMS = {
     **{name: (body, None) for name, body in sample_bodies().items()},

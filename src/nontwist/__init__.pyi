@@ -11,8 +11,8 @@ from . import sensors as sensors
 from . import split_form as split_form
 from .analysis.invariants import drifts as drifts
 from .analysis.joining import join_runs as join_runs
-from .analysis.points import point_position as point_position
-from .analysis.points import point_velocity as point_velocity
+from .analysis.joining import point_position as point_position
+from .analysis.joining import point_velocity as point_velocity
 from .comparison import compare as compare
 from .driver import Problem as Problem
 from .driver import axis_crosses as axis_crosses

@@ -4,7 +4,7 @@ from .analysis.trajectory import Trajectory
 from .driver.closed_loop import Stepper, StepperState
 from .driver.effort import LeastEffort
 from .driver.propagation import Propagator
-from .driver.states import BodyState
+from .driver.starts import BodyState
 from .driver.steering import Steering
 from .fitting.result import Fit
 

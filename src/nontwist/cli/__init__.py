@@ -15,7 +15,6 @@ import typer
 from . import (
     check_commands,
     compare_commands,
-    file_commands,
     fit_commands,
     paper_commands,
     result_commands,
@@ -25,7 +24,7 @@ from . import (
     validation_commands,
     view_commands,
 )
-from .help import Command
+from .options import Command
 from .outcomes import Commands
 from .summaries import imported
 
@@ -86,7 +85,7 @@ def main(
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "play": view_commands.play_command,
-    "example": file_commands.example_command,
+    "example": run_commands.example_command,
     "check": check_commands.check_command,
     "run": run_commands.run_command,
     "view": view_commands.view_command,
@@ -101,7 +100,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "sweep-verify": sweep_commands.verify_command,
     "reproduce": paper_commands.reproduce_command,
     "validate": validation_commands.validate_command,
-    "schema": file_commands.schema_command,
+    "schema": run_commands.schema_command,
 }
 for _name, _function in COMMANDS.items():
     app.command(_name, cls=Command)(_function)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from ..driver.forecast import Forecast
+    from ..driver.prepared import Forecast
     from ..runfile import RunFile
 
 ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes

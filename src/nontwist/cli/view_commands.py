@@ -14,8 +14,7 @@ import typer
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .options import Debug, Force, given_again, reads, require_suffix
-from .outcomes import about, require_readable, say, words
-from .smooth import largest_turn, smooth
+from .outcomes import about, largest_turn, require_readable, say, smooth, words
 from .summaries import typed
 
 if TYPE_CHECKING:

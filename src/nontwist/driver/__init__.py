@@ -4,14 +4,14 @@ from .closed_loop import Stepper, StepperState, stepper
 from .derivatives import gradient, sensitivities
 from .effort import LeastEffort, least_effort
 from .ensembles import simulate_ensemble
+from .events import axis_crosses, spin_below
 from .exponents import lyapunov, lyapunov_ensemble
-from .named_events import axis_crosses, spin_below
 from .problem import Problem
 from .propagation import Propagator, propagator
 from .resampling import resample
 from .runs import integrate, simulate
 from .signals import sigterm_interrupts
-from .states import BodyState
+from .starts import BodyState
 
 __all__ = [
     "BodyState",

@@ -26,8 +26,7 @@ from .notices import failure_message, warn_of_cost
 from .planning import internal_states, resolve_integrator
 from .problem import OfStart, part_of
 from .problem import Problem as Posed
-from .starts import start_of_one
-from .states import BodyState
+from .starts import BodyState, start_of_one
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -58,7 +58,7 @@ from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion, event_runs
 from .events import RTOL, XTOL, Event
-from .states import body_state
+from .starts import body_state
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)

@@ -21,8 +21,8 @@ from .prepared import Prepared
 from .starts import Starts, start_of_one, starts
 
 if TYPE_CHECKING:
-    from .forecast import Forecast
-    from .states import BodyState
+    from .prepared import Forecast
+    from .starts import BodyState
 
     Event = Callable[[float, BodyState], float]
     Events = Event | Sequence[Event]
@@ -299,7 +299,7 @@ class Problem:
         ValueError
             As `simulate`.
         """
-        from .forecast import forecast
+        from .prepared import forecast
 
         return forecast(prepared(self))
 

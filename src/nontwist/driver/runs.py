@@ -15,7 +15,7 @@ from .single_run import run_of
 if TYPE_CHECKING:
     import xarray
 
-    from .states import BodyState
+    from .starts import BodyState
 
     Event = Callable[[float, BodyState], float]
     Events = Event | Sequence[Event]

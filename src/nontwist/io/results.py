@@ -3,7 +3,7 @@
 A file ends with a line of text, the seal: the number of bytes before it and their CRC-32. It stands behind the end that
 HDF5 knows, so every NetCDF-4 reader takes the file as it is; `open_run` checks the seal before HDF5 sees a byte.
 Numbers, names, attributes and HDF5's own index are all under it: a flipped bit anywhere is noticed, whereas HDF5's
-checksums would cover arrays alone. xarray makes the file in memory: HDF5 2.0 ends the process with a segmentation fault
+checksums would cover arrays alone. The file is made in memory: HDF5 2.0 ends the process with a segmentation fault
 when a disk is full while it closes a file there.
 """
 
@@ -14,6 +14,7 @@ import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -128,13 +129,35 @@ def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[C
 
 
 def _write(run: xarray.Dataset, place: Path) -> None:
-    try:
-        content = run.to_netcdf(engine="h5netcdf", encoding={name: {"_FillValue": None} for name in run.variables})
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"only numbers and text can be saved: {error}") from error
+    content = _content(run)
     with atomic_file(place) as file:
         file.write(content)
         file.write(SEAL.format(len(content), zlib.crc32(content)).encode("ascii"))
+
+
+def _content(run: xarray.Dataset) -> memoryview:
+    """Return the file that ``run.to_netcdf(engine="h5netcdf")`` writes; that would import Dask, in half a second."""
+    import h5netcdf
+    import h5py
+    from xarray.conventions import encode_cf_variable, encode_dataset_coordinates
+
+    content = BytesIO()
+    variables, attributes = encode_dataset_coordinates(run)
+    with h5netcdf.File(content, "w") as file:
+        file.dimensions = {str(name): size for name, size in run.sizes.items()}
+        file.attrs.update(attributes)
+        for name, variable in variables.items():
+            variable = variable.copy(deep=False)
+            variable.encoding = {"_FillValue": None}
+            variable = encode_cf_variable(variable, name=name)
+            values = np.asarray(variable.values)
+            if values.dtype.kind not in "fiuOUS":
+                raise ValueError(f"{name} holds {values.dtype}: only real numbers and text can be saved")
+            kind = values.dtype if values.dtype.kind in "fiu" else h5py.string_dtype()
+            target = file.create_variable(name, variable.dims, kind)
+            target[...] = values if values.dtype == kind else values.astype(object)
+            target.attrs.update(variable.attrs)
+    return content.getbuffer()
 
 
 def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
@@ -223,7 +246,7 @@ def _loaded(file: BinaryIO) -> xarray.Dataset:
 def _values(stored: Any) -> NDArray[Any]:
     """Return an array that was stored, numbers in the order of bytes of this machine, texts as such."""
     values = np.asarray(stored)
-    return values.astype(values.dtype.newbyteorder("=") if values.dtype.kind in "fiuc" else str, copy=False)
+    return values.astype(values.dtype.newbyteorder("=") if values.dtype.kind in "fiu" else str, copy=False)
 
 
 def _decoded(name: str, dims: tuple[str, ...], values: NDArray[Any], attributes: dict[str, Any]) -> tuple[Any, ...]:

@@ -13,9 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from .cases import CASES, INERTIA, MISPRINT, STEP, T_END
-from .labels import printed
-from .tables import QUOTIENT_TOLERANCE, Table
+from .tables import CASES, INERTIA, MISPRINT, QUOTIENT_TOLERANCE, STEP, T_END, Table, printed
 
 SUFFIX = {1: "ic", 2: "ml", 3: "c"}  # of the paper's labels
 FIGURES = {  # its figures by their labels, each of one or two pictures, with captions of ours

@@ -20,9 +20,8 @@ from ..io import save_run
 from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
 from ..plot.journals import apart
-from .cases import CASES, INERTIA, STEP, T_END
 from .page import page
-from .tables import Table, invariants_table, quotient_table
+from .tables import CASES, INERTIA, STEP, T_END, Table, invariants_table, quotient_table
 
 if TYPE_CHECKING:
     import xarray

@@ -10,15 +10,87 @@ import csv
 import io
 import json
 import math
+import re
 from dataclasses import astuple, dataclass, fields
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..io.whole import written
+from ..loads import Load, pulse
 
 if TYPE_CHECKING:
     import xarray
+
+# The three cases of sec-results: one body, t from 0 to 5 s, h = 0.005 s.
+#
+# The amplitudes printed for the loads of cases 2 and 3 are 20 times those that give the printed tables: the impulse of
+# case 2 is fixed by ∫f dt = 1/2, so 2472.5 would end at Π1 = -1236.25, where the table has -61.749731.
+
+INERTIA = ((3.0, -1 / 7, 0.0), (-1 / 7, 4.0, 0.0), (0.0, 0.0, 5.0))
+T_END, STEP = 5.0, 0.005
+MISPRINT = 20.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case: initial material angular velocity (rad/s) and peak of the triangular load (N m), as printed."""
+
+    title: str
+    angular_velocity: tuple[float, float, float]
+    printed_peak: tuple[float, float, float]
+
+    def load(self, printed: bool = False) -> Load:
+        """Return the load, corrected by the factor 1/20 or as `printed` (eq-loads_time_variation)."""
+        if not any(self.printed_peak):
+            return Load()
+        return (1.0 if printed else 1 / MISPRINT) * pulse(self.printed_peak, 0.0, 1.0, shape="triangle", frame="body")
+
+
+CASES = {
+    1: Case("response to nonzero initial conditions", (6.0, -18.0, 0.0), (0.0, 0.0, 0.0)),
+    2: Case("response to a vanishing load", (0.0, 0.0, 0.0), (-2472.5, -1075.0, 0.0)),
+    3: Case("response to nonzero initial conditions and a vanishing load", (1.5, 4.5, 0.0), (-1236.25, -537.5, 0.0)),
+}
+
+
+# The labels of the paper's equations, sections, figures and tables, and the numbers that LaTeX prints for them.
+
+
+LABEL = re.compile(r"(?<![\w-])(?:eq|tab|sec|subs|fig)[-_:][A-Za-z][\w:-]*\w")
+KINDS = {"eq": "", "sec": "Section ", "subs": "Section ", "fig": "Figure ", "tab": "Table "}
+
+
+@cache
+def printed_numbers() -> dict[str, str]:
+    """Return the printed number of each label, as ``"46"`` or ``"2.1"``, in the order of the paper."""
+    numbers: dict[str, str] = _data()["labels"]
+    return numbers
+
+
+@cache
+def theorems() -> tuple[str, ...]:
+    """Return the printed numbers of the theorems, which have no labels."""
+    return tuple(_data()["theorems"])
+
+
+def printed(label: str, row: str = "") -> str:
+    """Return how the paper prints a label: "(46)", or "(46b)" with a row; "Section 2.1", "Figure 3", "Table 4".
+
+    Raises
+    ------
+    KeyError
+        The paper has no such label.
+    """
+    number, kind = printed_numbers()[label], KINDS[re.split("[-_:]", label)[0]]
+    return f"{kind}{number}" if kind else f"({number}{row})"
+
+
+def _data() -> dict[str, dict[str, str]]:
+    data: dict[str, dict[str, str]] = json.loads(files(__package__).joinpath("labels.json").read_text(encoding="utf-8"))
+    return data
+
 
 QUOTIENT_TOLERANCE = 6e-5
 

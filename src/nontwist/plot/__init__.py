@@ -11,8 +11,8 @@ from .histories import directors, energy, momenta, multipliers, reaction_moment
 from .journals import new_axes, save, style
 from .paths import path
 from .polhodes import polhode
+from .timelines import twist_angle
 from .tubes import ribbon, tube
-from .twists import twist_angle
 
 __all__ = [
     "directors",

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.values import as_whole
-from .labels import variable
+from .looks import variable
 from .timelines import Curves, over_time
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .labels import Quotients, Runs
-    from .looks import Look
+    from .looks import Look, Quotients, Runs
 
 ROUND_OFF = float(np.finfo(float).eps)
 SECTIONS = 200

@@ -8,13 +8,13 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.values import among, shown
-from .labels import labelled, symbol, unit, variable
+from .looks import labelled, symbol, unit, variable
 from .timelines import over_time
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .labels import Runs
+    from .looks import Runs
 
 _VISIBLE = 0.2  # of an axis: changes of an energy that are seen at once
 _ROUND_OFF = 1e-12  # of the same: a body at rest

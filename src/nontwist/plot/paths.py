@@ -18,13 +18,12 @@ from ..geometry.values import among, as_whole, shown
 from ..loads.kinds import load_of
 from .globe import arrows, bare, curve, ends, extent, far, legend_of_ends, spaced, view
 from .journals import axes_for, style
-from .labels import labelled, variable
-from .looks import Look, cycle, given_look, looks
+from .looks import Look, cycle, given_look, labelled, looks, variable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .labels import Runs
+    from .looks import Runs
 
 MOST_TRIADS = 1000
 _MARGIN, _BELOW = 1.32, 1.08  # of the axes, in radii of the sphere

@@ -19,13 +19,12 @@ from ..geometry.arrays import Array
 from ..models.system import DirectorSystem
 from .globe import GUIDE, arrows, bare, curve, ends, extent, legend_of_ends, spaced, view
 from .journals import axes_for, column_width, style
-from .labels import labelled, variable
-from .looks import Look, given_look, looks
+from .looks import Look, given_look, labelled, looks, variable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .labels import Runs
+    from .looks import Runs
 
 _SAME, _EQUAL = 1e-9, 1e-6
 _LEGEND = 0.25  # in

@@ -12,9 +12,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..driver.events import as_events
+from ..driver.events import NamedEvent, as_events
 from ..driver.grid import MOST_STEPS, asked_times, count_steps, is_too_short, stored_count
-from ..driver.named_events import NamedEvent
 from ..driver.planning import Plan, candidates, known_body, require_possible
 from ..driver.prepared import Prepared
 from ..driver.starts import Starts, start_of_one

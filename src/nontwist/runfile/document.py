@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from ..driver import simulate
-from ..driver.forecast import Forecast
-from ..driver.forecast import forecast as forecast_of
 from ..driver.planning import known_body
-from ..driver.prepared import Prepared
+from ..driver.prepared import Forecast, Prepared
+from ..driver.prepared import forecast as forecast_of
 from ..driver.problem import Problem, problem_with
 from ..driver.runs import dataset_of
 from ..errors import RunFileError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import numpy as np
 from pydantic import Discriminator, Field, Tag, create_model
 
-from ..driver.named_events import NamedEvent, axis_crosses, spin_below
+from ..driver.events import NamedEvent, axis_crosses, spin_below
 from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import FIT

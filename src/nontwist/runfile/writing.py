@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..driver.named_events import NamedEvent
+from ..driver.events import NamedEvent
 from ..driver.problem import Problem, start_of
 from ..integrators import INTEGRATORS
 from ..io.whole import written

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..plot.journals import column_width, new_axes, style
-from ..plot.labels import symbol, unit
+from ..plot.looks import symbol, unit
 from .reading import open_sweep
 from .store import open_store
 

@@ -30,7 +30,7 @@ from ..integrators import Exact
 from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine
 from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
-from ..paper.cases import CASES
+from ..paper.tables import CASES
 from .checks import Check
 from .measures import error, slope
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed

@@ -16,8 +16,7 @@ from ..analysis.precision import second_quotient
 from ..driver import integrate, simulate
 from ..models.catalogue import D3
 from ..models.constraints import constraint_matrices
-from ..paper.cases import CASES, MISPRINT, STEP, T_END
-from ..paper.tables import QUOTIENT_TOLERANCE, invariants_table, quotient_table
+from ..paper.tables import CASES, MISPRINT, QUOTIENT_TOLERANCE, STEP, T_END, invariants_table, quotient_table
 from . import energy_momentum_reference as reference
 from .checks import Check
 from .measures import error, furthest

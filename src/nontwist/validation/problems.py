@@ -15,7 +15,7 @@ from ..loads import Load, body_moment, space_moment
 from ..models.bodies import BODIES, FULL, sample_bodies
 from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
-from ..paper.cases import INERTIA
+from ..paper.tables import INERTIA
 
 FINE, SHARP = Continuous(rtol=1e-13, atol=1e-14), Continuous(rtol=3e-14, atol=1e-15)  # DOP853
 Arguments = dict[str, Any]  # of `integrate`

@@ -30,16 +30,20 @@ from ..geometry.directors import triad_about
 from ..geometry.values import shown
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
-from .panels import momenta_of_rotors, packed, panels
-from .weights import Weight, box_of, weight_of
-from .words import (
+from .panels import (
     SLAB_IN_WORDS,
+    Weight,
     arrows_in_words,
     body_in_words,
     box_in_words,
+    box_of,
     integrator_in_words,
+    momenta_of_rotors,
     name_in_words,
+    packed,
+    panels,
     to_watch,
+    weight_of,
 )
 
 if TYPE_CHECKING:

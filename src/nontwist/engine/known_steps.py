@@ -57,10 +57,10 @@ class Steps(NamedTuple):
     normals: Doubles  # (steps + 1, 6)
     body: Doubles  # `Body`
     factor: Doubles  # of what follows
-    moved: Doubles  # (nodes, 3) moments along the frame
-    pushed: Doubles  # (nodes, 3) in space
-    wheels: Doubles  # (nodes, 6) momentum of rotors and its rate
-    spins: Doubles  # (steps,) changes of a spin
+    moving: Doubles  # (nodes, 3) moments along the frame
+    space: Doubles  # (nodes, 3) in space
+    rotor: Doubles  # (nodes, 6) momentum of rotors and its rate
+    spin: Doubles  # (nodes,) changes of a spin in the step
     times: Doubles  # of the nodes
     forces: int  # address of (nodes, 18) on the directors; 0: none
     generalised: int  # addresses of what makes moments of functions of the state, and their derivatives as well
@@ -262,7 +262,7 @@ class Known(Nodes):
 
     def spin(self, j: Any = 0) -> Any:
         """Return the change of the prescribed spin."""
-        return self.vary.along("spin", self._at.spin)
+        return self.vary.along("spin", self.known(j).spin)
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning, rows."""

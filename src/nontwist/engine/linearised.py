@@ -54,7 +54,6 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
         scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
-        x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0  # where only their derivatives are asked for
         for first in loop(0, b.steps, n):
             gather(parts, b, x, first)
             found, is_stalled = derivatives(text, body, x, scale, directions, calls)
@@ -71,30 +70,32 @@ def gather(parts: Parts, b: View, x: View, first: Any) -> None:
     """Fill the workspace with steps; lanes beyond the last repeat it."""
     for l in loop(parts.lanes):
         i, lane = smaller(first + l, b.steps - 1), x.lane(l)
-        p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
-        lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
-        lane.q = Quaternion(p[7], p[4], p[5], p[6])
-        lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
+        put_ends(b, lane, i)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
         sampled(parts, b, lane, i)
 
 
-def sampled(parts: Parts, b: View, lane: View, i: Any) -> None:
-    """Take over what acts on the step i."""
-    for name, array in (("moving", b.moved), ("space", b.pushed), ("spin", b.spins)):
+def put_ends(b: View, lane: View, i: Any) -> None:
+    """Take over the length of the step i, and attitude and W at its ends."""
+    p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
+    lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
+    lane.q = Quaternion(p[7], p[4], p[5], p[6])
+    lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
+
+
+def sampled(parts: Parts, b: View, lane: View, k: Any) -> None:
+    """Take over what acts at the node k of the load; 0 where only its derivatives are asked for."""
+    for name, size in (("moving", 3), ("space", 3), ("spin", 1)):
         if getattr(parts, name):
+            array = getattr(b, name)
+            setattr(lane, name, (0.0,) * size)
             for _ in when(array.address != 0):
-                setattr(lane, name, array[i] if name == "spin" else vector_at(array, 3 * i))
+                setattr(lane, name, tuple(array[size * k + c] for c in range(size)))
     if parts.rotor:
-        lane.rotor, lane.rate = vector_at(b.wheels, 6 * i), vector_at(b.wheels, 6 * i + 3)
-    if parts.calls:
-        called_at(b, lane, i)
-
-
-def called_at(b: View, lane: View, i: Any) -> None:
-    """Take over the time of a node, and where the forces of a table lie."""
-    lane.t, lane.forces = b.times[i], select(b.forces == 0, 0, b.forces + 8 * FORCES * i)
+        lane.rotor, lane.rate = vector_at(b.rotor, 6 * k), vector_at(b.rotor, 6 * k + 3)
+    if parts.calls:  # the time, and where the forces of a table lie
+        lane.t, lane.forces = b.times[k], select(b.forces == 0, 0, b.forces + 8 * FORCES * k)
 
 
 def derivatives(
@@ -182,7 +183,6 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
         scale, memory = b.factor[0] / body.unit, View(State, own.state)
-        x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):

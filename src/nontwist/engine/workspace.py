@@ -114,11 +114,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
 
 def reported(parts: Parts) -> list[str]:
     """Return the sums that are made of steps; the others stay 0."""
-    is_made = {
-        "lam": parts.is_director_scheme,
-        "mu": parts.is_constrained,
-        "dead": parts.dead or parts.generalised,
-    }
+    is_made = {"lam": parts.is_director_scheme, "mu": parts.is_constrained, "dead": parts.dead or parts.generalised}
     return [name for name in Sums._fields if is_made.get(name, True)]
 
 

@@ -13,20 +13,14 @@ from ..models.catalogue import D3
 from ..models.system import convected_inertia, euler_inertia, require_principal
 
 SPIN = 1e-9
-_IDENTITY = np.eye(3)
 Motion = tuple[Array, Array]
 
 
-def attitude(rotation: Any) -> Array:
-    """Return the initial attitude Λ, unchecked: the identity, a matrix, or that of an object with `as_matrix`."""
-    if rotation is None:
-        return _IDENTITY
-    return as_floats(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
-
-
 def checked_attitude(rotation: Any) -> Array:
-    """Return the initial attitude Λ (3, 3); ValueError where it is no rotation."""
-    R = as_array(attitude(rotation), "rotation", (3, 3))
+    """Return the initial attitude Λ (3, 3), of a matrix or an object with `as_matrix`; ValueError for no rotation."""
+    if rotation is None:
+        return np.eye(3)
+    R = as_array(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation", (3, 3))
     if not rotations.is_rotation(R):
         raise ValueError("rotation is not a rotation (orthonormal, right-handed)")
     return R

@@ -127,12 +127,7 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
 
 
 def closed_frame(
-    d3: ArrayLike,
-    d1: ArrayLike | None = None,
-    *,
-    order: int = 4,
-    turns: int = 0,
-    points: ArrayLike | None = None,
+    d3: ArrayLike, d1: ArrayLike | None = None, *, order: int = 4, turns: int = 0, points: ArrayLike | None = None
 ) -> tuple[Array, float | Array]:
     """Return frames of a closed path that close: the holonomy is removed by a uniform twist along the path.
 

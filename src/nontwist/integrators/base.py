@@ -22,16 +22,7 @@ if TYPE_CHECKING:
     from ..loads import Load
     from ..models.stack import SystemStack
 
-__all__ = [
-    "Failure",
-    "Integrator",
-    "March",
-    "Outcome",
-    "Problem",
-    "SimulationError",
-    "SimulationInterrupt",
-    "Status",
-]
+__all__ = ["Failure", "Integrator", "March", "Outcome", "Problem", "SimulationError", "SimulationInterrupt", "Status"]
 
 
 class SimulationError(RuntimeError):

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
 from ..exact.free_bodies import TOO_FAR
-from ..exact.free_constants import NOT_PRINCIPAL, OK
-from ..exact.free_kernels import PRINCIPAL, free_members, turns
+from ..exact.free_constants import OK
+from ..exact.free_kernels import free_members, turns
 from ..exact.gyrostats import gyrostat_motion
 from ..exact.loaded_body import (
     MOST,
@@ -41,7 +41,7 @@ from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
 from ..loads import Load
 from ..loads.base import with_moments as moments_of
-from ..models.stack import SystemStack
+from ..models.stack import SystemStack, is_principal
 from ..models.system import DirectorSystem
 from .base import Integrator
 from .costs import Cost
@@ -102,8 +102,7 @@ class Exact(Integrator):
         def block(first: int, last: int) -> None:
             status, member = free_members(*_bodies(systems), since, place, first, last, *out.states[:2])
             if status != OK:
-                reason = _no_solution(SUSLOV) if status == NOT_PRINCIPAL else TOO_FAR
-                raise ValueError(f"member {member}: {reason}" if m > 1 else reason)
+                raise ValueError(f"member {member}: {TOO_FAR}" if m > 1 else TOO_FAR)
 
         in_threads(block, (0, m), BLOCK, threads, progress(problem))
         if not problem.intervals:
@@ -120,21 +119,16 @@ class Exact(Integrator):
         return PreparedSolution(problem)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why there is no closed-form solution, as far as that is quick to decide.
-
-        Of a stack that is what its members share.
-        """
-        systems, load, n = problem.systems, with_moments(problem).load, problem.systems.axis
+        """Return why there is no closed-form solution, as far as that is quick to decide."""
+        systems, load = problem.systems, with_moments(problem).load
         if load.rotors and not _is_gyrostat(problem):
             return _no_solution(ROTORS)
         if systems.spin is not None:
             return _no_solution(SPIN)
         if systems.has_dead_force:
             return _no_solution(FORCES)
-        if n is not None and len(problem) == 1:
-            across = np.cross(n[0], systems[0].convected_inertia @ n[0])
-            if abs(across).max() > PRINCIPAL * np.trace(systems[0].euler_inertia):
-                return _no_solution(SUSLOV)
+        if systems.axis is not None and not (is_fine := is_principal(systems)).all():
+            return f"member {int(is_fine.argmin())}: " * (len(systems) > 1) + _no_solution(SUSLOV)
         if load.rotors:
             return None
         if load.depends_on_state:
@@ -166,9 +160,9 @@ def with_moments(problem: Problem) -> Problem:
     return problem if load == problem.load else replace(problem, load=load)
 
 
-def _bodies(systems: SystemStack) -> tuple[Array, Array]:
-    """Return inertias and constrained axes as `free_members` takes them."""
-    return systems.convected_inertia, np.zeros((0, 3)) if systems.axis is None else systems.axis
+def _bodies(systems: SystemStack) -> tuple[Array, int]:
+    """Return inertias, and whether there are constrained axes, as `free_members` takes them."""
+    return systems.convected_inertia, int(systems.axis is not None)
 
 
 class PreparedSolution:

@@ -30,7 +30,7 @@ from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch
 from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
-from .gauss_stages import VECTORS, Equations, Now, Sampled
+from .gauss_stages import VECTORS, Equations, Now, StageLoads
 
 FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
 LAST, APART, TINY = 2e-12, 1e-7, 1e-300
@@ -212,7 +212,7 @@ class Expansion:
         g = Matrix(*zip(*[iter(self.rows)] * 3, strict=True)) if self.rows else ()
         moving, space, rotor = self.loads()
         seen = None if space is None else space @ e.acting.R
-        now = e.now(Sampled(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
+        now = e.now(StageLoads(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
         W, v, w = now.W, p.vector, p[0]
         rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]
         rates += self.sum_rates(now, p, space)

@@ -93,18 +93,7 @@ from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, 
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, size_of
 from ..kernels.tracing import tracer
-from ..kernels.vectors import (
-    AXES,
-    Matrix,
-    Quaternion,
-    Vector,
-    attitude,
-    compensated,
-    cross,
-    first_moment,
-    sum_of,
-    taxicab,
-)
+from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, sum_of
 from ..loads import Load
 from ..models.stack import SystemStack
 from .compiled import ONCE, Compiled, Needs, velocity_of
@@ -123,6 +112,7 @@ from .gauss_stages import (
     Equations,
     Stage,
     Stages,
+    TurnEquations,
     iterated,
     rows_of,
 )
@@ -292,10 +282,7 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         memory.clear()
     is_eager = s > DITHERED and not e.has_rows
     unchecked = state.auxiliary[0] if is_eager else 0.0
-    level = LEVEL * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
-    for_newton, used = iterated(
-        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation, memory
-    )
+    for_newton, used = iterated(e, alive, TABLE.guess, unchecked, state.compensation)
     v = Variables(for_newton=for_newton, used=used, residual=zero)
     for _ in when(any_of(for_newton)):
         solve(acting, y, state, motion, for_newton, v)
@@ -368,15 +355,10 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
 
 
 def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:
-    """Find the rows of the turn at all stages from the velocities there: ``c_k' = c_k × W``, linear."""
+    """Find the rows of the turn at all stages from the velocities there."""
     h = acting.h
     y.put(TURN, [ZEROS] * 3)
-
-    def following(i: Any, stage: View, matrix: Any) -> list[Vector]:
-        b, W = h * y.coefficient(TABLE.weights, i), stage.W
-        return [b * cross(y.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
-
-    for_newton, _ = iterated(y, TURN, following, alive, LEVEL + 0.0 * acting.body.free)
+    for_newton, _ = iterated(TurnEquations(y, h, LEVEL + 0.0 * acting.body.free), alive)
     for _ in when(any_of(for_newton)):
         for l in lanes_where(for_newton, y.lanes):
             rows_by_elimination(y.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * y.lanes), h)

@@ -30,7 +30,8 @@ from typing import Any
 from ..engine.elimination import Scratch, eliminate_once
 from ..engine.known_steps import NODAL, Directions, Step, Steps, Wanted
 from ..engine.linear_functions import Calls
-from ..engine.linearised import called_at
+from ..engine.linearised import put_ends, sampled
+from ..engine.newton import ROUND_OFF
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
@@ -41,7 +42,7 @@ from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross,
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_known_stages import KnownStages, StageEquations
-from .gauss_stages import LEVEL, OVERFLOW, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Stage, Stages, iterated
+from .gauss_stages import OVERFLOW, TINY, VECTOR, VECTORS, ZEROS, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
 CORRECTIONS, CLOSE, SAME = 20, 1e-9, 1e-6
@@ -124,26 +125,12 @@ class Collocation:
 
     def gather(self, first: Any) -> None:
         """Fill the nodes with steps; lanes beyond the last repeat it."""
-        b, parts, s = self.b, self.parts, self.s
-        for l in loop(parts.lanes):
-            i, lane = smaller(first + l, b.steps - 1), self.node(0).lane(l)
-            p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
-            lane.h, lane.W, lane.ahead, lane.spin = b.sizes[i], vector_at(W), vector_at(W, 3), 0.0
-            lane.p, lane.q = Quaternion(p[3], p[0], p[1], p[2]), Quaternion(p[7], p[4], p[5], p[6])
-            if parts.spin:
-                for _ in when(b.spins.address != 0):
-                    lane.spin = b.spins[i]
+        b, s = self.b, self.s
+        for l in loop(self.parts.lanes):
+            i = smaller(first + l, b.steps - 1)
+            put_ends(b, self.node(0).lane(l), i)
             for j in loop(s):
-                node, k = self.node(j).lane(l), s * i + j
-                for name, array in (("moving", b.moved), ("space", b.pushed)):
-                    if getattr(parts, name):
-                        setattr(node, name, ZEROS)
-                        for _ in when(array.address != 0):
-                            setattr(node, name, vector_at(array, 3 * k))
-                if parts.rotor:
-                    node.rotor, node.rate = vector_at(b.wheels, 6 * k), vector_at(b.wheels, 6 * k + 3)
-                if parts.calls:
-                    called_at(b, node, k)
+                sampled(self.parts, b, self.node(j).lane(l), s * i + j)
 
     def equations(self, places: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
@@ -199,7 +186,7 @@ class Collocation:
 
     def solve(self) -> Any:
         """Find V and g of the stages, the rows, U and T; return the mask of steps that are not solved."""
-        at, body, stages = self.node(0), self.body, self.stages
+        at, body = self.node(0), self.body
         self.h, B = at.h, body.basis
         R, self.W = attitude(at.p) @ B, (at.W @ B, at.ahead @ B)
         e = self.equations({}, 0)
@@ -219,9 +206,7 @@ class Collocation:
             stage.dp = self.weight(j) * (ahead - P)
             for name, g in zip(e.names[1:], e.start, strict=True):
                 setattr(stage, name, (self.h * self.weight(j)) * cross(g, mean))
-        fastest = larger(larger(e.k[0], e.k[1]), e.k[2])
-        level, alive = LEVEL * (1.0 + self.h * taxicab(P) * fastest), self.h == self.h
-        for_newton, _ = iterated(stages, e.names, e.follow, alive, level, k=e.k, speed=taxicab(e.k * P))
+        for_newton, _ = iterated(e, self.h == self.h)
         for i, stage in self.each():
             P, g = e.placed(i)
             stage.V = e.turning(body.velocity_of(P), g)
@@ -302,9 +287,8 @@ class Collocation:
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
                 self.put("by_rows", 3 * i + k, by[1 + k])
-            if count:
-                for j in loop(s):
-                    self.put("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
+            for j in loop(s):
+                self.put("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
             self.put("T", i * s + i, by[0])
             r = Variables(r=plain(F) + self.sum(i) * self.V[0])
             for j in loop(s):
@@ -326,17 +310,11 @@ class Collocation:
         for i in loop(s):
             for j in loop(s):
                 alpha = self.inverse(i, j)
-                T = self.matrix("T", i * s + j) if self.names else self.own_slope(i, j)
+                T = self.matrix("T", i * s + j)
                 for r in range(3):
                     for c in range(3):
                         row, column = (3 * j + c, 3 * i + r) if is_transposed else (3 * i + r, 3 * j + c)
                         a[row * width + column] = (alpha if r == c else 0.0) - T[r][c]
-
-    def own_slope(self, i: Any, j: Any) -> Matrix:
-        """Return T where the torque at a stage depends on its own velocity alone."""
-        T: Matrix = self.matrix("T", i * self.s + i)
-        found: Matrix = select(i == j, T, 0.0 * T)
-        return found
 
     def correct(self, v: Variables) -> None:
         """Take a step of Newton's iteration for the steps that are open, and close those that are done."""
@@ -392,7 +370,7 @@ class Collocation:
         """Set Z, the change of V at the end by those of the stages."""
         for j in loop(self.s):
             v = Variables(Z=self.weight(j) * self.matrix("T", j * self.s + j))
-            for i in loop(self.s if self.names else 0):
+            for i in loop(self.s):
                 for _ in when(i != j):
                     v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
             self.put("Z", j, v.Z)

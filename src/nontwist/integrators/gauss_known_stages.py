@@ -50,14 +50,15 @@ class StageEquations(Equations):
 
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
         """Return P, the vectors g, and what the equations say at stages."""
-        P, g = self.placed(i, matrix)
-        if not self.parts.calls:
-            return P, g, self.now(stage, P, g)
-        self.acting.evaluate(i, self.k * P, g, False)
-        acting, at, parts = self.acting, self.acting.known(i), self.parts
-        load = acting.factor * (at.load @ acting.R) if parts.function else None
-        of_potentials = acting.factor * (at.of_potentials @ acting.basis) if parts.generalised else None
-        return P, g, self.now(stage, P, g, load, of_potentials)
+        (P, g), acting, parts = self.placed(i, matrix), self.acting, self.parts
+        loads = self.kept(stage)
+        if parts.calls:
+            acting.evaluate(i, self.k * P, g, False)
+            at = acting.known(i)
+            load = acting.factor * (at.load @ acting.R) if parts.function else None
+            of_potentials = acting.factor * (at.of_potentials @ acting.basis) if parts.generalised else None
+            loads = loads._replace(called=load, of_potentials=of_potentials)
+        return P, g, self.now(loads, P, g)
 
     def orbital(self, g: Any) -> Vector:
         """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""
@@ -67,8 +68,9 @@ class StageEquations(Equations):
         """Return V' at a stage, of numbers of any kind; C: the axes of b at the beginning as seen there."""
         acting, W = self.acting, V if self.orbit is None else V + self.orbital(g)
         body = acting.body
-        functions = acting.functions(i).torque(g, W) if self.parts.calls else ()
-        x, y, z = self.now(self.sampled(i), body.momentum_of(W), g, *functions).rate
+        load, of_potentials = acting.functions(i).torque(g, W) if self.parts.calls else (None, None)
+        loads = self.sampled(i)._replace(called=load, of_potentials=of_potentials)
+        x, y, z = self.now(loads, body.momentum_of(W), g).rate
         if acting.force is not None:
             more = ZEROS
             for f, c in zip(Matrix(*map(acting.seen, acting.force)).T, C, strict=True):

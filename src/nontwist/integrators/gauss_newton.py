@@ -26,6 +26,7 @@ from contextlib import nullcontext
 from typing import Any
 
 from ..engine.elimination import Scratch, eliminate_once
+from ..engine.newton import EPS, ROUND_OFF
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
 from ..engine.state_moments import DIFFERENCE
@@ -37,20 +38,7 @@ from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import (
-    EPS,
-    OVERFLOW,
-    ROUND_OFF,
-    TINY,
-    TURN,
-    VECTOR,
-    ZEROS,
-    Equations,
-    Stage,
-    Stages,
-    pulled_back,
-    rows_of,
-)
+from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, pulled_back, rows_of
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -189,10 +177,10 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called, held, remembered = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None,) * 3
+            loads = e.kept(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, held, remembered, pulled_back_duals).rate
+                rate = e.now(loads, P, [turned(c) for c in g], pulled_back_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
@@ -242,8 +230,8 @@ class Residuals:
         change = DIFFERENCE * taxicab(W)
         return select(change > 0.0, change, DIFFERENCE)
 
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Any, Any, Any]:
-        """Return what functions say, with their derivatives as differences; one call stands in the code."""
+    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
+        """Return what functions give, with their derivatives as differences; one call stands in the code."""
         e, W, found, width, k = self.equations, stage.W, self.found, 9 + self.k, self.k
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
         change = self.change(W)
@@ -252,7 +240,7 @@ class Residuals:
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
             with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
-                given = [x or ZEROS for x in e.called(i, rows, w)]
+                given = [x or ZEROS for x in e.called(i, rows, w)[3:]]
             for j, x in enumerate(y for vector in given for y in vector):
                 found[width * q + j] = x
             for c in loop(k) if k else ():
@@ -266,16 +254,13 @@ class Residuals:
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
-        stage.called = Vector(found[0], found[1], found[2])
-        called = Vector(*(dual(j, True) for j in range(3)))
-        of_potentials, remembered = None, None
-        if e.parts.generalised:
-            stage.of_potentials = Vector(found[3], found[4], found[5])
-            of_potentials = Vector(*(dual(j + 3, False) for j in range(3)))
-        if e.memory:
-            stage.remembered = Vector(found[6], found[7], found[8])
-            remembered = Vector(*(dual(j + 6, True) for j in range(3)))
-        return called, of_potentials, remembered
+        kinds = ("called", True, True), ("of_potentials", e.parts.generalised, False), ("remembered", e.memory, True)
+        loads = dict[str, Vector]()
+        for k, (name, is_there, by_velocity) in enumerate(kinds):
+            if is_there:
+                loads[name] = Vector(*(dual(3 * k + j, by_velocity) for j in range(3)))
+                setattr(stage, name, plain(loads[name]))
+        return loads
 
     def turn(self, i: Any, q: Any) -> Vector:
         """Return the turn at a stage by a momentum."""
@@ -363,7 +348,7 @@ def newton(
         stages.put(VECTOR, AXES)
     if e.memory:
         e.memory.clear()
-    level = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
+    level = FAR + e.stiffness
     for _ in whilst(lambda: v.goes):
         r.place()
         v.goes = False

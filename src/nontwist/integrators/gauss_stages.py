@@ -26,9 +26,10 @@ have left over. Needles are left alone, as what is added would be their spin.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+from ..engine.newton import EPS
 from ..engine.sampling import Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, sqrt, without
@@ -36,14 +37,12 @@ from ..kernels.memory import View
 from ..kernels.vectors import AXES, Matrix, Vector, cross, sum_of, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 
-EPS = 2.0**-52
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
 EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P again: increments grow as they like
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 CHECKED = 4.0  # last iterations that are looked at
 DITHERED, QUICK, DITHER = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
-ROUND_OFF = 16.0 * EPS
 INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
 
@@ -177,12 +176,21 @@ class Now(NamedTuple):
     torque: Vector
 
 
-class Sampled(NamedTuple):
-    """Moments along the frame and in space, momentum of the rotors; None where there are none."""
+class StageLoads(NamedTuple):
+    """What acts at a stage, named as in `Stage`; None where there is nothing of it."""
 
-    moving: Any
-    space: Any
-    rotor: Any
+    moving: Any = None  # less the rate of the rotors
+    space: Any = None
+    rotor: Any = None
+    called: Any = None
+    of_potentials: Any = None
+    remembered: Any = None
+
+    def put(self, stage: View) -> None:
+        """Keep it in memory."""
+        for name, x in self._asdict().items():
+            if x is not None:
+                setattr(stage, name, x)
 
 
 class Equations:
@@ -207,19 +215,34 @@ class Equations:
         """Take what acts at the nodes of the step to its stages."""
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
-            for name, x in self.sampled(j)._asdict().items():
-                if x is not None:
-                    setattr(stage, name, x)
+            self.sampled(j).put(stage)
             if self.parts.spin:
                 J3 = self.acting.body.spin * (1.0 / self.k[2])
                 stage.axial = (self.acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
 
-    def sampled(self, j: Any) -> Sampled:
+    @property
+    def stiffness(self) -> Any:
+        """H times the size of P and the largest 1/J_i."""
+        return self.acting.h * taxicab(self.P) * larger(larger(self.k[0], self.k[1]), self.k[2])
+
+    @property
+    def level(self) -> Any:
+        """The round-off of the equations, in units of that of the velocity."""
+        return LEVEL * (1.0 + self.stiffness)
+
+    def sampled(self, j: Any) -> StageLoads:
         """Return what acts at a node of the step."""
         acting, parts = self.acting, self.parts
         rotor, rate = acting.rotor(j) if parts.rotor else (None, None)
         moving = sum_of(acting.moving(j) if parts.moving else None, None if rate is None else -rate)
-        return Sampled(moving, acting.space(j) if parts.space else None, rotor)
+        return StageLoads(moving, acting.space(j) if parts.space else None, rotor)
+
+    def kept(self, stage: View) -> StageLoads:
+        """Return what acts at stages as it is kept in memory."""
+        parts = self.parts
+        is_there = parts.moving or parts.rotor, parts.space, parts.rotor, parts.calls, parts.generalised, parts.memory
+        names = zip(StageLoads._fields, is_there, strict=True)
+        return StageLoads(*(getattr(stage, name) if is_one else None for name, is_one in names))
 
     def placed(self, i: Any, matrix: Any = TABLE.mu) -> tuple[Vector, Any]:
         """Return P and the vectors g at stages."""
@@ -229,76 +252,49 @@ class Equations:
         )
         return P, Matrix(*g) if g else ()
 
-    def now(
-        self,
-        stage: Any,
-        P: Vector,
-        g: Any,
-        called: Any = None,
-        of_potentials: Any = None,
-        remembered: Any = None,
-        inverse: Any = pulled_back,
-    ) -> Now:
-        """Return what the equations say at P and g; on dual numbers as well.
-
-        `called`, `of_potentials` and `remembered` are what functions say there, `inverse` gives C⁻¹ f.
-        """
+    def now(self, loads: StageLoads, P: Vector, g: Any, inverse: Any = pulled_back) -> Now:
+        """Return what the equations say at P and g; on dual numbers as well. `inverse` gives C⁻¹ f."""
         body, parts = self.acting.body, self.parts
         W, whole = body.velocity_of(P), P
         if parts.is_constrained and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
-        own = sum_of(
-            stage.moving if parts.moving or parts.rotor else None,
-            -(body.damping @ W) if parts.damping else None,
-            cross(stage.rotor, W) if parts.rotor else None,
-            remembered,
-        )
+        drag = -(body.damping @ W) if parts.damping else None
+        own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.remembered)
         still = None
         for force, v in reversed(list(zip(self.forces, g, strict=False))):
             still = sum_of(cross(force, v), still)
-        push = sum_of(stage.space if parts.space else None, called)
+        push = sum_of(loads.space, loads.called)
         push = None if push is None else inverse(g, push)
-        torque = sum_of(cross(whole, W), own, sum_of(still, of_potentials), push)
+        torque = sum_of(cross(whole, W), own, sum_of(still, loads.of_potentials), push)
         third = body.free * torque[2] if parts.is_constrained else torque[2]
         return Now(W, Vector(torque[0], torque[1], third), own, push, still, torque)
 
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Now]:
         """Return P, the vectors g, and what the equations say at stages."""
         P, g = self.placed(i, matrix)
-        if not self.parts.calls:
-            return P, g, self.now(stage, P, g)
-        stage.P, v = P, Variables(is_fine=True)
-        stage.g0, stage.g1, stage.g2 = g
-        fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
-        for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
-            one = self.stages.one(j)
-            rows = rows_of(one)
-            one.called, of_potentials, remembered = self.called(j, rows, self.k * one.P)
-            if of_potentials is not None:
-                one.of_potentials = of_potentials
-            if remembered is not None:
-                one.remembered = remembered
-            if fine is not None:
-                v.is_fine = taxicab(one.called) <= OVERFLOW
-        of_potentials = stage.of_potentials if self.parts.generalised else None
-        remembered = stage.remembered if self.parts.memory else None
-        return P, g, self.now(stage, P, g, stage.called, of_potentials, remembered)
+        if self.parts.calls:
+            stage.P, v = P, Variables(is_fine=True)
+            stage.g0, stage.g1, stage.g2 = g
+            fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
+            for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
+                one = self.stages.one(j)
+                self.called(j, rows_of(one), self.k * one.P).put(one)
+                if fine is not None:
+                    v.is_fine = taxicab(one.called) <= OVERFLOW
+        return P, g, self.now(self.kept(stage), P, g)
 
-    def called(self, j: Any, rows: Matrix, W: Vector) -> tuple[Vector, Any, Any]:
-        """Return what functions give at a stage.
-
-        That is the moment, as seen at the beginning, the torque of potentials, and the moment along the frame of loads
-        with memory; None where there are none.
-        """
+    def called(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
+        """Return what functions of the state give at a stage."""
         acting, functions, w = self.acting, self.acting.functions(j), rows @ W
         if self.orbit is not None:  # the frame of the rows is that of the beginning of the step
             length = acting.h / acting.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
         functions.evaluate(acting.R @ rows, w, 0.0 * w)
-        remembered = self.remembered(j, functions.t, rows, W) if self.memory else None
+        found = StageLoads(remembered=self.remembered(j, functions.t, rows, W) if self.memory else None)
         if not self.parts.generalised:
-            return functions.found("total") @ acting.R, None, remembered
-        return functions.found("load") @ acting.R, functions.found("of_potentials") @ acting.body.basis, remembered
+            return found._replace(called=functions.found("total") @ acting.R)
+        torque = functions.found("of_potentials") @ acting.body.basis
+        return found._replace(called=functions.found("load") @ acting.R, of_potentials=torque)
 
     def remembered(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
         """Return the moment along the frame of loads with memory; add the one in space to what was found."""
@@ -363,18 +359,22 @@ class Equations:
         return v.least
 
 
+class TurnEquations:
+    """The equations of the axes ``c_k' = c_k × W`` at the stages, whose velocities are known: linear."""
+
+    names, k, memory = TURN, None, None
+
+    def __init__(self, stages: Stages, h: Any, level: Any) -> None:
+        self.stages, self.h, self.level = stages, h, level
+
+    def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:
+        """Return the increments that follow from those there are."""
+        b, W = self.h * self.stages.coefficient(TABLE.weights, i), stage.W
+        return [b * cross(self.stages.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
+
+
 def iterated(
-    stages: Stages,
-    names: Sequence[str],
-    following: Callable[[Any, View, Any], list[Vector]],
-    alive: Any,
-    level: Any,
-    matrix: Any = TABLE.mu,
-    k: Any = None,
-    speed: Any = None,
-    unchecked: Any = 0.0,
-    compensation: Any = None,
-    memory: Any = None,
+    equations: Any, alive: Any, matrix: Any = TABLE.mu, unchecked: Any = 0.0, compensation: Any = None
 ) -> tuple[Any, Any]:
     """Iterate increments; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
@@ -383,24 +383,18 @@ def iterated(
 
     Parameters
     ----------
-    names : sequence of str
-        The increments.
-    following : function
-        Of a stage and the coefficients: the increments that follow.
+    equations : Equations or TurnEquations
+        The first increments are those of P where they have k, 1/J_i.
     alive : mask
-    level : number
-        Round-off of the equations, in units of that of the velocity.
     matrix : int
         Coefficients of the first iteration.
-    k, speed
-        1/J_i, the speed: where the first increments are those of P.
     unchecked : number
         How many iterations are not looked at.
     compensation : Vector
         What P was rounded by, where increments of few stages are changed by it.
-    memory : Memory
-        Of loads with memory, whose increments are iterated with the others.
     """
+    stages, names, k, level = equations.stages, equations.names, equations.k, equations.level
+    memory, speed = equations.memory, None if k is None else taxicab(k * equations.P)
     zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
     v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
@@ -411,7 +405,7 @@ def iterated(
         if memory:
             memory.place(v.matrix)
         for i, stage in stages.each():
-            new = following(i, stage, v.matrix)
+            new = equations.follow(i, stage, v.matrix)
             d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
             for name, x in zip(names, new, strict=True):
                 setattr(stage, name if stages.are_together else ahead(name), x)

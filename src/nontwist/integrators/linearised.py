@@ -18,6 +18,7 @@ from ..engine.chained import CHAIN, LANES
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, NODAL, STEPS, Step
+from ..engine.layout import address_of, put
 from ..engine.linear_functions import places_of_directions
 from ..engine.linearised import carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
@@ -28,7 +29,7 @@ from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of
 from ..loads import Load
-from ..loads.base import forces_sampled, is_called
+from ..loads.base import is_called
 from ..loads.forces import ForceTable
 from ..loads.potentials import Potential
 from ..loads.terms import Term
@@ -37,9 +38,8 @@ from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .load_samples import as_marched, has_table, orbit_of, parts_of
+from .load_samples import WIDTHS, as_marched, orbit_of, parts_of, sampled
 from .problem import Problem
-from .rotors import at_nodes
 from .wheels import as_gyrostat
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
@@ -142,26 +142,16 @@ class Linearised:
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
-        numbers = {
-            "stages": s,
-            "width": self.width,
-            # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
-            "stride": (self.part // LANES | 1) * LANES,
-            "body": self._fixed.ctypes.data,
-            "factor": self._factor.ctypes.data,
-            "table": 0 if table is None else table.ctypes.data,
-            "orbit": 0 if about is None else about.ctypes.data,
-        }
-        for name, number in numbers.items():
-            block[getattr(STEPS, name)] = number
+        # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
+        put(block, STEPS, stages=s, width=self.width, stride=(self.part // LANES | 1) * LANES)
+        put(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
             self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
             self._seeds = seeds
-            for name in ("generalised", "action", "terms"):
-                block[getattr(STEPS, name)] = getattr(varied, name)
-            block[STEPS.sloped], block[STEPS.seeds] = sloped.address, seeds.ctypes.data
+            put(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
+            put(block, STEPS, sloped=sloped.address, seeds=seeds)
 
     @cached_property
     def entering(self) -> tuple[Array, Array]:
@@ -195,24 +185,11 @@ class Linearised:
 
     def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
-        load = self.load
-        kinds, moved, wheels = {term.kind for term in load.terms}, None, None
-        if "body" in kinds:
-            moved = load.sample(nodes.times, "body")
-        pushed = load.sample(nodes.times, "space") if "space" in kinds else None
-        if load.rotors:
-            wheels = at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
-        forces = forces_sampled(load, nodes.times) if has_table(load) else None
-        found = {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": self._spun(nodes)}
-        return found | {"times": nodes.times if self.is_called else None, "forces": forces}
-
-    def _spun(self, nodes: Nodes) -> Array | None:
-        """Return by how much a spin changes in some steps; None: it is constant."""
-        spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
-        if spin is None or spin.is_constant:
-            return None
-        assert factor is not None
-        found: Array = factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
+        systems, ends = self.problem.systems, (nodes.begin, nodes.end, nodes.sizes)
+        arrays = sampled(systems, self.load, 1.0, lambda: nodes.times, lambda: ends, nodes.middles)
+        found = dict(zip(WIDTHS, arrays, strict=True)) | {"sizes": nodes.sizes}
+        if (spin := found["spin"]) is not None and systems.spin_factor is not None:
+            found["spin"] = systems.spin_factor[0] * spin
         return found
 
     @property
@@ -324,14 +301,11 @@ class Acting(NamedTuple):
 
     def put(self, block: NDArray[np.int64], states: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps."""
-        arrays = dict[str, Array | None]()
+        put(block, STEPS, **self.arrays, steps=self.last - self.first, failed=0)
         if states is not None:
-            arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
             speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.arrays["sizes"])).min())
-            block[STEPS.speed] = np.float64(speed).view(np.int64)
-        for name, array in (self.arrays | arrays).items():
-            block[getattr(STEPS, name)] = 0 if array is None else array.__array_interface__["data"][0]
-        block[STEPS.steps], block[STEPS.failed] = self.last - self.first, 0
+            ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
+            put(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
 
 
 class Workspace:
@@ -340,8 +314,7 @@ class Workspace:
     def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
         self.block, stride = block.copy(), int(block[STEPS.stride])
         self.matrices, self._scratch = aligned(entries * stride, empty=True), aligned(scratch, empty=True)
-        self.block[STEPS.out] = self.matrices.ctypes.data
-        self.block[STEPS.workspace] = self._scratch.ctypes.data
+        put(self.block, STEPS, out=self.matrices, workspace=self._scratch)
         self.address = self.block.ctypes.data
 
 
@@ -363,15 +336,8 @@ class Chain:
     def __init__(
         self, steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool
     ) -> None:
-        fixed: list[Entries] = []
-        own: list[Entries] = []
-        for entry in entries:
-            entry = entry.turned(steps.turns.get(entry.name)).without_zeros()
-            if len(entry.value):
-                (fixed if entry.step is None else own).append(entry)
-        columns = _joined([entry.component + steps.offsets[entry.name] for entry in fixed], np.int64)
-        parameters = _joined([entry.parameter for entry in fixed], np.int64)
-        values = _joined([entry.value for entry in fixed], np.float64)
+        every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
+        columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
         block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
         self.first, self.block, self._arrays = first, block, dict[str, Any]()
         if back:
@@ -383,26 +349,15 @@ class Chain:
             np.add.at(changes, (rows, parameters), values)
             self._arrays |= {"acting": acting, "changes": changes}
             block[CHAIN.inputs] = len(acting)
-        if own:
-            step = _joined([entry.step for entry in own], np.int64) - first
-            own_columns = [entry.component + steps.offsets[entry.name] for entry in own]
-            own_parameters = _joined([entry.parameter for entry in own], np.int64)
-            order = np.argsort(step, kind="stable") if back else np.lexsort((own_parameters, step))
-            self._arrays["begins"] = np.searchsorted(step[order], np.arange(last - first + 1))
-            self._arrays["own_columns"] = _joined(own_columns, np.int64)[order]
-            self._arrays["own_parameters"] = own_parameters[order]
-            self._arrays["own_values"] = _joined([entry.value for entry in own], np.float64)[order]
-        for name, array in self._arrays.items():
-            block[getattr(CHAIN, name)] = array.__array_interface__["data"][0]
-        numbers = {
-            "steps": last - first,
-            "rows": steps.rows,
-            "width": steps.width,
-            "stride": steps._block[STEPS.stride],
-            "padded": padded,
-        }
-        for name, number in numbers.items():
-            block[getattr(CHAIN, name)] = number
+        if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
+            step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
+            columns, parameters, values = _joined(steps, own)
+            order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
+            begins = np.searchsorted(step[order], np.arange(last - first + 1))
+            self._arrays |= {"begins": begins, "own_columns": columns[order]}
+            self._arrays |= {"own_parameters": parameters[order], "own_values": values[order]}
+        put(block, CHAIN, **self._arrays, steps=last - first, padded=padded)
+        put(block, CHAIN, rows=steps.rows, width=steps.width, stride=steps._block[STEPS.stride])
 
     def part(self, first: int, last: int) -> Link:
         """Return what goes through some of these steps."""
@@ -421,11 +376,13 @@ class Link(NamedTuple):
 
     def put(self, **arrays: NDArray[Any]) -> int:
         """Write the addresses of arrays to the block, and return its own."""
-        for name, array in arrays.items():
-            self.block[getattr(CHAIN, name)] = array.__array_interface__["data"][0]
-        found: int = self.block.__array_interface__["data"][0]
-        return found
+        put(self.block, CHAIN, **arrays)
+        return address_of(self.block)
 
 
-def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:
-    return np.concatenate([np.asarray(array, dtype=kind) for array in arrays]) if arrays else np.zeros(0, dtype=kind)
+def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return columns of inputs, parameters and values of entries."""
+    none: Any = np.zeros(0, dtype=np.int64)
+    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in entries)])
+    parameters = np.concatenate([none, *(one.parameter for one in entries)])
+    return columns, parameters, np.concatenate([np.zeros(0), *(one.value for one in entries)])

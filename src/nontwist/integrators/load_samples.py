@@ -33,12 +33,7 @@ NOTHING: Samples = (None,) * len(WIDTHS)
 
 
 def sampled(
-    systems: SystemStack,
-    load: Load,
-    unit: float,
-    times: Callable[[], Array],
-    steps: Callable[[], Ends],
-    middles: Array,
+    systems: SystemStack, load: Load, unit: float, times: Callable[[], Array], steps: Callable[[], Ends], middles: Array
 ) -> Samples:
     """Return what acts at nodes: times, moments along the frame and in space, forces, rotors, spin; None: none.
 

@@ -166,12 +166,7 @@ class SystemStack:
             return body
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
-            self.euler_inertia[member],
-            axis,
-            self.dead_force[member],
-            self.name,
-            self.spin_of(member),
-            self.physical,
+            self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member), self.physical
         )
 
     @property

@@ -20,8 +20,9 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import plain, tangent
 from ..kernels.elements import any_of, logical_not, select, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, put, vector_at
+from ..kernels.memory import Doubles, View, doubles, put, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from .chained import Chain
 from .known_steps import Directions, Known, Step, Steps, Wanted, symmetric, tilted
 from .linear_functions import Calls
 from .marching import UNIT, Text
@@ -150,11 +151,7 @@ class Carried(NamedTuple):
     padded: int
     changes: Doubles  # of the state and of the inputs, (width, padded)
     given: Doubles  # the same, where those of inputs are what all steps have
-    begins: Wholes  # (steps + 1,) where the changes begin that each step has beside; 0: there are none
-    columns: Wholes
-    parameters: Wholes
-    values: Doubles
-    kept: Wholes  # (steps,) 1: the changes of the state at the end of the step are kept
+    chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
     found: Doubles  # (kept, 6, padded)
     first: Doubles  # quaternion at the start of the run
     turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
@@ -182,13 +179,13 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
         own = View(Carried, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
-        scale, memory = b.factor[0] / body.unit, View(State, own.state)
+        scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
             sampled(parts, b, x, i)
-            add_own(own, i, 1.0)
+            add_own(own, chain, i, True)
             now, solved, at = v.state, Solved(), x.read()
             R, W = attitude(now.p), text.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
@@ -206,8 +203,8 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1
             v.state = found.state
-            add_own(own, i, 0.0)
-            for _ in when(own.kept[i] != 0):
+            add_own(own, chain, i, False)
+            for _ in when(chain.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
                 begin = Quaternion(*(own.first[k] for k in range(4)))
@@ -219,13 +216,10 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
     return Kernel(kernel, "i8")
 
 
-def add_own(own: View, i: Any, factor: float) -> None:
-    """Add the changes that the step i has beside those of all steps, times a factor, to the given ones."""
-    for _ in when(own.begins.address != 0):
-        for e in loop(own.begins[i], own.begins[i + 1]):
-            place = own.columns[e] * own.padded + own.parameters[e]
-            own.changes[place] = own.given[place]
-        if factor:
-            for e in loop(own.begins[i], own.begins[i + 1]):
-                place = own.columns[e] * own.padded + own.parameters[e]
-                own.changes[place] = own.changes[place] + own.values[e]
+def add_own(own: View, chain: View, i: Any, adds: bool) -> None:
+    """Set the changes that the step i has beside those of all steps to the given ones, and add its own, or not."""
+    for _ in when(chain.begins.address != 0):
+        for is_added in (False, True)[: 1 + adds]:
+            for e in loop(chain.begins[i], chain.begins[i + 1]):
+                place = chain.own_columns[e] * own.padded + chain.own_parameters[e]
+                own.changes[place] = own.changes[place] + chain.own_values[e] if is_added else own.given[place]

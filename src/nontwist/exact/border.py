@@ -52,9 +52,9 @@ def without_spin(W: Array, axis: Array) -> Array:
     return W - spin * axis
 
 
-def planar_inertia(inertia: ArrayLike, physical: bool) -> Array:
-    """Return J (3, 3) of a non-twisting body, D3 principal to the last bit (eq-irho-decomp)."""
+def planar(inertia: ArrayLike, velocity: ArrayLike, physical: bool) -> tuple[Array, Array]:
+    """Return J (3, 3) and W of a non-twisting body, D3 principal to the last bit (eq-irho-decomp)."""
     J = checked_inertia(inertia, physical, D3)
     require_principal(J, D3)
     J[:2, 2] = J[2, :2] = 0.0
-    return J
+    return J, without_spin(checked_velocity(velocity), D3)

@@ -52,15 +52,7 @@ from numpy.typing import ArrayLike
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_floats
 from ..models.catalogue import D3
-from .border import (
-    Motion,
-    checked_attitude,
-    checked_inertia,
-    checked_times,
-    checked_velocity,
-    planar_inertia,
-    without_spin,
-)
+from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, planar
 from .free_constants import FARTHEST, OK
 from .free_kernels import free_top
 
@@ -215,10 +207,11 @@ def _solved(
     is_constrained: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any, physical: bool
 ) -> Motion:
     """Return the motion, of the inertia as it is given."""
-    (planar_inertia if is_constrained else checked_inertia)(inertia, physical)
-    J, W = as_floats(inertia, "inertia"), checked_velocity(velocity)
-    W = without_spin(W, D3) if is_constrained else W
-    t, R = checked_times(times), checked_attitude(rotation)
+    if is_constrained:
+        _, W = planar(inertia, velocity, physical)
+    else:
+        _, W = checked_inertia(inertia, physical), checked_velocity(velocity)
+    J, t, R = as_floats(inertia, "inertia"), checked_times(times), checked_attitude(rotation)
     Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
     if free_top(np.diag(J) if J.ndim == 1 else J, W, R, t, int(is_constrained), Lam, velocities) != OK:
         raise ValueError(TOO_FAR)

@@ -6,20 +6,18 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..engine.generalised import MOMENT
+from ..engine.marching import Text
+from ..engine.records import Body, Parts
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from ..kernels.vectors import Vector
+from ..loads import Load
 from .base import Integrator, Outcome, Prepared, Problem
-
-if TYPE_CHECKING:
-    from ..engine.marching import Text
-    from ..engine.records import Body, Parts
-    from ..geometry.attitudes import States
-    from ..kernels.vectors import Vector
-    from ..loads import Load
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 

@@ -7,20 +7,18 @@ steps.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..engine.bodies import bases_of, frames
 from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
+from ..loads import Load
 from ..loads.base import forces_sampled
 from ..loads.terms import Function
-
-if TYPE_CHECKING:
-    from ..loads import Load
-    from ..models.stack import SystemStack
-    from .problem import Problem
+from ..models.stack import SystemStack
+from .problem import Problem
 
 ONE = np.ones(1)
 GONE = 7.0  # -log of what is left of a mode that has decayed

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 from math import inf
-from threading import local
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
 from .listing import Outputs
 from .marching import intervals_in, states_in
+from .members import PerThread
 from .prepared_march import PreparedMarch
 from .problem import Problem
 from .stack_march import StackMarch
@@ -149,8 +149,9 @@ class PreparedDense:
     """A march of one body whose start is left open, with outputs between its nodes."""
 
     def __init__(self, dense: Dense) -> None:
-        self._dense, self._threads, self._march = dense, local(), PreparedMarch(dense.march)
+        self._dense, self._march = dense, PreparedMarch(dense.march)
         self._unit, self._spans = float(dense.march.bodies[0, BODY.unit]), spans(dense.shapes)
+        self._threads = PerThread(self._workspace)
 
     @cached_property
     def _substeps(self) -> PreparedMarch:
@@ -161,10 +162,7 @@ class PreparedDense:
         found, squares, fastest = self._march(p, W, scale)
         if not squares < inf:
             return found, squares, fastest
-        try:
-            nodes, factor, memory, between = self._threads.own
-        except AttributeError:
-            nodes, factor, memory, between = self._threads.own = self._workspace()
+        nodes, factor, memory, between = self._threads.own
         nodes[:], factor[0] = found, scale / self._unit
         if not between.find():
             found, squares, fastest = self._substeps(p, W, scale)

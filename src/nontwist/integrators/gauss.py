@@ -93,29 +93,14 @@ from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, 
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, size_of
 from ..kernels.tracing import tracer
-from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, sum_of
+from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, sum_of
 from ..loads import Load
 from ..models.stack import SystemStack
 from .compiled import ONCE, Compiled, Needs, velocity_of
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import (
-    CHECKED,
-    DITHERED,
-    LEVEL,
-    OVERFLOW,
-    TINY,
-    TURN,
-    VECTOR,
-    ZEROS,
-    Equations,
-    Stage,
-    Stages,
-    TurnEquations,
-    iterated,
-    rows_of,
-)
+from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, iterated, rows_of
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -276,12 +261,9 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
     memory = Memory(acting, y) if parts.memory else None
     e, k, zero = Equations(motion, acting, y, P, memory), body.k, 0.0 * P[0]
     e.sample()
-    if e.has_rows:
-        y.put(e.names[1:], [ZEROS] * 3)
     if memory:
         memory.clear()
-    is_eager = s > DITHERED and not e.has_rows
-    unchecked = state.auxiliary[0] if is_eager else 0.0
+    unchecked = state.auxiliary[0] if e.is_eager else 0.0
     for_newton, used = iterated(e, alive, TABLE.guess, unchecked, state.compensation)
     v = Variables(for_newton=for_newton, used=used, residual=zero)
     for _ in when(any_of(for_newton)):
@@ -292,8 +274,8 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
     if e.has_rows:
         less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
     elif motion == "moved":
-        rows_of_turn(y, acting, alive)
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in TURN)))
+        turned = rows_of_turn(y, acting, alive)
+        less, w = quaternion_of(Matrix(*(y.total(name) for name in turned.names)))
     elif motion == "heavy":
         less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:
@@ -306,7 +288,7 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         q = Quaternion(cos(half), *(sin(half) * o))
         p, c = q @ p, q @ c
     far = (arc > 0.5 * PI * (s + 1.0)) | (least > -SMALLEST)
-    auxiliary = (larger(select(for_newton, 0.0, used - CHECKED), zero) if is_eager else zero,)
+    auxiliary = (larger(select(for_newton, 0.0, used - CHECKED), zero) if e.is_eager else zero,)
     gap = select(arc <= OVERFLOW, gap, arc)
     W = k * P
     how_far = select(arc <= OVERFLOW, arc, h * sqrt(W @ W))
@@ -354,17 +336,15 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
     return found
 
 
-def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:
+def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> TurnEquations:
     """Find the rows of the turn at all stages from the velocities there."""
-    h = acting.h
-    y.put(TURN, [ZEROS] * 3)
-    for_newton, _ = iterated(TurnEquations(y, h, LEVEL + 0.0 * acting.body.free), alive)
+    e, h = TurnEquations(acting, y), acting.h
+    for_newton, _ = iterated(e, alive)
     for _ in when(any_of(for_newton)):
         for l in lanes_where(for_newton, y.lanes):
             rows_by_elimination(y.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * y.lanes), h)
-    for i, stage in y.each():
-        for name, turn, axis in zip(VECTOR, TURN, AXES, strict=True):
-            setattr(stage, name, y.collocated(turn, axis, i))
+    e.end()
+    return e
 
 
 def observe_stages(acting: Nodes, y: Stages) -> None:

@@ -212,7 +212,9 @@ class Equations:
             self.start, self.forces = (acting.seen(body.vertical),), (body.dead @ body.vertical,)
 
     def sample(self) -> None:
-        """Take what acts at the nodes of the step to its stages."""
+        """Take what acts at the nodes of the step to its stages; rows begin with increments of zero."""
+        if self.has_rows:
+            self.stages.put(self.names[1:], [ZEROS] * 3)
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
             self.sampled(j).put(stage)
@@ -229,6 +231,11 @@ class Equations:
     def level(self) -> Any:
         """The round-off of the equations, in units of that of the velocity."""
         return LEVEL * (1.0 + self.stiffness)
+
+    @property
+    def is_eager(self) -> bool:
+        """Whether the first iterations of a step are not looked at."""
+        return self.stages.number > DITHERED and not self.has_rows
 
     def sampled(self, j: Any) -> StageLoads:
         """Return what acts at a node of the step."""
@@ -364,13 +371,20 @@ class TurnEquations:
 
     names, k, memory = TURN, None, None
 
-    def __init__(self, stages: Stages, h: Any, level: Any) -> None:
-        self.stages, self.h, self.level = stages, h, level
+    def __init__(self, acting: Nodes, stages: Stages) -> None:
+        self.stages, self.h, self.level = stages, acting.h, LEVEL + 0.0 * acting.body.free
+        stages.put(TURN, [ZEROS] * 3)
 
     def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:
         """Return the increments that follow from those there are."""
         b, W = self.h * self.stages.coefficient(TABLE.weights, i), stage.W
         return [b * cross(self.stages.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
+
+    def end(self) -> None:
+        """Keep the axes that belong to the increments."""
+        for i, stage in self.stages.each():
+            for name, turn, axis in zip(VECTOR, TURN, AXES, strict=True):
+                setattr(stage, name, self.stages.collocated(turn, axis, i))
 
 
 def iterated(

@@ -116,15 +116,9 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
 def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, which: Rows) -> Rows:
     """Return calls that take so many steps from `first` on, each of one of the `sizes`."""
     rows = np.zeros((len(first), CALL.size), dtype=np.int64)
-    columns = {
-        "first": first,
-        "steps": steps,
-        "done": done,
-        "unloaded_from": first + steps,
-        "loaded_from": first + steps,
-    }
-    for name, column in (columns | {"step": sizes.ctypes.data + sizes.strides[0] * which}).items():
-        rows[:, getattr(CALL, name)] = column
+    rows[:, CALL.first], rows[:, CALL.steps], rows[:, CALL.done] = first, steps, done
+    rows[:, CALL.unloaded_from] = rows[:, CALL.loaded_from] = first + steps
+    rows[:, CALL.step] = sizes.ctypes.data + sizes.strides[0] * which
     return rows
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,13 @@ from ..geometry.attitudes import States, states_of, without_jumps
 from .problem import Intervals, March, Outcome, Problem, Status
 
 BLOCK = 16
+
+
+class PerThread(local):
+    """What each thread makes for itself when it first asks: `own`."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self.own = make()
 
 
 def in_threads(

@@ -7,7 +7,6 @@ point there. A call writes the start into it, calls compiled code once (`engine.
 from __future__ import annotations
 
 from struct import Struct
-from threading import local
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .listing import listed
 from .marching import intervals_in, states_in
+from .members import PerThread
 from .stack_march import StackMarch
 
 READ = "quaternions", "velocities", "normals", "intervals", "states"
@@ -33,9 +33,10 @@ class PreparedMarch:
         self._march, (parts,), steps = march, march.groups, march.stack.steps
         march.sample(parts, 0, steps)
         self._todo = listed(march, parts, 1, 0, steps)
-        self._unit, self._threads, self._run = float(march.bodies[0, BODY.unit]), local(), run_prepared.function
+        self._unit, self._run = float(march.bodies[0, BODY.unit]), run_prepared.function
         self._factors = march.factors[0]
         self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}
+        self._threads = PerThread(self._workspace)
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """March from the quaternion `p`, scalar last, and W.
@@ -43,10 +44,7 @@ class PreparedMarch:
         Return the numbers found, for `read`, the sum of their squares, infinite where the run has failed, and the
         largest |W|² of the stored states.
         """
-        try:
-            memory, given, address, _ = self._threads.own
-        except AttributeError:
-            memory, given, address, _ = self._threads.own = self._workspace()
+        memory, given, address, _ = self._threads.own
         START.pack_into(given, 0, *p, *W, scale / self._unit)
         self._run(address)
         return memory.copy(), *FOUND.unpack_from(given, 8 * GIVEN.squares)

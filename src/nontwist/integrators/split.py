@@ -72,19 +72,7 @@ from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, logical_not, real, select, smaller, without
 from ..kernels.memory import View, scratch
-from ..kernels.vectors import (
-    AXES,
-    Matrix,
-    Quaternion,
-    Vector,
-    attitude,
-    compensated,
-    cross,
-    first_moment,
-    inverse_of,
-    sum_of,
-    taxicab,
-)
+from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of, taxicab
 from ..models.stack import is_principal, transverse_momentum
 from .base import Problem
 from .coasting import Coasting
@@ -274,7 +262,7 @@ class StepSums:
         self.sums = Variables(mu=zero, work=zero, moment=none, dead=none)
         self.before = acting.x.observed.work if acting.parts.observes else None
 
-    def see(self, p: Quaternion, W: Vector, weight: Any) -> None:
+    def see(self, p: Any, W: Vector, weight: Any) -> None:
         """Take a state into the integrals over time of what is observed."""
         x = self.acting.x
         if self.acting.parts.observes:
@@ -415,7 +403,7 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
         torque, load = moments(there, W + y)
         return f * torque, (torque, load, acting.R)
 
-    e0, e1, e2 = (axis + zero for axis in AXES)
+    e0, e1, e2 = (Vector(*(float(i == j) for j in range(3))) + zero for i in range(3))
     guess = h * (k * Vector(start.auxiliary[0], start.auxiliary[1], zero[0])) if parts.is_constrained else zero
     v = Variables(y=guess, inverse=Matrix(e0, e1, e2), columns=(e0, e1, e2), residual=taxicab(W), size=1e300 + zero[0])
     v.moments, v.count, v.open, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False

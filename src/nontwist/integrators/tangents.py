@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from threading import local
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import chained
-from ..engine.chained import CHAIN, LANES
+from ..engine.chained import LANES
 from ..engine.known_steps import STEPS
 from ..engine.linearised import Carried
 from ..engine.records import STATE, State
@@ -21,6 +20,7 @@ from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linear_inputs import Entries, Nodes, Sampled
 from .linearised import LONGEST, Linearised, Link
+from .members import PerThread
 
 Kept = NDArray[np.int64]
 
@@ -77,7 +77,7 @@ class PreparedTangents:
 
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
         self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
-        self._count, self._threads = count, local()
+        self._count, self._threads = count, PerThread(lambda: (None,) * 6)
         self._run, self._kernel = chained.forward(steps.rows).function, steps._kernel.function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
@@ -86,10 +86,7 @@ class PreparedTangents:
         `states` are those at all nodes, in memory that belongs to this thread; `factor` that of the load. None where a
         step is not solved again.
         """
-        try:
-            known, x, found, scale, calls, _ = self._threads.own
-        except AttributeError:
-            known = None
+        known, x, found, scale, calls, _ = self._threads.own
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
         scale[0], x[:, : self._count] = factor, self._steps.turned(start)
@@ -136,7 +133,7 @@ class CarriedTangents:
     def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
         self._turned, self._carried = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
-        self._steps, self._kept, self._threads, side = steps, kept, local(), machine_code.lanes()
+        self._steps, self._kept, side = steps, kept, machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._carried)
 
         def carried(nodes: Nodes) -> Iterator[Entries]:
@@ -148,6 +145,7 @@ class CarriedTangents:
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.carried(tuple(sorted(inputs))).function
         self._start, self._entering = self._parted(start), steps.entering
+        self._threads = PerThread(self._workspace)
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
         """Return the changes of the first state as they are returned, carried along, and turned."""
@@ -159,10 +157,7 @@ class CarriedTangents:
 
         They are (1 + kept, 6, count), at the start and at the kept steps; None stands for the start that is known.
         """
-        try:
-            x, state, found, turns, scale, calls, _ = self._threads.own
-        except AttributeError:
-            x, state, found, turns, scale, calls, _ = self._threads.own = self._workspace()
+        x, state, found, turns, scale, calls, _ = self._threads.own
         first, seen, turned = self._start if start is None else self._parted(start)
         scale[0], state[:], (of_p, of_W) = factor, 0.0, self._entering
         state[STATE.p : STATE.s] = state[-4:] = of_p @ p
@@ -196,11 +191,8 @@ class CarriedTangents:
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(Carried)
             head.steps, head.state, head.changes, head.given = block, state, x, given
-            head.padded, head.kept, head.found = self._padded, part, found[done:]
+            head.padded, head.found, head.chain = self._padded, found[done:], link.put(kept=part)
             head.first, head.turns = state[-4:], turns[done:]
-            head.begins, head.values = (int(link.block[place]) for place in (CHAIN.begins, CHAIN.own_values))
-            head.columns = int(link.block[CHAIN.own_columns])
-            head.parameters = int(link.block[CHAIN.own_parameters])
             calls.append((block, head.address))
             alive.append((head, link, part))
             done += int(part.sum())

@@ -36,10 +36,10 @@ from .fitting import Fit as Fit
 from .fitting import fit_inertia as fit_inertia
 from .geometry import rotations as rotations
 from .geometry import sphere as sphere
+from .geometry.curves import frame_along as frame_along
+from .geometry.curves import frame_of_curve as frame_of_curve
 from .geometry.frames import closed_frame as closed_frame
-from .geometry.frames import frame_along as frame_along
 from .geometry.frames import frame_error_estimate as frame_error_estimate
-from .geometry.frames import frame_of_curve as frame_of_curve
 from .geometry.frames import holonomy as holonomy
 from .geometry.frames import nontwisting_frame as nontwisting_frame
 from .geometry.frames import solid_angle as solid_angle

@@ -16,7 +16,7 @@ from ..kernels.elements import remade
 from ..kernels.memory import Doubles
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .marching import Text
-from .records import FORCES, Body, Parts, State, places
+from .records import FORCES, Body, State, places
 from .sampling import Nodes
 
 if TYPE_CHECKING:
@@ -170,17 +170,9 @@ class Known(Nodes):
     """
 
     def __init__(
-        self,
-        parts: Parts,
-        body: Body,
-        at: Any,
-        scale: Any,
-        directions: Directions,
-        R: Matrix | None = None,
-        calls: Calls | None = None,
-        now: State | None = None,
+        self, calls: Calls, body: Body, at: Any, scale: Any, directions: Directions, R: Any = None, now: Any = None
     ) -> None:
-        self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
+        self.parts, self.memory, self.node, self._at, self._scale = calls.parts, None, 0, at, scale
         self.calls, self.factor, self.vary, self.now = calls, directions.along("factor", scale), directions, now
         self.basis, d = body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
@@ -210,7 +202,7 @@ class Known(Nodes):
         found.products, found.is_free = products, not self.parts.is_constrained
         return found
 
-    def start(self, text: Text, W: Vector, N: Any) -> State:
+    def start(self, text: Text, W: Vector, N: Any) -> Any:
         """Return the state at the beginning, of the velocity W and N."""
         at, now = self._at, self.now
         if now is None:
@@ -270,7 +262,6 @@ class Known(Nodes):
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        assert self.calls is not None
         return self.calls.linear(self, j)
 
     def later(self, j: Any = 0) -> Any:

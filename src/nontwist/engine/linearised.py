@@ -108,10 +108,10 @@ def derivatives(
     if parts.calls:
         call_at_middle(calls, at)
     with solving(solved):
-        here = Known(parts, body, at, scale, Directions({}, 0), calls=calls)
+        here = Known(calls, body, at, scale, Directions({}, 0))
         is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
         solved.begin()
-        return changes_of(text, Known(parts, body, at, scale, directions, calls=calls), W, N), is_stalled
+        return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
 
 
 def call_at_middle(calls: Calls, at: View) -> None:
@@ -178,6 +178,7 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
     def kernel(address: Any) -> None:
         own = View(Carried, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
+        calls = Calls(parts, b, dict(wanted))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         state = memory.read()
@@ -190,14 +191,14 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
             R, W = attitude(now.p), text.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             with solving(solved):
-                found = text.step(Known(parts, body, at, scale, none, R), now, at.h == at.h)
+                found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
                 solved.begin()
                 values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
-                changes_of(text, Known(parts, body, at, scale, values, R, now=now), W, N)
+                changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
                 for first in loop(0, count, side):
                     own_changes = changes.shifted(first)
                     directions = Loaded(places, own_changes, count, used)
-                    known = Known(parts, body, at, scale, directions, R, now=now)
+                    known = Known(calls, body, at, scale, directions, R, now)
                     for r, y in enumerate(changes_of(text, known, W, N)):
                         own_changes.store(r * count, tangent(y, 0), side)
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):

@@ -145,9 +145,8 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
     """March the bodies in the workspace."""
     acting = Nodes(parts, b, x, memory)
     state, stored, lengths, begin, h = x.state.read(), b.stored, b.lengths, b.first, b.step[0]
-    v = Variables(
-        state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=b.done, alive=x.failure.status == OK
-    )
+    state = state._replace(auxiliary=state.auxiliary[: text.auxiliary])
+    v = Variables(state=state, done=b.done, alive=x.failure.status == OK)
 
     def show(now: State) -> None:
         x.state.write(now._replace(auxiliary=(*now.auxiliary, *x.state.auxiliary[text.auxiliary :])))

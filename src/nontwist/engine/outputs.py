@@ -242,9 +242,8 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
             for _ in when(op == EXCURSION):
                 copy(own.state, own.after, size)
                 for _ in when(s > 0):
-                    fitted(
-                        own.base.shifted(after_state), own.state.shifted(after_state), within, s, v.is_known, own.fits
-                    )
+                    before, after = own.base.shifted(after_state), own.state.shifted(after_state)
+                    fitted(before, after, within, s, v.is_known, own.fits)
             if parts.reports:
                 take_sums(b, x.lane(l), own, first + l, op, reals[0])
             v.are_alive = v.are_alive | (b.failures[size_of(Failure) * b.order[first + l]] == OK)

@@ -11,7 +11,7 @@ from ..kernels.control import loop
 from ..kernels.elements import real, select, smaller, without
 from ..kernels.memory import View, doubles, fields, put, size_of
 from ..kernels.parts import part
-from ..kernels.vectors import Quaternion, Symmetric, compensated
+from ..kernels.vectors import Symmetric, compensated
 from .records import NODAL, Body, Failure, Observed, Parts, State, Sums, Work
 
 NAN = float("nan")
@@ -88,8 +88,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
         row, body = i * b.kept + k, lane.body
         B, unit = body.basis, body.unit
         f = select(lane.failure.status == OK, 1.0 + 0.0 * unit, NAN)
-        w, *u = body.frame
-        s, *v = lane.state.p @ Quaternion(w, *(-y for y in u))
+        s, *v = lane.state.p @ body.frame.inverse
         q = b.quaternions.shifted(row * 4)
         p, before = (*v, s), q.shifted(-4)
         nearer = before[0] * p[0] + before[1] * p[1] + before[2] * p[2] + before[3] * p[3]

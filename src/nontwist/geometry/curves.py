@@ -102,7 +102,7 @@ def frame_along(
     knots = np.append(grid[:, 0], t[-1])
     chain = np.concatenate([u[:, 0], last])[None]
     roll = np.append(0.0, angle)[None]
-    frames = transported(chain, (), d1, roll, np.ones(roll.shape, dtype=np.int64), roll.size)
+    frames = transported(chain, (), d1, (roll, np.ones(roll.shape, dtype=np.int64)), roll.size)
     chosen: Array = frames[0, np.searchsorted(knots, t)]
     return chosen
 

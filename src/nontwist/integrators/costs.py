@@ -189,10 +189,8 @@ def _of_slender(
     drag = abs(scale) * np.linalg.norm(damped, axis=1) * across
     coupled = (large - middle) * energy / (2 * np.sqrt(large * middle))
     slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
-    gained = (
-        np.minimum(span, thin / slowed) * (coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag)
-        + abs(scale) * impulse
-    )
+    driven = coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag
+    gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
     found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
     return found
 

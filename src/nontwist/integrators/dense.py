@@ -201,9 +201,8 @@ def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: flo
         return np.zeros((0, degree)), degree
     y = np.stack(values, axis=1).reshape(len(begin), degree, len(values), 3)
     first = y[:, :1]  # a large number would be lost in the coefficients of its changes
-    both = np.stack(
-        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y - first) for z in (x, 1 - x)], 1
-    )
+    inverses = [np.linalg.inv(np.vander(z, increasing=True)) for z in (x, 1 - x)]
+    both = np.stack([np.einsum("nj,sjvc->svcn", inverse, y - first) for inverse in inverses], 1)
     both[..., 0] += first
     if parts.rotor:
         slope = np.zeros_like(both[:, :, -1:])

@@ -89,14 +89,8 @@ def vectors_of(parts: Parts) -> int:
 
 def summed(parts: Parts) -> list[str]:
     """Return what is summed, and is not 0."""
-    has_moment = parts.moving or parts.space or parts.rotor or parts.damping
-    is_made = {
-        "mu": parts.is_constrained,
-        "moment": has_moment,
-        "dead": parts.is_constrained and parts.dead,
-        "work": has_moment,
-        "twist": True,
-    }
+    has_moment, is_held = parts.moving or parts.space or parts.rotor or parts.damping, parts.is_constrained
+    is_made = {"mu": is_held, "moment": has_moment, "dead": is_held and parts.dead, "work": has_moment, "twist": True}
     return [name for name, is_there in is_made.items() if is_there and parts.reports]
 
 
@@ -318,8 +312,7 @@ def at_middle(series: list[Any], k: Any) -> Any:
 def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: Any, sign: Any) -> None:
     """Write the outputs inside of a step of a member."""
     lanes, sums, body, count = lanes_of_text(), sums_of(parts), body_of(run, i), len(series[0])
-    (w, *u), out = body.frame, scratch(count * lanes)
-    signs = [sign if 3 <= c < STATE else 1.0 for c in range(count)]
+    out, signs = scratch(count * lanes), [sign if 3 <= c < STATE else 1.0 for c in range(count)]
     begin, end = run.outputs[step], run.outputs[step + 1]
     for number in loop(begin, end, lanes):
         t = run.parts.load(number, lanes)
@@ -332,7 +325,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         weight = t * t * t * t * (35.0 - t * (84.0 - t * (70.0 - t * 20.0)))
         x = [a + weight * (f * b - a) for a, b, f in zip(v.a, v.b, signs, strict=True)]
         p = Quaternion(*x[3:STATE])
-        q = (1.0 / sqrt(sum_of(*(y * y for y in p)))) * p @ Quaternion(w, *(-y for y in u))
+        q = (1.0 / sqrt(sum_of(*(y * y for y in p)))) * p @ body.frame.inverse
         W = run.rate[0] * (body.basis @ body.velocity_of(Vector(*x[:3])))
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
@@ -354,11 +347,8 @@ def join(parts: Parts, run: View, i: Any) -> None:
         total[c] = 0.0
     for number in loop(run.good[i]):
         row, inside, at = run.rows[number], run.inside[number], i * run.kept + number
-        q, W, sums = (
-            run.quaternions.shifted(4 * at),
-            run.velocities.shifted(3 * at),
-            run.sums.shifted((at - i - 1) * SUMS.size),
-        )
+        q, W = run.quaternions.shifted(4 * at), run.velocities.shifted(3 * at)
+        sums = run.sums.shifted((at - i - 1) * SUMS.size)
         for _ in when(inside == 0):
             for target, source, n in ((q, run.p, 4), (W, run.W, 3)):
                 for c in range(n):

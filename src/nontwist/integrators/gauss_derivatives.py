@@ -134,8 +134,7 @@ class Collocation:
 
     def equations(self, places: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
-        how = self.body, self.node, self.scale, Directions(places, count), self.b, self.calls
-        known = KnownStages(self.parts, *how)
+        known = KnownStages(self.calls, self.body, self.node, self.scale, Directions(places, count))
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
@@ -387,10 +386,8 @@ class Collocation:
         eliminate_once(a, m, width)
         for j in loop(self.s):
             for o in range(6):
-                put(
-                    self.scratches["gain"].shifted(18 * j + 3 * o),
-                    tuple(a[(3 * j + c) * width + m + o] for c in range(3)),
-                )
+                row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
+                put(self.scratches["gain"], row, 18 * j + 3 * o)
 
     def emit(self, first: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""

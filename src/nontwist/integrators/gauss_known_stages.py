@@ -6,7 +6,7 @@ from typing import Any
 
 from ..engine.known_steps import Directions, Known
 from ..engine.linear_functions import Calls
-from ..engine.records import Body, Parts
+from ..engine.records import Body
 from ..kernels.memory import View, vector_at
 from ..kernels.vectors import Matrix, Vector, cross
 from .gauss_coefficients import TABLE
@@ -16,11 +16,9 @@ from .gauss_stages import ZEROS, Equations
 class KnownStages(Known):
     """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
 
-    def __init__(
-        self, parts: Parts, body: Body, nodes: Any, scale: Any, directions: Directions, steps: View, calls: Calls
-    ) -> None:
-        super().__init__(parts, body, nodes(0), scale, directions, calls=calls)
-        self._nodes, self._steps = nodes, steps
+    def __init__(self, calls: Calls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
+        super().__init__(calls, body, nodes(0), scale, directions)
+        self._nodes, self._steps = nodes, calls.block
         self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.places else None
 
     @property
@@ -39,7 +37,6 @@ class KnownStages(Known):
     def evaluate(self, i: Any, W: Vector, g: Any, is_sloped: bool) -> None:
         """Evaluate the functions of the state at a stage."""
         rows = self.R @ g
-        assert self.calls is not None
         self.calls.evaluate(self.known(i), self.basis @ rows.T, rows @ W, ZEROS, is_sloped)
 
 

@@ -253,10 +253,8 @@ class Equations:
 
     def placed(self, i: Any, matrix: Any = TABLE.mu) -> tuple[Vector, Any]:
         """Return P and the vectors g at stages."""
-        P, *g = (
-            self.stages.collocated(name, base, i, matrix)
-            for name, base in zip(self.names, (self.P, *self.start), strict=True)
-        )
+        bases = zip(self.names, (self.P, *self.start), strict=True)
+        P, *g = (self.stages.collocated(name, base, i, matrix) for name, base in bases)
         return P, Matrix(*g) if g else ()
 
     def now(self, loads: StageLoads, P: Vector, g: Any, inverse: Any = pulled_back) -> Now:

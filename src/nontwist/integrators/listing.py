@@ -104,10 +104,8 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
     done = np.searchsorted(march.stored, begin, side="right") - 1
     rows = _rows(march, begin, end - begin, done, march.sizes, stretch)
     rows[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
-    rows[free, CALL.unloaded_from], rows[free, CALL.loaded_from] = (
-        coasting.begin[within[free]],
-        coasting.end[within[free]],
-    )
+    rows[free, CALL.unloaded_from] = coasting.begin[within[free]]
+    rows[free, CALL.loaded_from] = coasting.end[within[free]]
     if march.loads is not NOTHING:
         rows[:, CALL.times : CALL.op] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows

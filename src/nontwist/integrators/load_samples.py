@@ -120,9 +120,8 @@ def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack,
     m = len(dead)
     axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))
     E = np.broadcast_to(systems.euler_inertia, (m, 3, 3))
-    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), Load(
-        tuple(term for term in load.terms if term not in linear)
-    )
+    rest = Load(tuple(term for term in load.terms if term not in linear))
+    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
 
 
 def orbit_of(systems: SystemStack, load: Load, unit: float) -> Array | None:

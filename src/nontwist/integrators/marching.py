@@ -94,12 +94,8 @@ def states_in(arrays: dict[str, Array], first: int) -> States:
     """Return the stored states in the arrays of a march, or in those of one member, from number `first` on."""
     p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
     z = arrays.get("internals", NONE)
-    return States(
-        p[..., first:, :],
-        W[..., first:, :],
-        N[..., first:, :] if N.size else None,
-        internal=z[..., first:, :] if z.size else None,
-    )
+    normal, internal = (array[..., first:, :] if array.size else None for array in (N, z))
+    return States(p[..., first:, :], W[..., first:, :], normal, internal=internal)
 
 
 def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Intervals:
@@ -126,8 +122,7 @@ def _observed(todo: StackMarch) -> Array:
     units = np.repeat(moment, QUANTITIES, axis=1)
     units[:, 3:9] *= T
     units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
-    found = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * np.stack(
-        [units, units, units, units * T], axis=1
-    )
+    found = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES)
+    found = found * np.stack([units, units, units, units * T], axis=1)
     found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
     return found

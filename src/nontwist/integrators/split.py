@@ -146,9 +146,8 @@ class Split(Compiled):
     def turns_exactly(self, problem: Problem) -> bool:
         """Whether a step is an exponential: without load, and with a constrained axis under body-fixed moments."""
         is_constrained = problem.systems.axis is not None and not problem.systems.has_dead_force
-        return super().turns_exactly(problem) or (
-            is_constrained and all(term.kind == "body" for term in problem.load.terms)
-        )
+        is_along_frame = all(term.kind == "body" for term in problem.load.terms)
+        return super().turns_exactly(problem) or (is_constrained and is_along_frame)
 
     def lag(self, theta: float) -> float:
         """Return the error of a step for the turn `theta` of a steady rotation, rad."""
@@ -347,10 +346,8 @@ def composed(acting: Nodes, state: State) -> Step:
         for _ in when(without(i < count, v.far) & (v.gap <= UNIT)):
             acting.begin(first + i, v.state.p)
             kick(acting, length, part, v, given)
-    residual = select(v.stalled, v.residual, v.gap)
-    return given.completed(
-        Step(v.state, v.stalled, v.far, v.gap, v.used, residual, abs(h) * taxicab(body.k * v.state.s))
-    )
+    residual, turn = select(v.stalled, v.residual, v.gap), abs(h) * taxicab(body.k * v.state.s)
+    return given.completed(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, turn))
 
 
 def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> None:

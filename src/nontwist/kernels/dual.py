@@ -78,10 +78,8 @@ class Dual(Derived):
     def selected(self, mask: Any, a: Any, b: Any) -> Dual:
         """Return a where the mask is set, else b."""
         a, b = self.lifted(a), self.lifted(b)
-        tangents = [
-            x if _is_zero(x) and _is_zero(y) else select(mask, x, y)
-            for x, y in zip(a.tangents, b.tangents, strict=True)
-        ]
+        pairs = zip(a.tangents, b.tangents, strict=True)
+        tangents = [x if _is_zero(x) and _is_zero(y) else select(mask, x, y) for x, y in pairs]
         return Dual(select(mask, a.value, b.value), tangents)
 
 

@@ -74,8 +74,7 @@ class Called:
 
     def _address(self, function: Any) -> int:
         """Return the address of a function."""
-        held: int = self._held(function).address
-        return held
+        return self._held(function).address
 
     def _held(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""

@@ -115,14 +115,12 @@ class Varied(Body):
 
     def momentum_of(self, W: Vector) -> Vector:
         """Return the momentum of a velocity."""
-        found: Vector = varied(super().momentum_of(W), self._crossed(W))
-        return found
+        return varied(super().momentum_of(W), self._crossed(W))
 
     def velocity_of(self, P: Vector) -> Vector:
         """Return the velocity of a momentum."""
         W = super().velocity_of(P)
-        found: Vector = varied(W, -plain(self.k) * self._crossed(W))
-        return found
+        return varied(W, -plain(self.k) * self._crossed(W))
 
     def _crossed(self, W: Vector) -> Vector:
         (J23, J13, J12), third = self.products, self.is_free
@@ -232,8 +230,7 @@ class Known(Nodes):
 
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
-        found: Vector = x @ self.basis
-        return found
+        return x @ self.basis
 
     def tilted(self, x: Vector) -> Vector:
         """Return a vector of the body as the frame has it that is turned."""
@@ -286,7 +283,7 @@ def varied(x: Number, change: Any) -> Number:
         found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
     elif isinstance(change, Dual):
         found = change.chain(plain(x), (1.0, 1.0), (x, change))
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:

@@ -202,8 +202,7 @@ def loaded_momentum(
     """
     J, W = planar(inertia, material_angular_velocity, physical)
     pieces, place = _pieces(load, times, t_start)
-    Pi: Array = momenta(J @ W, pieces)[0][place(pieces)]
-    return Pi
+    return momenta(J @ W, pieces)[0][place(pieces)]
 
 
 def loaded_nontwisting(

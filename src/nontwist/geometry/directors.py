@@ -25,8 +25,7 @@ def vectors(value: ArrayLike, name: str) -> Array:
 def in_range(points: Array) -> Array:
     """Return points (m, n, 3), those of each member over a power of two, so that squares of distances are floats."""
     exponent = np.frexp(np.abs(points).max(axis=(1, 2), keepdims=True))[1]
-    scaled: Array = np.ldexp(points, -exponent)
-    return scaled
+    return np.ldexp(points, -exponent)
 
 
 def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
@@ -89,8 +88,7 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
         raise ValueError(f"d1{member} must not be zero or parallel to the first director")
     start /= size
     start -= np.sum(start * first, axis=1, keepdims=True) * first
-    result: Array = start / np.linalg.norm(start, axis=1, keepdims=True)
-    return result
+    return start / np.linalg.norm(start, axis=1, keepdims=True)
 
 
 def triad_about(n: Array) -> Array:

@@ -359,8 +359,7 @@ def estimates(u: Array, order: int) -> Array:
     found = np.empty(u.shape[:2])
     error_angles(u, order, np.empty(SIZE), found)
     # What is known of the error up to a later sample holds for those before.
-    least: Array = np.minimum.accumulate(found[:, ::-1], axis=1)[:, ::-1]
-    return least
+    return np.minimum.accumulate(found[:, ::-1], axis=1)[:, ::-1]
 
 
 def rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.int64]]:

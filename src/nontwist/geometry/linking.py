@@ -237,8 +237,7 @@ def _twists(v: Array, edges: Array, tangents: Array, closed: bool) -> Array:
     ends, to = (np.roll(tangents, -1, axis=0), np.roll(v, -1, axis=0)) if closed else (tangents[1:], v[1:])
     begins = tangents if closed else tangents[:-1]
     w = _carried(_carried(v if closed else v[:-1], begins, edges), edges, ends)
-    found: Array = np.arctan2(dot(to, np.cross(ends, w)), dot(to, w)) / (2 * np.pi)
-    return found
+    return np.arctan2(dot(to, np.cross(ends, w)), dot(to, w)) / (2 * np.pi)
 
 
 def _carried(v: Array, a: Array, b: Array) -> Array:

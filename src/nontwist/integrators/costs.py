@@ -93,8 +93,7 @@ def slowest_damping(systems: SystemStack, load: Load, scale: Array = ONE) -> Arr
     (basis, moments), turning = _axes(systems), _turning(systems)
     basis, root = basis[:, :, turning], np.sqrt(moments[:, turning])
     C = basis.mT @ ((load.damping + load.damping.T) / 2) @ basis / (root[:, :, None] * root[:, None, :])
-    least: Array = np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
-    return least
+    return np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
 
 
 def largest_velocity(
@@ -191,8 +190,7 @@ def _of_slender(
     slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
     driven = coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag
     gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
-    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
-    return found
+    return np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
@@ -231,15 +229,13 @@ def _turning(systems: SystemStack) -> slice:
 
 def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
     """Return the largest moments of gravity and potentials, N m, that is half the range of their energies, J."""
-    pull: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
-    return pull
+    return np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
 
 
 def _pulls(systems: SystemStack, basis: Array) -> Array:
     """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
     across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
-    pulls: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
-    return pulls
+    return (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:

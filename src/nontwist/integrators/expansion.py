@@ -127,8 +127,7 @@ def body_of(run: View, i: Any) -> Body:
 def turned(p: Quaternion, x: Vector) -> Vector:
     """Return Λ x."""
     t = cross(p.vector, x) * 2.0
-    found: Vector = x + t * p[0] + cross(p.vector, t)
-    return found
+    return x + t * p[0] + cross(p.vector, t)
 
 
 class Rooms:

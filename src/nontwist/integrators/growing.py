@@ -92,8 +92,7 @@ class Growth:
             block.steps, block.lengths = acting.last - acting.first, lengths[done:]
             run(block.address)
             done += -(-(acting.last - acting.first) // TOGETHER)
-        sums: Array = np.cumsum(np.log(lengths), axis=0)
-        return sums
+        return np.cumsum(np.log(lengths), axis=0)
 
 
 def turn_normals(matrices: Array, B: Array) -> None:

@@ -98,8 +98,7 @@ def parts_of(
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return where the samples at nodes of these numbers lie, (nodes, kinds); 0: there are none."""
     first = np.array([address_of(array) for array in samples])
-    found: NDArray[np.int64] = np.where(first > 0, first + BYTES * nodes[:, None], 0)
-    return found
+    return np.where(first > 0, first + BYTES * nodes[:, None], 0)
 
 
 def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack, Load]:

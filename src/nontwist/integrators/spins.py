@@ -19,5 +19,4 @@ def at_nodes(systems: SystemStack, begin: Array, end: Array, middles: Array, uni
     """Return the change of the shared spin in steps, times the unit of time, at all nodes, (nodes,); None: constant."""
     if systems.spin is None or systems.spin.is_constant:
         return None
-    change: Array = np.repeat((systems.spin.at(end) - systems.spin.at(begin)) * unit, len(middles))
-    return change
+    return np.repeat((systems.spin.at(end) - systems.spin.at(begin)) * unit, len(middles))

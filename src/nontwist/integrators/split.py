@@ -214,8 +214,7 @@ def gauss(s: int) -> Gauss:
     integrals = np.linalg.inv(np.vander(c, increasing=True)) / k[:, None]
 
     def until(t: Array) -> Array:
-        found: Array = t[..., None] ** k @ integrals
-        return found
+        return t[..., None] ** k @ integrals
 
     return Gauss(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
 

@@ -142,8 +142,7 @@ class StackMarch:
         more = stored[places] != inner
         ends = np.insert(stored, places[more], inner[more])
         size = self.sizes[np.searchsorted(numbers[1:-1], ends[:-1], side="right"), 0]
-        lengths: Array = np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
-        return lengths
+        return np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
 
     def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
         """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""

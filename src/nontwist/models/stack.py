@@ -112,8 +112,7 @@ class SystemStack:
         """Return the prescribed spin of all members at a time, (m,), rad/s; 0 if there is none."""
         if self.spin is None or self.spin_factor is None:
             return np.zeros(len(self))
-        rate: Array = self.spin_factor * self.spin.at([time])
-        return rate
+        return self.spin_factor * self.spin.at([time])
 
     @classmethod
     def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -162,8 +161,7 @@ class SystemStack:
 
     def __getitem__(self, member: int) -> DirectorSystem:
         if "_bodies" in vars(self):
-            body: DirectorSystem = vars(self)["_bodies"][member]
-            return body
+            return vars(self)["_bodies"][member]
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
             self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member), self.physical
@@ -173,8 +171,7 @@ class SystemStack:
     def convected_inertia(self) -> Array:
         """Convected inertia J about the fixed point, (m, 3, 3), kg m²."""
         E = self.euler_inertia
-        J: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
-        return J
+        return np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
 
     @property
     def has_dead_force(self) -> bool:
@@ -239,8 +236,7 @@ def transverse_momentum(systems: SystemStack) -> Array:
     assert systems.axis is not None
     n, J = systems.axis, systems.convected_inertia
     Jn = np.sum(J * n[:, None], axis=2)
-    part: Array = Jn - np.sum(Jn * n, axis=1)[:, None] * n
-    return part
+    return Jn - np.sum(Jn * n, axis=1)[:, None] * n
 
 
 def is_principal(systems: SystemStack) -> NDArray[np.bool_]:

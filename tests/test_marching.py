@@ -116,7 +116,7 @@ def test_threads_get_one_kernel():
     "place",
     [
         *("engine/marching", "engine/newton", "engine/outputs", "engine/observation", "engine/prepared"),
-        *("engine/sampling", "engine/state_moments", "engine/states", "engine/workspace"),
+        *("engine/sampling", "engine/state_moments", "engine/workspace"),
         "integrators/energy_momentum",
     ],
 )

@@ -244,16 +244,13 @@ def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, f
     They are bounded by the form J1 (J3 - J1) W1² + J2 (J3 - J2) W2², which stays; where it is not definite they grow,
     and a run shows how far.
     """
-    assert systems.spin is not None
-    assert systems.spin_factor is not None
-    assert systems.axis is not None
-    W = W - np.sum(W * systems.axis, axis=1, keepdims=True) * systems.axis
+    spin, factor, axis = (getattr(systems, name) for name in ("spin", "spin_factor", "axis"))
+    W = W - np.sum(W * axis, axis=1, keepdims=True) * axis
     form = moments[:, :2] * (moments[:, 2:] - moments[:, :2])
     least, most = np.sort(abs(form), axis=1).T
     is_definite = (form[:, 0] * form[:, 1] > 0) & (least > 1e-3 * most)
     growth = np.sqrt(np.divide(most, least, out=np.ones_like(most), where=is_definite))
-    spin = float((abs(systems.spin_factor) * abs(systems.spin.values).max()).max())
-    return growth[:, None] * W, spin
+    return growth[:, None] * W, float((abs(factor) * abs(spin.values).max()).max())
 
 
 def potential_range(load: Load) -> float:

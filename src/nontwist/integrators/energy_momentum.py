@@ -102,9 +102,8 @@ from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .base import Problem
-from .compiled import Needs
+from .compiled import SPIN, Needs
 from .dissipative import Dissipative
-from .spins import REFUSAL as SPIN
 
 MOMENTS = ("paper", "exact")
 

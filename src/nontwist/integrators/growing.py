@@ -1,4 +1,4 @@
-"""How orthonormal changes of a state grow along runs: the steps linearised, and the growth of `engine.growth`."""
+"""How orthonormal changes of a state grow along runs: the steps linearised, and the growth of `engine.chained`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..engine.chained import LANES
-from ..engine.growth import Growth as Block
-from ..engine.growth import grow
+from ..engine.chained import LANES, grow
+from ..engine.chained import Growth as Block
 from ..engine.known_steps import STEPS
 from ..engine.layout import side_by_side
 from ..geometry.arrays import Array

@@ -212,9 +212,9 @@ class Linearised:
         for first, last in self.pieces(LONGEST, back):
             nodes = self.nodes(first, last)
             acting = Acting(first, last, self.sampled(nodes))
-            chain = Chain(self, count, entries(nodes), first, last, back)
+            link = link_of(self, count, entries(nodes), first, last, back)
             for piece in ranged(first, last, size or self.part, back):
-                yield acting.part(*piece), chain.part(*piece)
+                yield acting.part(*piece), link.part(*piece)
 
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a part."""
@@ -318,66 +318,47 @@ class Workspace:
         self.address = self.block.ctypes.data
 
 
-class Chain:
-    """How changes go through the steps of a piece: the entries of the parameters, laid out.
+class Link(NamedTuple):
+    """How changes go through some steps: a block (`engine.chained.Chain`), the arrays that it points to, first step."""
 
-    Parameters
-    ----------
-    steps : Linearised
-    count : int
-        How many parameters there are.
-    entries : list of Entries
-    first, last : int
-        Steps of the piece.
-    back : bool
-        Whether changes are carried back.
-    """
-
-    def __init__(
-        self, steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool
-    ) -> None:
-        every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
-        columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
-        block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
-        self.first, self.block, self._arrays = first, block, dict[str, Any]()
-        if back:
-            self._arrays |= {"columns": columns, "parameters": parameters, "values": values}
-            block[CHAIN.fixed] = len(values)
-        else:
-            acting, rows = np.unique(columns, return_inverse=True)
-            changes = aligned(len(acting), padded)
-            np.add.at(changes, (rows, parameters), values)
-            self._arrays |= {"acting": acting, "changes": changes}
-            block[CHAIN.inputs] = len(acting)
-        if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
-            step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
-            columns, parameters, values = _joined(steps, own)
-            order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
-            begins = np.searchsorted(step[order], np.arange(last - first + 1))
-            self._arrays |= {"begins": begins, "own_columns": columns[order]}
-            self._arrays |= {"own_parameters": parameters[order], "own_values": values[order]}
-        put(block, CHAIN, **self._arrays, steps=last - first, padded=padded)
-        put(block, CHAIN, rows=steps.rows, width=steps.width, stride=steps._block[STEPS.stride])
+    block: NDArray[np.int64]
+    alive: dict[str, Any]
+    first: int
 
     def part(self, first: int, last: int) -> Link:
         """Return what goes through some of these steps."""
         block = self.block.copy()
         block[CHAIN.steps] = last - first
-        if block[CHAIN.begins]:
-            block[CHAIN.begins] += 8 * (first - self.first)
-        return Link(block, self._arrays)
-
-
-class Link(NamedTuple):
-    """How changes go through some steps: a block of addresses, and the arrays that it points to."""
-
-    block: NDArray[np.int64]
-    alive: dict[str, Any]
+        block[CHAIN.begins] += 8 * (first - self.first) * (block[CHAIN.begins] > 0)
+        return Link(block, self.alive, first)
 
     def put(self, **arrays: NDArray[Any]) -> int:
         """Write the addresses of arrays to the block, and return its own."""
         put(self.block, CHAIN, **arrays)
         return address_of(self.block)
+
+
+def link_of(steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool) -> Link:
+    """Lay out what so many parameters do to steps, by their entries, for changes that are carried on, or `back`."""
+    every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
+    columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
+    block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
+    arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}
+    block[CHAIN.fixed] = len(values)
+    if not back:
+        used, rows = np.unique(columns, return_inverse=True)
+        changes, block[CHAIN.inputs] = aligned(len(used), padded), len(used)
+        np.add.at(changes, (rows, parameters), values)
+        arrays = {"used": used, "changes": changes}
+    if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
+        step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
+        columns, parameters, values = _joined(steps, own)
+        order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
+        arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
+        arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
+    put(block, CHAIN, **arrays, steps=last - first, padded=padded)
+    put(block, CHAIN, rows=steps.rows, width=steps.width, stride=steps._block[STEPS.stride])
+    return Link(block, arrays, first)
 
 
 def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

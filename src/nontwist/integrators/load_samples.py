@@ -1,4 +1,9 @@
-"""What a march samples of a load beforehand, and what it makes of a load before it does."""
+"""What a march samples of a load beforehand, and what it makes of a load before it does.
+
+In a step a prescribed spin W3 goes along the chord between c at both ends, a polynomial of a degree not above the
+number of stages, so W3 = c at every node, whatever the grid is: of a table whose kinks are nodes it is c itself, and
+the order is that of the scheme.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,6 @@ from ..models.stack import SystemStack
 from .compiled import Compiled
 from .problem import Problem
 from .rotors import at_nodes
-from .spins import at_nodes as spin_at_nodes
 
 Ends = tuple[Array, Array, Array]
 
@@ -54,7 +58,9 @@ def sampled(
         found["forces"] = forces_sampled(load, at) if has_table(load) else None
     if load.rotors or systems.spin is not None:
         begin, end, length = steps()
-        found["spin"] = spin_at_nodes(systems, begin, end, middles, unit)
+        if systems.spin is not None and not systems.spin.is_constant:  # its changes in the steps
+            change = (systems.spin.at(end) - systems.spin.at(begin)) * unit
+            found["spin"] = np.repeat(change, len(middles))
         found["rotor"] = at_nodes(load, begin, end, length, middles, unit) if load.rotors else None
     return tuple(found.values()) if load.terms or found["spin"] is not None else NOTHING
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..engine import states as between
 from ..engine.layout import put, side_by_side, views
 from ..engine.prepared import GIVEN, HEAD, run_prepared
 from ..engine.records import BLOCK, BODY
+from ..engine.workspace import enter
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .listing import listed
@@ -67,7 +67,7 @@ class PreparedMarch:
         assert memory is not None
         block, *alive = march.laid(self._todo)
         put(block, BLOCK, **places, scales=call[HEAD.size + GIVEN.factor :])
-        put(call, HEAD, block=block, numbers=len(memory), enter=between.enter.address)
+        put(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
         put(call, HEAD, run=march.driver(self._todo).address)
         given = call[HEAD.size :].data.cast("B")
         return memory, given, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)

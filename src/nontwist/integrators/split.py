@@ -76,10 +76,9 @@ from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, firs
 from ..models.stack import is_principal, transverse_momentum
 from .base import Problem
 from .coasting import Coasting
-from .compiled import ONCE, Compiled, velocity_of
+from .compiled import ONCE, SPIN, Compiled, velocity_of
 from .composition import fractions, nodes
 from .costs import Cost, steps_cost
-from .spins import REFUSAL as SPIN
 
 ROTORS = (
     "split does not accept rotors: its free motion between the kicks is that of the body without them; use "

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
@@ -24,6 +23,7 @@ from ..engine.layout import put, side_by_side, spans
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
+from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
@@ -132,7 +132,7 @@ class StackMarch:
             arrays["internals"][:, 0] = self.load.internal_state if stack.internal is None else stack.internal
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
-        between.enter(self.block.ctypes.data)
+        enter(self.block.ctypes.data)
 
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""

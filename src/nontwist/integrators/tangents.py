@@ -19,7 +19,7 @@ from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .linearised import LONGEST, Linearised, Link
+from .linearised import LONGEST, Linearised
 from .members import PerThread
 
 Kept = NDArray[np.int64]
@@ -114,7 +114,7 @@ class PreparedTangents:
             refresh = partial(acting.put, block, states.part(slice(acting.first, acting.last + 1)))
             refresh()
             block[STEPS.factor] = scale.ctypes.data
-            link = Link(link.block.copy(), link.alive)
+            link = link._replace(block=link.block.copy())
             at = link.put(matrices=own.matrices, state=x, kept=part, states=found[done:])
             calls.append((block, block.ctypes.data, at, refresh))
             alive.append((link, part))
@@ -140,7 +140,7 @@ class CarriedTangents:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
         self._parts = list(steps.layouts(self._count, carried, size=LONGEST))
-        arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("acting", "own_columns")]
+        arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.carried(tuple(sorted(inputs))).function
@@ -185,7 +185,7 @@ class CarriedTangents:
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for acting, link in self._parts:
             given[rows:] = 0.0
-            given[link.alive["acting"], : self._count] = link.alive["changes"][:, : self._count]
+            given[link.alive["used"], : self._count] = link.alive["changes"][:, : self._count]
             block, part = own.block.copy(), self._kept[acting.first : acting.last]
             acting.put(block)
             block[STEPS.factor] = scale.ctypes.data

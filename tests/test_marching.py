@@ -115,7 +115,7 @@ def test_threads_get_one_kernel():
 @pytest.mark.parametrize(
     "place",
     [
-        *("engine/marching", "engine/newton", "engine/outputs", "engine/observation", "engine/prepared"),
+        *("engine/marching", "engine/newton", "engine/outputs", "engine/observation"),
         *("engine/sampling", "engine/state_moments", "engine/workspace"),
         "integrators/energy_momentum",
     ],

@@ -1,7 +1,7 @@
 """A march of one body that is laid out once and called with starts, from many threads if need be.
 
 The loads are sampled when the march is prepared. Each thread has memory of its own, with a block of addresses that
-point there. A call writes the start into it, calls compiled code once (`engine.prepared`), and copies the results.
+point there. A call writes the start into it, calls compiled code once (`engine.outputs`), and copies the results.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.layout import put, side_by_side, views
-from ..engine.prepared import GIVEN, HEAD, run_prepared
+from ..engine.outputs import HEAD, PREPARED, run_prepared
 from ..engine.records import BLOCK, BODY
 from ..engine.workspace import enter
 from ..geometry.arrays import Array
@@ -47,7 +47,7 @@ class PreparedMarch:
         memory, given, address, _ = self._threads.own
         START.pack_into(given, 0, *p, *W, scale / self._unit)
         self._run(address)
-        return memory.copy(), *FOUND.unpack_from(given, 8 * GIVEN.squares)
+        return memory.copy(), *FOUND.unpack_from(given, 8 * PREPARED.squares)
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
@@ -63,10 +63,10 @@ class PreparedMarch:
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, what is given and comes back, the address of the head, all of it."""
         march, (arrays, places) = self._march, side_by_side(**self._march.shapes)
-        memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
+        memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
         block, *alive = march.laid(self._todo)
-        put(block, BLOCK, **places, scales=call[HEAD.size + GIVEN.factor :])
+        put(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
         put(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
         put(call, HEAD, run=march.driver(self._todo).address)
         given = call[HEAD.size :].data.cast("B")

@@ -124,7 +124,5 @@ class LinearFunctions:
                     v.found = with_slopes(k, x)
         found = v.found if width else plain(v.found)
         moment, torque = Vector(*found[:3]), Vector(*found[-3:])
-        return (
-            known.factor * known.seen(moment) if calls.parts.function else None,
-            known.factor * known.tilted(known.along(torque)) if calls.parts.generalised else None,
-        )
+        load = known.factor * known.seen(moment) if calls.parts.function else None
+        return load, known.factor * known.tilted(known.along(torque)) if calls.parts.generalised else None

@@ -158,19 +158,15 @@ def largest_velocity(
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     energy = root**2 + 4 * _pull(systems, load, scale)
-    if (
-        (slowest := slowest_damping(systems, load, scale)).any()
-        and systems.spin is None
-        and not (is_bound and load.potentials)
-    ):
+    slowest = slowest_damping(systems, load, scale)
+    if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
         driven = np.linalg.norm((_pulls(systems, axes.basis) / np.sqrt(axes.moments))[:, _turning(systems)], axis=1)
         driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
     reached = np.sqrt(energy / smallest)
-    if systems.axis is None and not (
-        by_energy or load.potentials or load.rotors or load.called.terms or load.frictions
-    ):
+    is_driven = load.potentials or load.rotors or load.called.terms or load.frictions
+    if systems.axis is None and not (by_energy or is_driven):
         reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))
 

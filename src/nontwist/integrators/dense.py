@@ -63,8 +63,8 @@ class Dense:
             "quaternions": (*shape, 4),
             "velocities": (*shape, 3),
             "normals": (0,),
-            "intervals": (m, len(node) - 1, SUMS.size) if problem.intervals else (0,),
         }
+        self.shapes["intervals"] = (m, len(node) - 1, SUMS.size) if problem.intervals else (0,)
         self._steps = problem.times(step), length
         self._arrays = {
             "bodies": march.bodies,

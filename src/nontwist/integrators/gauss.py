@@ -142,12 +142,7 @@ class Gauss(Compiled):
         "order": "Hairer, Lubich & Wanner, II.1.3",
         "invariant": "Hairer, Lubich & Wanner, IV.2.1; nontwist.integrators.gauss",
     }
-    counts: ClassVar[dict[int, tuple[int, ...]]] = {
-        **Compiled.counts,
-        8: (12, 16, 20),
-        12: (14, 16, 20),
-        16: (10, 12, 16),
-    }
+    counts: ClassVar[dict[int, Any]] = Compiled.counts | {8: (12, 16, 20), 12: (14, 16, 20), 16: (10, 12, 16)}
     controlled_orders: ClassVar[tuple[int, ...]] = (4, 8, 12, 16)
     order: int = 8
 
@@ -320,14 +315,12 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
         return R @ total.m
 
     if has_own or has_push:
-        moment = mean(
-            lambda stage, C: sum_of(
-                C @ stage.own if has_own else None,
-                stage.space if has_push and parts.space else None,
-                stage.called if has_push and parts.calls else None,
-            )
-        )
-        found = found._replace(moment=moment, work=work)
+
+        def moment(stage: View, C: Matrix) -> Vector:
+            own, space = C @ stage.own if has_own else None, stage.space if has_push and parts.space else None
+            return sum_of(own, space, stage.called if has_push and parts.calls else None)
+
+        found = found._replace(moment=mean(moment), work=work)
     if has_dead:
         dead = acting.dead()
         found = found._replace(dead=mean(lambda _, C: C @ first_moment(Matrix(*(row @ C for row in dead)))))

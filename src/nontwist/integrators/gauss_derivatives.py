@@ -34,10 +34,10 @@ from ..engine.linearised import put_ends, sampled
 from ..engine.newton import ROUND_OFF
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.dual import Dual, plain, tangent
+from ..kernels.dual import Dual, plain, seeded, tangent
 from ..kernels.elements import any_of, larger, remade, select, smaller, without
 from ..kernels.kernel import Kernel
-from ..kernels.memory import View, doubles, put, size_of, vector_at
+from ..kernels.memory import View, doubles, flat, put, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
@@ -274,10 +274,8 @@ class Collocation:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
         s, h, e, count = self.s, self.h, self.plain, len(self.names)
         for i, stage in self.each():
-            V, *g = (
-                Vector(*(Dual(x, [float(j == 3 * k + c) for j in range(3 + 3 * count)]) for c, x in enumerate(v)))
-                for k, v in enumerate((stage.V, *self.vectors(stage)))
-            )
+            x = seeded(flat((stage.V, *self.vectors(stage))))
+            V, *g = (Vector(*x[k : k + 3]) for k in range(0, len(x), 3))
             if self.parts.calls:
                 W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
                 e.acting.evaluate(i, W, self.vectors(stage), True)

@@ -112,10 +112,9 @@ class Linearised:
         about = orbit_of(systems, self.load, 1.0) if scheme.needs.action == STAGE else None
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
-        known = {
-            "function": bool(called) if scheme.linear is None else not all(has_potential),
-            "generalised": scheme.linear is not None and any(has_potential),
-        }
+        is_parted = scheme.linear is not None
+        known = {"function": not all(has_potential) if is_parted else bool(called)}
+        known["generalised"] = is_parted and any(has_potential)
         (acting,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
         _, self.middles = scheme.stages(acting)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
@@ -264,18 +263,9 @@ def turns_of(body: Array) -> dict[str, Array]:
     """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
     B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
     dJ = np.stack([np.array([(B.T @ dJ @ B)[e] for e in ENTRIES]) for dJ in BASIS], axis=1)
-    vector = force * B.T
-    return {
-        "inertia": force * dJ,
-        "axis": B.T,
-        "dead": force * np.kron(B.T, np.eye(3)),
-        "damping": force * np.kron(B.T, B.T),
-        "rate": vector,
-        "moving": vector,
-        "space": force * np.eye(3),
-        "rotor": vector,
-        "factor": force * np.eye(1),
-    }
+    vectors = dict.fromkeys(("rate", "moving", "rotor"), force * B.T) | {"axis": B.T, "space": force * np.eye(3)}
+    tensors = {"dead": force * np.kron(B.T, np.eye(3)), "damping": force * np.kron(B.T, B.T), "inertia": force * dJ}
+    return vectors | tensors | {"factor": force * np.eye(1)}
 
 
 def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:

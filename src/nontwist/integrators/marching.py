@@ -66,16 +66,9 @@ def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool =
         if (outputs := dense.outputs(good, end)) is None:
             return march(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped
-    return Outcome(
-        states_in(arrays, first),
-        good,
-        failures,
-        reasons,
-        intervals_in(todo, arrays, first) if problem.intervals else None,
-        _observed(todo) if problem.observed else None,
-        todo.arrays["states"] * todo.factors,
-        end,
-    )
+    intervals = intervals_in(todo, arrays, first) if problem.intervals else None
+    observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end)
 
 
 def tangent(problem: Problem) -> Problem:
@@ -106,14 +99,10 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Inte
     """
     sums, is_constrained = arrays["intervals"][..., first:, :], todo.stack.systems.axis is not None
     begin = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
-    return Intervals(
-        sums[..., begin : SUMS.moment if is_constrained else SUMS.mu],
-        sums[..., SUMS.moment : SUMS.dead],
-        sums[..., SUMS.work],
-        sums[..., SUMS.iterations].astype(np.int64),
-        None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work],
-        sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None,
-    )
+    means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
+    dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
+    twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
+    return Intervals(*means, sums[..., SUMS.work], sums[..., SUMS.iterations].astype(np.int64), dead, twist)
 
 
 def _observed(todo: StackMarch) -> Array:

@@ -8,11 +8,7 @@ from typing import Any
 
 from .elements import BY_FUNCTIONS, ORDERS, Derived, fma, mapped, remade, select
 
-SLOPES: dict[str, Callable[..., Any]] = {
-    "add": lambda a, b, _: (1.0, 1.0),
-    "sub": lambda a, b, _: (1.0, -1.0),
-    "mul": lambda a, b, _: (b, a),
-}
+SLOPES = {"add": lambda a, b, _: (1.0, 1.0), "sub": lambda a, b, _: (1.0, -1.0), "mul": lambda a, b, _: (b, a)}
 
 
 class Dual(Derived):

@@ -140,15 +140,13 @@ class SystemStack:
             )
         names = list(dict.fromkeys(body.name for body in bodies))
         spin, factor = _shared_spin(bodies)
-        found = cls(
-            np.array([body.euler_inertia for body in bodies]).reshape(-1, 3, 3),
-            np.array([body.axis for body in bodies]) if any(constrained) else None,
-            np.array([body.dead_force for body in bodies]).reshape(-1, 3, 3),
-            names[0] if len(names) == 1 else "mixed",
-            spin,
-            factor,
-            all(body.physical for body in bodies),
+        E, dead = (
+            np.array([getattr(body, name) for body in bodies]).reshape(-1, 3, 3)
+            for name in ("euler_inertia", "dead_force")
         )
+        axes = np.array([body.axis for body in bodies]) if any(constrained) else None
+        name, physical = names[0] if len(names) == 1 else "mixed", all(body.physical for body in bodies)
+        found = cls(E, axes, dead, name, spin, factor, physical)
         keep(found, _bodies=tuple(bodies))
         return found
 

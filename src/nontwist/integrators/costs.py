@@ -7,7 +7,7 @@ steps.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,13 +32,6 @@ class Cost(NamedTuple):
     unit: str  #: what the parts are: steps, pieces of a load, states
     seconds: float  #: on one core
     size: int  #: bytes in addition to the stored states
-
-
-class Axes(NamedTuple):
-    """The axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
-
-    basis: Array
-    moments: Array
 
 
 def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -> Cost:
@@ -136,8 +129,8 @@ def largest_velocity(
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
-    axes = _axes(systems)
-    smallest = axes.moments[:, _turning(systems)].min(axis=1)
+    basis, moments = axes = _axes(systems)
+    smallest = moments[:, _turning(systems)].min(axis=1)
     impulse, largest = 0.0, 0.0
     if load.terms:
         span, samples = t_end - t_start, 2000
@@ -154,13 +147,13 @@ def largest_velocity(
         largest = float((np.linalg.norm(moving, axis=1) + np.linalg.norm(space, axis=1) + forces_on).max())
     spin = 0.0
     if systems.spin is not None:
-        W, spin = _with_spin(systems, W, axes.moments)
+        W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     energy = root**2 + 4 * _pull(systems, load, scale)
     slowest = slowest_damping(systems, load, scale)
     if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
-        driven = np.linalg.norm((_pulls(systems, axes.basis) / np.sqrt(axes.moments))[:, _turning(systems)], axis=1)
+        driven = np.linalg.norm((_pulls(systems, basis) / np.sqrt(moments))[:, _turning(systems)], axis=1)
         driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
@@ -172,7 +165,7 @@ def largest_velocity(
 
 
 def _of_slender(
-    axes: Axes, systems: SystemStack, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float
+    axes: Any, systems: SystemStack, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float
 ) -> Array:
     """Return what |w| can reach where about the axis of the smallest moment W only grows by moments; `energy`: 2 K."""
     basis, moments = axes
@@ -203,16 +196,15 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     return float(np.divide(squares, rates, out=np.zeros_like(squares), where=squares > 0).max())
 
 
-def _axes(systems: SystemStack) -> Axes:
-    """Return the axes of each body."""
+def _axes(systems: SystemStack) -> tuple[Array, Array]:
+    """Return the axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
     return _axes_of_one(systems) if len(systems) == 1 else _axes_of(systems)
 
 
-def _axes_of(systems: SystemStack) -> Axes:
+def _axes_of(systems: SystemStack) -> tuple[Array, Array]:
     basis, E, M = frames(systems)
     e = E[:, range(3), range(3)]
-    moments: Array = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
-    return Axes(basis, moments)
+    return basis, (e.sum(axis=1, keepdims=True) - e) * M[:, None]
 
 
 _axes_of_one = lru_cache(maxsize=64)(_axes_of)

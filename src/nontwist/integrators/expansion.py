@@ -26,7 +26,7 @@ from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch
+from ..kernels.memory import Doubles, View, Wholes, doubles, fields, put, scratch
 from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
@@ -330,13 +330,11 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
             row = i * run.kept + run.places[step] + (number - begin) + l
-            target = run.sums.shifted((row - i - 1) * SUMS.size)
-            for c in range(4):
-                run.quaternions[4 * row + c] = out[c * lanes + l]
-            for c in range(3):
-                run.velocities[3 * row + c] = out[(4 + c) * lanes + l]
-            for c, place in enumerate(sums):
-                target[place] = out[(STATE + c) * lanes + l]
+            target, found = run.sums.shifted((row - i - 1) * SUMS.size), tuple(out[c * lanes + l] for c in range(count))
+            put(run.quaternions, found[:4], 4 * row)
+            put(run.velocities, found[4:STATE], 3 * row)
+            for place, y in zip(sums, found[STATE:], strict=True):
+                target[place] = y
 
 
 def join(parts: Parts, run: View, i: Any) -> None:
@@ -350,13 +348,11 @@ def join(parts: Parts, run: View, i: Any) -> None:
         sums = run.sums.shifted((at - i - 1) * SUMS.size)
         for _ in when(inside == 0):
             for target, source, n in ((q, run.p, 4), (W, run.W, 3)):
-                for c in range(n):
-                    target[c] = source[(i * run.nodes + row) * n + c]
+                put(target, tuple(source[(i * run.nodes + row) * n + c] for c in range(n)))
         for _ in when(number > 0):
             before = q.shifted(-4)
             sign = select(before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3] < 0.0, -1.0, 1.0)
-            for c in range(4):
-                q[c] = sign * q[c]
+            put(q, tuple(sign * q[c] for c in range(4)))
             if own:
                 for node in loop(v.row, row + inside):
                     means = run.means.shifted((i * (run.nodes - 1) + node) * SUMS.size)

@@ -49,17 +49,17 @@ class Calls(NamedTuple):
         parts, b, n, count = self.parts, self.block, self.parts.lanes, self.places[""]
         at.directors, at.w, at.half = directors, w, half
         own, found, slopes = View(Sloped, scratch(size_of(Sloped))), scratch(6 * count), self.slopes(at)
-        acting = own.state_call
-        acting.action, acting.terms, acting.called = b.action, b.terms, (b.speed, 0.0, 0.0)
+        state = own.state_call
+        state.action, state.terms, state.called = b.action, b.terms, (b.speed, 0.0, 0.0)
         own.directions, own.seeds, own.slopes = count, b.seeds, found
         for l in loop(n):
             lane = at.lane(l)
-            acting.directors, acting.w, acting.half = lane.directors, lane.w, lane.half
-            acting.t, acting.node = lane.t, lane.forces
+            state.directors, state.w, state.half = lane.directors, lane.w, lane.half
+            state.t, state.node = lane.t, lane.forces
             call(b.sloped if is_sloped else b.generalised, own.address)
-            lane.load, lane.of_potentials = acting.load, acting.of_potentials
+            lane.load, lane.of_potentials = state.load, state.of_potentials
             if not parts.generalised:
-                lane.load = acting.load + acting.of_potentials
+                lane.load = state.load + state.of_potentials
             first, rest = 0 if parts.function else 3 * count, 3 * count
             for k in loop(self.size if is_sloped else 0):
                 slopes[k * n + l] = found[first + k] if parts.generalised else found[k] + found[rest + k]

@@ -204,7 +204,7 @@ class Expansion:
         P, p, e = Vector(*self.unknowns[:3]), Quaternion(*self.unknowns[3:STATE]), self.equations()
         g = Matrix(*zip(*[iter(self.rows)] * 3, strict=True)) if self.rows else ()
         moving, space, rotor = self.loads()
-        seen = None if space is None else space @ e.acting.R
+        seen = None if space is None else space @ e.nodes.R
         now = e.now(StageLoads(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
         W, v, w = now.W, p.vector, p[0]
         rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]

@@ -191,7 +191,7 @@ class Collocation:
         self.plain, self.ends = e, (ZEROS, ZEROS)
         p, q = at.p, at.q
         if self.parts.orbit:
-            n, o = e.acting.orbit
+            n, o = e.nodes.orbit
             less, v = about((n * self.h) * o)
             p = Quaternion(1.0 + less, *v) @ p
             self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
@@ -278,7 +278,7 @@ class Collocation:
             V, *g = (Vector(*x[k : k + 3]) for k in range(0, len(x), 3))
             if self.parts.calls:
                 W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
-                e.acting.evaluate(i, W, self.vectors(stage), True)
+                e.nodes.evaluate(i, W, self.vectors(stage), True)
             F = h * e.rate(i, V, Matrix(*g) if g else (), self.rows(i))
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
@@ -399,7 +399,7 @@ class Collocation:
             places[name], width = width, width + self.wanted[name]
         e = self.equations(places, width)
         ends, direct = self.scratches["ends"], self.matrix("direct", 0)
-        W = e.acting.velocity(self.W[0])
+        W = e.nodes.velocity(self.W[0])
         V = W - e.orbital(AXES) if self.parts.orbit else W
 
         def store(r: int, column: Any, x: Any) -> None:
@@ -412,7 +412,7 @@ class Collocation:
         turn.begin(e, W, count)
         for i, stage in self.each():
             g = self.changed(i, stage, e)
-            F = e.acting.h * e.rate(i, stage.V, g, self.still_rows(i))
+            F = e.nodes.h * e.rate(i, stage.V, g, self.still_rows(i))
             by = [vector_at(gain, 18 * i + 3 * o) for o in range(6)]
             both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
             for name in nodal:
@@ -427,12 +427,12 @@ class Collocation:
             turn.note(i, stage, g)
         for j, change in enumerate(turn.changes(V)):
             theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
-            for r, x in enumerate(self.at_end(e.acting, theta + change, dV, j)):
+            for r, x in enumerate(self.at_end(e.nodes, theta + change, dV, j)):
                 store(r, outs[j], x)
 
     def changed(self, i: Any, stage: View, e: StageEquations) -> Any:
         """Return the vectors g of a stage with the changes that no change of V makes."""
-        C, h, later = self.rows(i), e.acting.h, self.vectors(stage)
+        C, h, later = self.rows(i), e.nodes.h, self.vectors(stage)
         g = [x @ C for x in e.start] if self.motion == "heavy" else list(later)
         if not g or not isinstance(h, Dual):
             return Matrix(*g) if g else ()

@@ -43,17 +43,17 @@ class KnownStages(Known):
 class StageEquations(Equations):
     """The equations of the stages for the velocities V that vectors of space turn with."""
 
-    acting: KnownStages
+    nodes: KnownStages
 
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
         """Return P, the vectors g, and what the equations say at stages."""
-        (P, g), acting, parts = self.placed(i, matrix), self.acting, self.parts
+        (P, g), nodes, parts = self.placed(i, matrix), self.nodes, self.parts
         loads = self.kept(stage)
         if parts.calls:
-            acting.evaluate(i, self.k * P, g, False)
-            at = acting.known(i)
-            load = acting.factor * (at.load @ acting.R) if parts.function else None
-            of_potentials = acting.factor * (at.of_potentials @ acting.basis) if parts.generalised else None
+            nodes.evaluate(i, self.k * P, g, False)
+            at = nodes.known(i)
+            load = nodes.factor * (at.load @ nodes.R) if parts.function else None
+            of_potentials = nodes.factor * (at.of_potentials @ nodes.basis) if parts.generalised else None
             loads = loads._replace(called=load, of_potentials=of_potentials)
         return P, g, self.now(loads, P, g)
 
@@ -63,17 +63,17 @@ class StageEquations(Equations):
 
     def rate(self, i: Any, V: Vector, g: Any, C: Any) -> Vector:
         """Return V' at a stage, of numbers of any kind; C: the axes of b at the beginning as seen there."""
-        acting, W = self.acting, V if self.orbit is None else V + self.orbital(g)
-        body = acting.body
-        load, of_potentials = acting.functions(i).torque(g, W) if self.parts.calls else (None, None)
+        nodes, W = self.nodes, V if self.orbit is None else V + self.orbital(g)
+        body = nodes.body
+        load, of_potentials = nodes.functions(i).torque(g, W) if self.parts.calls else (None, None)
         loads = self.sampled(i)._replace(called=load, of_potentials=of_potentials)
         x, y, z = self.now(loads, body.momentum_of(W), g).rate
-        if acting.force is not None:
+        if nodes.force is not None:
             more = ZEROS
-            for f, c in zip(Matrix(*map(acting.seen, acting.force)).T, C, strict=True):
+            for f, c in zip(Matrix(*map(nodes.seen, nodes.force)).T, C, strict=True):
                 more = more + cross(f, c)
             x, y, z = x + more[0], y + more[1], z + body.free * more[2]
         if self.parts.spin:
-            z = z + (body.E[0] + body.E[1]) * (acting.spin(i) / acting.h)
+            z = z + (body.E[0] + body.E[1]) * (nodes.spin(i) / nodes.h)
         rate = body.velocity_of(Vector(x, y, z))
         return rate if self.orbit is None else rate - cross(self.orbital(g), V)

@@ -149,7 +149,7 @@ class Residuals:
         self.equations, self.stages, self.k = equations, equations.stages, equations.parts.memory
         self.n, side, s = unknowns(self.k), 3 * equations.stages.number, equations.stages.number
         self.m, self.side, self.width = self.n * s, side, 2 * side + len(equations.start)
-        self.h, self.turns, square = equations.acting.h, memory, self.m * (self.m + 1)
+        self.h, self.turns, square = equations.nodes.h, memory, self.m * (self.m + 1)
         self.momenta = memory.shifted(side * (2 * side + 3))
         self.slopes = self.momenta.shifted(square)
         self.stiffness = self.slopes.shifted(square)
@@ -208,12 +208,12 @@ class Residuals:
     def remember(self, i: Any, stage: View, b: Any) -> None:
         """Set the slopes by z, and those of z, at a stage."""
         e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, rows_of(stage)
-        memory, h, speed = e.memory, b / e.acting.rate, self.change(stage.W)
+        memory, h, speed = e.memory, b / e.nodes.rate, self.change(stage.W)
         for c in loop(self.k):
             f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)
             space, along = (Vector(*(f * (after[j + d] - found[j + d]) for d in range(3))) for j in (0, 6))
             slope = along + pulled_back(C, space)
-            third = e.acting.body.free * slope[2] if e.parts.is_constrained else slope[2]
+            third = e.nodes.body.free * slope[2] if e.parts.is_constrained else slope[2]
             for d, x in enumerate((slope[0], slope[1], third)):
                 self.slopes[(n * i + d) * (self.m + 1) + n * i + 3 + c] = x
         for c in loop(self.k):
@@ -324,7 +324,7 @@ def tangents(x: Dual, first: int) -> Vector:
 def note_call(e: Equations, is_sound: Any) -> None:
     """Let it be known that a function has given what is no number."""
     for _ in when(logical_not(is_sound)):
-        e.acting.x.found.total = (float("nan"),) * 3
+        e.nodes.x.found.total = (float("nan"),) * 3
 
 
 @rare
@@ -332,10 +332,10 @@ def newton(
     motion: str, parts: Parts, b: View, x: View, stages: Stages, memory: Any, buffer: Any, node: Any
 ) -> tuple[Any, Any, Any]:
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
-    acting = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
-    acting.begin(node, x.state.p)
-    memory_of_loads = Memory(acting, stages) if parts.memory else None
-    e = Equations(motion, acting, stages, x.state.s, memory_of_loads)
+    nodes = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
+    nodes.begin(node, x.state.p)
+    memory_of_loads = Memory(nodes, stages) if parts.memory else None
+    e = Equations(motion, nodes, stages, x.state.s, memory_of_loads)
     r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
     v.before = zero + OVERFLOW
@@ -378,16 +378,16 @@ def lanes_where(mask: Any, lanes: int) -> Iterator[Any]:
             yield l
 
 
-def solve(acting: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
+def solve(nodes: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
     """Solve the stages of bodies whose mask is set by Newton's iteration."""
     n = y.lanes
-    acting.x.state.p, acting.x.state.s, found = state.p, state.s, scratch(3 * n)
+    nodes.x.state.p, nodes.x.state.s, found = state.p, state.s, scratch(3 * n)
     for k in range(3):
         found.store(k * n, 0.0, n)
     for l in lanes_where(for_newton, n):
-        x, memory = acting.x.lane(l), acting.memory.shifted((size_of(Stage) + 3 * acting.parts.memory) * WIDTH * n)
-        where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
-        is_found, count, residual = newton(motion, acting.parts, *where)
+        x, memory = nodes.x.lane(l), nodes.memory.shifted((size_of(Stage) + 3 * nodes.parts.memory) * WIDTH * n)
+        where = nodes.block, x, y.lane(l), memory, nodes.buffer, nodes.node
+        is_found, count, residual = newton(motion, nodes.parts, *where)
         found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
     v.for_newton = found.load(0, n) > 0.0
     v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)

@@ -196,20 +196,20 @@ class StageLoads(NamedTuple):
 class Equations:
     """The equations of a step: P' and g' at the stages, from P and the vectors g."""
 
-    def __init__(self, motion: str, acting: Nodes, stages: Stages, P: Vector, memory: Any = None) -> None:
-        self.acting, self.stages, self.P, self.k = acting, stages, P, acting.body.k
-        self.parts, self.names = acting.parts, UNKNOWNS[: 1 + VECTORS[motion]]
-        self.has_rows, body = motion == "rows", acting.body
+    def __init__(self, motion: str, nodes: Nodes, stages: Stages, P: Vector, memory: Any = None) -> None:
+        self.nodes, self.stages, self.P, self.k = nodes, stages, P, nodes.body.k
+        self.parts, self.names = nodes.parts, UNKNOWNS[: 1 + VECTORS[motion]]
+        self.has_rows, body = motion == "rows", nodes.body
         self.orbit, self.memory = None, memory
         if self.parts.orbit and self.has_rows:
-            n, o = acting.orbit
-            self.orbit = n, acting.seen(o)
+            n, o = nodes.orbit
+            self.orbit = n, nodes.seen(o)
         self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
         self.forces: tuple[Vector, ...] = ()
         if self.has_rows:
-            self.start, self.forces = AXES, acting.dead().T if self.parts.dead else ()
+            self.start, self.forces = AXES, nodes.dead().T if self.parts.dead else ()
         elif motion == "heavy":
-            self.start, self.forces = (acting.seen(body.vertical),), (body.dead @ body.vertical,)
+            self.start, self.forces = (nodes.seen(body.vertical),), (body.dead @ body.vertical,)
 
     def sample(self) -> None:
         """Take what acts at the nodes of the step to its stages; rows begin with increments of zero."""
@@ -219,13 +219,13 @@ class Equations:
             stage = self.stages.one(j)
             self.sampled(j).put(stage)
             if self.parts.spin:
-                J3 = self.acting.body.spin * (1.0 / self.k[2])
-                stage.axial = (self.acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
+                J3 = self.nodes.body.spin * (1.0 / self.k[2])
+                stage.axial = (self.nodes.spin(j) * self.stages.table[TABLE.weights + j]) * J3
 
     @property
     def stiffness(self) -> Any:
         """H times the size of P and the largest 1/J_i."""
-        return self.acting.h * taxicab(self.P) * larger(larger(self.k[0], self.k[1]), self.k[2])
+        return self.nodes.h * taxicab(self.P) * larger(larger(self.k[0], self.k[1]), self.k[2])
 
     @property
     def level(self) -> Any:
@@ -239,10 +239,10 @@ class Equations:
 
     def sampled(self, j: Any) -> StageLoads:
         """Return what acts at a node of the step."""
-        acting, parts = self.acting, self.parts
-        rotor, rate = acting.rotor(j) if parts.rotor else (None, None)
-        moving = sum_of(acting.moving(j) if parts.moving else None, None if rate is None else -rate)
-        return StageLoads(moving, acting.space(j) if parts.space else None, rotor)
+        nodes, parts = self.nodes, self.parts
+        rotor, rate = nodes.rotor(j) if parts.rotor else (None, None)
+        moving = sum_of(nodes.moving(j) if parts.moving else None, None if rate is None else -rate)
+        return StageLoads(moving, nodes.space(j) if parts.space else None, rotor)
 
     def kept(self, stage: View) -> StageLoads:
         """Return what acts at stages as it is kept in memory."""
@@ -259,7 +259,7 @@ class Equations:
 
     def now(self, loads: StageLoads, P: Vector, g: Any, inverse: Any = pulled_back) -> Now:
         """Return what the equations say at P and g; on dual numbers as well. `inverse` gives C⁻¹ f."""
-        body, parts = self.acting.body, self.parts
+        body, parts = self.nodes.body, self.parts
         W, whole = body.velocity_of(P), P
         if parts.is_constrained and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
@@ -290,25 +290,25 @@ class Equations:
 
     def called(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
         """Return what functions of the state give at a stage."""
-        acting, functions, w = self.acting, self.acting.functions(j), rows @ W
+        nodes, functions, w = self.nodes, self.nodes.functions(j), rows @ W
         if self.orbit is not None:  # the frame of the rows is that of the beginning of the step
-            length = acting.h / acting.rate
+            length = nodes.h / nodes.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
-        functions.evaluate(acting.R @ rows, w, 0.0 * w)
+        functions.evaluate(nodes.R @ rows, w, 0.0 * w)
         found = StageLoads(remembered=self.remembered(j, functions.t, rows, W) if self.memory else None)
         if not self.parts.generalised:
-            return found._replace(called=functions.found("total") @ acting.R)
-        torque = functions.found("of_potentials") @ acting.body.basis
-        return found._replace(called=functions.found("load") @ acting.R, of_potentials=torque)
+            return found._replace(called=functions.found("total") @ nodes.R)
+        torque = functions.found("of_potentials") @ nodes.body.basis
+        return found._replace(called=functions.found("load") @ nodes.R, of_potentials=torque)
 
     def remembered(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
         """Return the moment along the frame of loads with memory; add the one in space to what was found."""
-        acting, basis = self.acting, self.acting.body.basis
-        d, w = Matrix(*(basis @ row for row in acting.R @ rows)).T, acting.R @ (rows @ W)
-        space, along, zero = self.memory.evaluate(j, t, d, acting.rate * w, acting.rate * (basis @ W))
+        nodes, basis = self.nodes, self.nodes.body.basis
+        d, w = Matrix(*(basis @ row for row in nodes.R @ rows)).T, nodes.R @ (rows @ W)
+        space, along, zero = self.memory.evaluate(j, t, d, nodes.rate * w, nodes.rate * (basis @ W))
         for name in ("total", "load"):
-            setattr(acting.x.found, name, getattr(acting.x.found, name) + Vector(*(x + zero for x in space)))
-        return (acting.x.scale * Vector(*(x + zero for x in along))) @ basis
+            setattr(nodes.x.found, name, getattr(nodes.x.found, name) + Vector(*(x + zero for x in space)))
+        return (nodes.x.scale * Vector(*(x + zero for x in along))) @ basis
 
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
@@ -324,7 +324,7 @@ class Equations:
 
     def increments(self, i: Any, stage: View, g: Any, now: Now) -> list[Vector]:
         """Return the increments that follow, of P and the vectors g."""
-        b = self.acting.h * self.stages.coefficient(TABLE.weights, i)
+        b = self.nodes.h * self.stages.coefficient(TABLE.weights, i)
         dP, V = b * now.rate, self.turning(now.W, g)
         if self.parts.spin:
             dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
@@ -339,7 +339,7 @@ class Equations:
         if memory:
             memory.place()
         for i, stage in stages.each():
-            b = self.acting.h * stages.coefficient(TABLE.weights, i)
+            b = self.nodes.h * stages.coefficient(TABLE.weights, i)
             stage.P, g, now = self.evaluated(i, stage)
             W, power = now.W, 0.0 * now.W[0]
             stage.W = W
@@ -369,8 +369,8 @@ class TurnEquations:
 
     names, k, memory = TURN, None, None
 
-    def __init__(self, acting: Nodes, stages: Stages) -> None:
-        self.stages, self.h, self.level = stages, acting.h, LEVEL + 0.0 * acting.body.free
+    def __init__(self, nodes: Nodes, stages: Stages) -> None:
+        self.stages, self.h, self.level = stages, nodes.h, LEVEL + 0.0 * nodes.body.free
         stages.put(TURN, [ZEROS] * 3)
 
     def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:

@@ -58,7 +58,7 @@ class Turn:
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
-        self.equations, self.known, self.W, self.count = e, e.acting, W, count
+        self.equations, self.known, self.W, self.count = e, e.nodes, W, count
 
     def note(self, i: Any, stage: View, g: Any) -> None:
         """Take up what does not change V at a stage."""
@@ -166,7 +166,7 @@ class Line(Turn):
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
         super().begin(e, W, count)
-        self.own = self.directions(e.acting.body, W, self.steps.W[1])
+        self.own = self.directions(e.nodes.body, W, self.steps.W[1])
         for k in range(4 * count):
             self.steps.scratches["along"][k] = 0.0 * self.steps.h
 

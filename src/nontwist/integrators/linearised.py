@@ -115,11 +115,11 @@ class Linearised:
         is_parted = scheme.linear is not None
         known = {"function": not all(has_potential) if is_parted else bool(called)}
         known["generalised"] = is_parted and any(has_potential)
-        (acting,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
-        _, self.middles = scheme.stages(acting)
+        (found,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
+        _, self.middles = scheme.stages(found)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
-        parts = acting._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
+        parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
@@ -203,23 +203,23 @@ class Linearised:
 
     def layouts(
         self, count: int, entries: Sampled, back: bool = False, size: int | None = None
-    ) -> Iterator[tuple[Acting, Link]]:
+    ) -> Iterator[tuple[StepLoads, Link]]:
         """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`.
 
         `size`: how many steps a part has, if not those whose matrices are made at a time.
         """
         for first, last in self.pieces(LONGEST, back):
             nodes = self.nodes(first, last)
-            acting = Acting(first, last, self.sampled(nodes))
+            loads = StepLoads(first, last, self.sampled(nodes))
             link = link_of(self, count, entries(nodes), first, last, back)
             for piece in ranged(first, last, size or self.part, back):
-                yield acting.part(*piece), link.part(*piece)
+                yield loads.part(*piece), link.part(*piece)
 
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a part."""
         return Workspace(self._block, self._scratch, self.width * self.rows)
 
-    def matrices(self, own: Workspace, acting: Acting, states: States) -> None:
+    def matrices(self, own: Workspace, loads: StepLoads, states: States) -> None:
         """Make the matrices of some steps from the states at all nodes.
 
         Raises
@@ -227,11 +227,11 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
-        acting.put(own.block, states.part(slice(acting.first, acting.last + 1)))
+        loads.put(own.block, states.part(slice(loads.first, loads.last + 1)))
         self._kernel(own.address)
         self.require_no_error()
         if own.block[STEPS.failed]:
-            t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
+            t, h = float(self.problem.times(loads.first)), self.problem.step_at(loads.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
@@ -274,20 +274,20 @@ def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]
     return found[::-1] if back else found
 
 
-class Acting(NamedTuple):
+class StepLoads(NamedTuple):
     """Some steps, and what acts on them."""
 
     first: int
     last: int
     arrays: dict[str, Array | None]
 
-    def part(self, first: int, last: int) -> Acting:
+    def part(self, first: int, last: int) -> StepLoads:
         """Return some of these steps."""
         found, count = dict[str, Array | None](), self.last - self.first
         for name, array in self.arrays.items():
             k = 0 if array is None else len(array) // count  # stages
             found[name] = None if array is None else array[k * (first - self.first) : k * (last - self.first)]
-        return Acting(first, last, found)
+        return StepLoads(first, last, found)
 
     def put(self, block: NDArray[np.int64], states: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps."""

@@ -36,9 +36,9 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run = chained.forward(steps.rows)
-    for acting, link in steps.layouts(count, entries):
-        steps.matrices(own, acting, states)
-        part = kept[acting.first : acting.last]
+    for loads, link in steps.layouts(count, entries):
+        steps.matrices(own, loads, states)
+        part = kept[loads.first : loads.last]
         run(link.put(matrices=own.matrices, state=x, kept=part, states=found[done:]))
         done += int(part.sum())
     return steps.turned_back(found[:, :, :count])
@@ -55,9 +55,9 @@ def back(
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
     run = chained.back
-    for acting, link in steps.layouts(count, entries, back=True):
-        steps.matrices(own, acting, states)
-        part = kept[acting.first : acting.last]
+    for loads, link in steps.layouts(count, entries, back=True):
+        steps.matrices(own, loads, states)
+        part = kept[loads.first : loads.last]
         left -= int(part.sum())
         run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=slopes[left:], found=found))
     return steps.turned_back(x[:, None])[:, 0], found[:count]
@@ -109,9 +109,9 @@ class PreparedTangents:
         x, scale = aligned(steps.rows, padded), np.ones(1)
         found, done = aligned(int(self._kept.sum()), 6, padded, empty=True), 0
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for acting, link in self._parts:
-            block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            refresh = partial(acting.put, block, states.part(slice(acting.first, acting.last + 1)))
+        for loads, link in self._parts:
+            block, part = own.block.copy(), self._kept[loads.first : loads.last]
+            refresh = partial(loads.put, block, states.part(slice(loads.first, loads.last + 1)))
             refresh()
             block[STEPS.factor] = scale.ctypes.data
             link = link._replace(block=link.block.copy())
@@ -183,11 +183,11 @@ class CarriedTangents:
         state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
         found, done, scale = aligned(count, 6, self._padded, empty=True), 0, np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for acting, link in self._parts:
+        for loads, link in self._parts:
             given[rows:] = 0.0
             given[link.alive["used"], : self._count] = link.alive["changes"][:, : self._count]
-            block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            acting.put(block)
+            block, part = own.block.copy(), self._kept[loads.first : loads.last]
+            loads.put(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(Carried)
             head.steps, head.state, head.changes, head.given = block, state, x, given

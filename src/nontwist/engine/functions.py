@@ -79,13 +79,13 @@ class Called:
     def _held(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""
         if isinstance(function, PythonFunction):
-            given = function
+            called = function
 
             def guarded(t: float, first: Any, second: Any, found: Any) -> None:
                 try:
-                    numbers = given.function(t, first, second).tolist()
+                    numbers = called.function(t, first, second).tolist()
                 except BaseException as error:  # it must not pass through the kernel
-                    numbers = [np.nan] * given.size  # the next errors follow from these
+                    numbers = [np.nan] * called.size  # the next errors follow from these
                     if self.error is None or not isinstance(error, Exception):
                         self.error = error
                 for k, x in enumerate(numbers):

@@ -113,8 +113,8 @@ class LinearFunctions:
         for k, x in enumerate(changes):
             for j, y in enumerate((plain(x), *(tangent(x, j) for j in range(width)))):
                 there.store((k * (1 + width) + j) * n, y, n)
-        given = (*(at.load if calls.parts.function else ()), *(at.of_potentials if calls.parts.generalised else ()))
-        v = Variables(found=tuple(Dual(y, [0.0] * width) for y in given))
+        values = (*(at.load if calls.parts.function else ()), *(at.of_potentials if calls.parts.generalised else ()))
+        v = Variables(found=tuple(Dual(y, [0.0] * width) for y in values))
         for k in loop(len(changes)):
             y, *tangents = (there.load((k * (1 + width) + j) * n, n) for j in range(1 + width))
             v.found = with_slopes(k, Dual(y, tangents))

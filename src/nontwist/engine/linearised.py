@@ -150,7 +150,7 @@ class Carried(NamedTuple):
     state: Doubles  # `State`
     padded: int
     changes: Doubles  # of the state and of the inputs, (width, padded)
-    given: Doubles  # the same, where those of inputs are what all steps have
+    fixed: Doubles  # the same, where those of inputs are what all steps have
     chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
     found: Doubles  # (kept, 6, padded)
     first: Doubles  # quaternion at the start of the run
@@ -223,4 +223,4 @@ def add_own(own: View, chain: View, i: Any, adds: bool) -> None:
         for is_added in (False, True)[: 1 + adds]:
             for e in loop(chain.begins[i], chain.begins[i + 1]):
                 place = chain.own_columns[e] * own.padded + chain.own_parameters[e]
-                own.changes[place] = own.changes[place] + chain.own_values[e] if is_added else own.given[place]
+                own.changes[place] = own.changes[place] + chain.own_values[e] if is_added else own.fixed[place]

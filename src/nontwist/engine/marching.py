@@ -243,9 +243,9 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:
     """Take what a step gives, a part of the interval, into means and sums, and into what is observed."""
     for name in ("mu", "lam", "moment", "dead", "twist", "work"):
-        if (given := getattr(found, name)) is not None and (parts.reports or name != "lam"):
+        if (value := getattr(found, name)) is not None and (parts.reports or name != "lam"):
             own = getattr(x.sums, name)
-            setattr(x.sums, name, own + (given if name in ("twist", "work") else part * given))
+            setattr(x.sums, name, own + (value if name in ("twist", "work") else part * value))
     if parts.reports:
         x.sums.iterations = larger(found.used, x.sums.iterations)
     if parts.observes:

@@ -261,10 +261,10 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
 
 def take_sums(b: View, lane: View, own: Member, place: Any, op: Any, per_time: Any) -> None:
     """Take the sums of a call out of those of the member; at an output, put those of its interval to the workspace."""
-    given, T = b.sums.shifted(b.order[place] * size_of(Sums)), own.total
+    sums, T = b.sums.shifted(b.order[place] * size_of(Sums)), own.total
     for k in loop(size_of(Sums)):
-        own.own[k] = given[k]
-        given[k] = 0.0
+        own.own[k] = sums[k]
+        sums[k] = 0.0
         for _ in when(op == EXCURSION):
             own.excursion[k] = own.own[k]
         for _ in when(op == MARCH):
@@ -300,13 +300,13 @@ HEAD, PREPARED = places(Head), places(Prepared)
 def run_prepared(address: Any) -> None:
     """March from the start behind the head at the address."""
     memory = doubles(address)
-    head, given = View(Head, memory), View(Prepared, memory.shifted(HEAD.size))
+    head, own = View(Head, memory), View(Prepared, memory.shifted(HEAD.size))
     b = View(Block, doubles(head.block))
     results, velocities = b.quaternions, b.velocities
     for k in loop(head.numbers):
         results[k] = 0.0
-    put(results, given.p)
-    put(velocities, given.W)
+    put(results, own.p)
+    put(velocities, own.W)
     call(head.enter, head.block)
     call(head.run, head.block)
     v = Variables(squares=0.0 * results[0], fastest=0.0 * results[0])
@@ -315,5 +315,5 @@ def run_prepared(address: Any) -> None:
     for k in loop(b.kept):
         w = vector_at(velocities, 3 * k)
         v.fastest = larger(w @ w, v.fastest)
-    given.squares = select(b.failures[0] == 0.0, v.squares, float("inf"))
-    given.fastest = v.fastest
+    own.squares = select(b.failures[0] == 0.0, v.squares, float("inf"))
+    own.fastest = v.fastest

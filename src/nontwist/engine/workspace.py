@@ -162,6 +162,6 @@ def enter(address: Any) -> None:
             v.s = body.read().momentum_of(W)
         state.s = v.s
         for _ in when(has_normal & (b.normals.address != 0)):
-            given = b.normals.shifted(6 * i * b.kept)
-            N = turned_into(B.T, Symmetric(*(given[k] for k in range(6))))
+            normal = b.normals.shifted(6 * i * b.kept)
+            N = turned_into(B.T, Symmetric(*(normal[k] for k in range(6))))
             put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)

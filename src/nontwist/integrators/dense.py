@@ -120,10 +120,10 @@ class Between:
         known = dense._arrays | changes
         taken = np.searchsorted(known["begin"] + 1, found)
         march, (begin, length), n = dense.march, dense._steps, int(taken.max())
-        given, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
-        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, given)
+        loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
+        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, loads)
         put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
-        put(row, RUN, given=given, degree=degree)
+        put(row, RUN, polynomials=loads, degree=degree)
         put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
         put(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
         self._row, self._address = row, row.ctypes.data

@@ -58,7 +58,7 @@ class Run(NamedTuple):
     outputs: Wholes  # (steps + 1,) number of the first output inside
     places: Wholes  # (steps,) its row
     parts: Doubles  # τ of the outputs inside
-    given: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
+    polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
     taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
@@ -162,13 +162,13 @@ class Expansion:
         self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
-        self.given = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
+        self.polynomials = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
         self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
 
     def gather(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
-        for memory in self.given:
+        for memory in self.polynomials:
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
@@ -181,10 +181,10 @@ class Expansion:
             for c, x in enumerate([*numbers, *(select(self.side == 0, 0.0, x) for x in sums)]):
                 start[c * lanes + l] = x
             self.length[l] = select(self.side == 0, length, -length)
-            for c, memory in enumerate(self.given):
-                given = run.given.shifted(((2 * step + self.side) * len(self.given) + c) * run.degree)
+            for c, memory in enumerate(self.polynomials):
+                numbers = run.polynomials.shifted(((2 * step + self.side) * len(self.polynomials) + c) * run.degree)
                 for n in loop(run.degree):
-                    memory[n * lanes + l] = given[n]
+                    memory[n * lanes + l] = numbers[n]
         x, y, z, w, *more = (start.load(c * lanes, lanes) for c in range(len(self.unknowns)))
         q = Quaternion(w, x, y, z) @ body.frame
         P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
@@ -218,7 +218,7 @@ class Expansion:
         """Return the moment along the frame, that in space, and the momentum of the rotors; None: there is none."""
         body, parts, found = self.body, self.parts, list[Vector]()
         scale = self.run.scales[self.i * self.run.scale_stride]
-        for a, b, c in zip(*[iter(self.given)] * 3, strict=True):
+        for a, b, c in zip(*[iter(self.polynomials)] * 3, strict=True):
             found.append(scale * Vector(*(Stored(self.recurrence, x) for x in (a, b, c))))
         vectors = iter(found)
         moving = next(vectors) @ body.basis if parts.moving else None

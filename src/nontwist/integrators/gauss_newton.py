@@ -240,12 +240,12 @@ class Residuals:
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
             with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
-                given = [x or ZEROS for x in e.called(i, rows, w)[3:]]
-            for j, x in enumerate(y for vector in given for y in vector):
+                results = [x or ZEROS for x in e.called(i, rows, w)[3:]]
+            for j, x in enumerate(y for vector in results for y in vector):
                 found[width * q + j] = x
             for c in loop(k) if k else ():
                 found[width * q + 9 + c] = e.memory.rate(stage, c)
-            is_sound = (q > 0) | (sum(map(taxicab, given), 0.0) <= OVERFLOW)
+            is_sound = (q > 0) | (sum(map(taxicab, results), 0.0) <= OVERFLOW)
             note_call(e, is_sound)
             v.is_fine = v.is_fine & is_sound
 

@@ -44,10 +44,10 @@ class PreparedMarch:
         Return the numbers found, for `read`, the sum of their squares, infinite where the run has failed, and the
         largest |W|² of the stored states.
         """
-        memory, given, address, _ = self._threads.own
-        START.pack_into(given, 0, *p, *W, scale / self._unit)
+        memory, start, address, _ = self._threads.own
+        START.pack_into(start, 0, *p, *W, scale / self._unit)
         self._run(address)
-        return memory.copy(), *FOUND.unpack_from(given, 8 * PREPARED.squares)
+        return memory.copy(), *FOUND.unpack_from(start, 8 * PREPARED.squares)
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
@@ -61,7 +61,7 @@ class PreparedMarch:
         return self._threads.own[3][0]
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
-        """Return memory for one thread: results, what is given and comes back, the address of the head, all of it."""
+        """Return memory for one thread: results, the start and what comes back, the address of the head, all of it."""
         march, (arrays, places) = self._march, side_by_side(**self._march.shapes)
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
@@ -69,5 +69,5 @@ class PreparedMarch:
         put(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
         put(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
         put(call, HEAD, run=march.driver(self._todo).address)
-        given = call[HEAD.size :].data.cast("B")
-        return memory, given, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)
+        start = call[HEAD.size :].data.cast("B")
+        return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)

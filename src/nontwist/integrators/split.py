@@ -294,7 +294,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
 def quadrature(nodes: Nodes, state: State) -> Step:
     """Turn a body that is held, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
     parts, k, h, P, zero, s = nodes.parts, nodes.body.k, nodes.h, state.s, 0.0 * state.s, nodes.parts.nodes
-    rule, given = GAUSS[2 * s], StepSums(nodes)
+    rule, means = GAUSS[2 * s], StepSums(nodes)
     M = [nodes.moving(j) if parts.moving else zero for j in range(s)]
     across = [Vector(B[0], B[1], zero[2]) for B in M]
 
@@ -311,17 +311,17 @@ def quadrature(nodes: Nodes, state: State) -> Step:
     if parts.tells:
         for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
             until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
-            given.see(until, w, h * float(weight))
-            given.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
-        given.sums.work = dP @ (k * (P + 0.5 * dP))
+            means.see(until, w, h * float(weight))
+            means.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
+        means.sums.work = dP @ (k * (P + 0.5 * dP))
     far, none = is_too_far(h * (k * P)), zero[0]
-    return given.completed(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
+    return means.completed(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
 
 
 def composed(nodes: Nodes, state: State) -> Step:
     """Take the substeps of a composition, each of order 2, up to one that cannot be taken."""
     parts, body, h, zero = nodes.parts, nodes.body, nodes.h, 0.0 * state.s[0]
-    never, first, given = zero > 1.0, nodes.node, StepSums(nodes)
+    never, first, means = zero > 1.0, nodes.node, StepSums(nodes)
     v = Variables(state=state, half=zero, gap=zero, used=zero, residual=zero, far=never, stalled=never)
 
     def is_fine() -> Any:
@@ -343,12 +343,12 @@ def composed(nodes: Nodes, state: State) -> Step:
             v.half = 0.5 * length
         for _ in when(without(i < count, v.far) & (v.gap <= UNIT)):
             nodes.begin(first + i, v.state.p)
-            kick(nodes, length, part, v, given)
+            kick(nodes, length, part, v, means)
     residual, turn = select(v.stalled, v.residual, v.gap), abs(h) * taxicab(body.k * v.state.s)
-    return given.completed(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, turn))
+    return means.completed(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, turn))
 
 
-def kick(nodes: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> None:
+def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None:
     """Change the momentum by the moments of a substep; turn a body that is held."""
     parts, k, now, mu = nodes.parts, nodes.body.k, v.state, 0.0 * h
     if parts.is_explicit:
@@ -360,14 +360,14 @@ def kick(nodes: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> None
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V
-    given.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
+    means.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
     if parts.is_constrained:
         mu = cross(middle, V)[2] + torque[2]
         v.state, v.gap = rotated(now._replace(auxiliary=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
     else:
         P, compensation = compensated(now.s, now.compensation, dP)
         v.state = now._replace(s=P, compensation=compensation)
-    given.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
+    means.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
 
 
 def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
@@ -377,9 +377,9 @@ def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
         called = loads.functions.moment(zero, W)
         own = loads.functions.load(called)
     drag = None if loads.damping is None else -(loads.damping @ W)
-    given = sum_of(loads.moving, loads.space, drag)
+    applied = sum_of(loads.moving, loads.space, drag)
     dead = None if loads.dead is None else first_moment(loads.dead)
-    return sum_of(given, called, dead) or zero, sum_of(given, own) or zero
+    return sum_of(applied, called, dead) or zero, sum_of(applied, own) or zero
 
 
 def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:

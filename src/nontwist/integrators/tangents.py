@@ -179,22 +179,22 @@ class CarriedTangents:
     def _workspace(self) -> Any:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
         steps, rows, count = self._steps, self._steps.rows, int(self._kept.sum())
-        x, given = (aligned(steps.width, self._padded) for _ in range(2))
+        x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
         found, done, scale = aligned(count, 6, self._padded, empty=True), 0, np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for loads, link in self._parts:
-            given[rows:] = 0.0
-            given[link.alive["used"], : self._count] = link.alive["changes"][:, : self._count]
+            fixed[rows:] = 0.0
+            fixed[link.alive["used"], : self._count] = link.alive["changes"][:, : self._count]
             block, part = own.block.copy(), self._kept[loads.first : loads.last]
             loads.put(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(Carried)
-            head.steps, head.state, head.changes, head.given = block, state, x, given
+            head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
             head.padded, head.found, head.chain = self._padded, found[done:], link.put(kept=part)
             head.first, head.turns = state[-4:], turns[done:]
             calls.append((block, head.address))
             alive.append((head, link, part))
             done += int(part.sum())
-        x[:] = given
+        x[:] = fixed
         return x, state, found, turns, scale, calls, (own, alive)

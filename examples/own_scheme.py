@@ -18,7 +18,7 @@ from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.engine.sampling import Nodes
 from nontwist.integrators.base import Problem
-from nontwist.integrators.compiled import Compiled, velocity_of
+from nontwist.integrators.compiled import Compiled
 from nontwist.kernels.elements import sqrt
 from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads.terms import Damping
@@ -66,7 +66,7 @@ class LieEuler(Compiled):
 
     def text(self, motion: str) -> Text:
         """Return the text of the step."""
-        return Text(step, velocity_of)
+        return Text(step)
 
 
 INTEGRATORS["lie-euler"] = LieEuler

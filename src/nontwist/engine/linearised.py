@@ -133,7 +133,7 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     assert known.turn is not None
     turned = q if known.now is None else known.now.p.inverse @ q
     turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
-    W = text.velocity(known.body, state.s)
+    W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
         N = Symmetric(*N) - symmetric(tilted(Symmetric(*N).matrix, known.tilt)) if N else N
@@ -188,7 +188,7 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
             sampled(parts, b, x, i)
             add_own(own, chain, i, True)
             now, solved, at = v.state, Solved(), x.read()
-            R, W = attitude(now.p), text.velocity(body, now.s)
+            R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             with solving(solved):
                 found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)

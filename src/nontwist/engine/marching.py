@@ -35,7 +35,7 @@ from ..kernels.memory import View, doubles, size_of
 from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .newton import Solution
 from .observation import begin_observing, extend, integrate, observe
-from .records import NODAL, Block, Body, Parts, State, Work
+from .records import NODAL, Block, Parts, State, Work
 from .sampling import Nodes
 from .workspace import NAN, NOW, OK, gather, note, remember, scatter, write
 
@@ -63,16 +63,14 @@ class Step(NamedTuple):
     work: Any = None
 
 
-Flow = Callable[
-    [Nodes, State], Callable[[Any], tuple[State, Any]]
-]  # of a state: the time to state, and mask of too far
+# Of a state: what gives, of a time, the state after it, and the mask of bodies that turn too far.
+Flow = Callable[[Nodes, State], Callable[[Any], tuple[State, Any]]]
 
 
 class Text(NamedTuple):
     """What a scheme gives to the march."""
 
     step: Callable[[Nodes, State, Any], Step]
-    velocity: Callable[[Body, Vector], Vector]  # W of what is carried
     auxiliary: int = 0  # numbers of `State.auxiliary` that it carries
     # The first guess of a known step: `State.auxiliary`, of h, s, s⁺.
     remembered: Callable[[Any, Vector, Vector], Any] | None = None
@@ -150,7 +148,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
 
     def show(now: State) -> None:
         x.state.write(now._replace(auxiliary=(*now.auxiliary, *x.state.auxiliary[text.auxiliary :])))
-        x.velocity = text.velocity(nodes.body, now.s)
+        x.velocity = parts.velocity(nodes.body, now.s)
 
     def see(now: State) -> None:
         show(now)
@@ -161,11 +159,11 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         if parts.is_director_scheme:
             show(now)
         else:
-            x.state.p, x.velocity = now.p, text.velocity(nodes.body, now.s)
+            x.state.p, x.velocity = now.p, parts.velocity(nodes.body, now.s)
         write(parts, b, x, v.done, first, last)
 
     if text.flow is None:
-        turn = abs(h) * taxicab(text.velocity(nodes.body, v.state.s))
+        turn = abs(h) * taxicab(parts.velocity(nodes.body, v.state.s))
         far = v.alive & (turn > FARTHEST)
         for _ in when(any_of(far)):
             note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
@@ -182,7 +180,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         fine = without(v.alive & (found.gap <= UNIT), found.stalled | found.far)
         bad = without(v.alive, fine)
         for _ in when(any_of(bad)):
-            W = text.velocity(nodes.body, v.state.s)
+            W = parts.velocity(nodes.body, v.state.s)
             how_far = select(found.stalled, h * sqrt(W @ W), found.turn)
             note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
@@ -215,7 +213,7 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
     b, x = nodes.block, nodes.x
     parts, h, begin, stored, lengths = nodes.parts, nodes.h, b.unloaded_from, b.stored, b.lengths
     end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
-    mu = cross(v.state.s, text.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
+    mu = cross(v.state.s, parts.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
     far, nothing = moved(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):

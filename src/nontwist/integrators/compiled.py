@@ -12,20 +12,14 @@ import numpy as np
 
 from ..engine.generalised import MOMENT
 from ..engine.marching import Text
-from ..engine.records import Body, Parts
+from ..engine.records import Parts
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..kernels.vectors import Vector
 from ..loads import Load
 from .base import Integrator, Outcome, Prepared, Problem
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
-
-
-def velocity_of(body: Body, P: Vector) -> Vector:
-    """Return W of a step that carries the momentum."""
-    return body.velocity_of(P)
 
 
 class Needs(NamedTuple):

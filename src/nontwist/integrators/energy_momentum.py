@@ -234,12 +234,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.tells else found
 
 
-def velocity(body: Body, W: Vector) -> Vector:
-    """Return W of the state, which is it."""
-    return W
-
-
-TEXT = Text(step, velocity, auxiliary=6)
+TEXT = Text(step, auxiliary=6)
 
 
 def shrinking(a: Vector) -> Any:

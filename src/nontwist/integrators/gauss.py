@@ -96,7 +96,7 @@ from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, sum_of
 from ..loads import Load
 from ..models.stack import SystemStack
-from .compiled import ONCE, Compiled, Needs, velocity_of
+from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
@@ -234,7 +234,7 @@ def text_of(s: int, motion: str) -> Text:
         y = Stages(nodes.memory, nodes.table, s, n, n, n == 1 and tracer() is not None)
         return steady_step(nodes, state, y) if motion == "steady" else collocated(nodes, state, alive, y, motion)
 
-    return Text(step, velocity_of, auxiliary=1, integrates=True, exchange=exchange)
+    return Text(step, auxiliary=1, integrates=True, exchange=exchange)
 
 
 def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:

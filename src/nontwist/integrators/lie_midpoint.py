@@ -75,7 +75,6 @@ from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
-from .compiled import velocity_of
 from .dissipative import Dissipative
 
 
@@ -247,4 +246,4 @@ def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, velocity_of, auxiliary=9, remembered=remembered)
+TEXT = Text(step, auxiliary=9, remembered=remembered)

@@ -76,7 +76,7 @@ from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, firs
 from ..models.stack import is_principal, transverse_momentum
 from .base import Problem
 from .coasting import Coasting
-from .compiled import ONCE, SPIN, Compiled, velocity_of
+from .compiled import ONCE, SPIN, Compiled
 from .composition import fractions, nodes
 from .costs import Cost, steps_cost
 
@@ -423,4 +423,4 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
     return logical_not(v.found), real(v.count), v.residual, v.moments
 
 
-TEXT = Text(step, velocity_of, auxiliary=2, integrates=True, flow=flow)
+TEXT = Text(step, auxiliary=2, integrates=True, flow=flow)

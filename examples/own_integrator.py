@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from nontwist.integrators.spins import REFUSAL as SPIN
 
 from nontwist import (
     INTEGRATORS,
@@ -30,7 +29,7 @@ from nontwist import (
     suslov,
 )
 from nontwist.geometry.arrays import Array
-from nontwist.integrators.base import Failure, Integrator, March, Problem, Status
+from nontwist.integrators.base import SPIN, Failure, Integrator, March, Problem, Status
 from nontwist.integrators.stepping import Step, march
 
 TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights

@@ -19,7 +19,6 @@ from ..loads import Load
 from .base import Integrator, Outcome, Prepared, Problem
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
-SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
 
 
 class Needs(NamedTuple):

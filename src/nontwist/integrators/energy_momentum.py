@@ -101,8 +101,8 @@ from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
-from .base import Problem
-from .compiled import SPIN, Needs
+from .base import SPIN, Problem
+from .compiled import Needs
 from .dissipative import Dissipative
 
 MOMENTS = ("paper", "exact")

@@ -74,9 +74,9 @@ from ..kernels.elements import larger, logical_not, real, select, smaller, witho
 from ..kernels.memory import View, scratch
 from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of, taxicab
 from ..models.stack import is_principal, transverse_momentum
-from .base import Problem
+from .base import SPIN, Problem
 from .coasting import Coasting
-from .compiled import ONCE, SPIN, Compiled
+from .compiled import ONCE, Compiled
 from .composition import fractions, nodes
 from .costs import Cost, steps_cost
 

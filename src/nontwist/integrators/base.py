@@ -21,17 +21,7 @@ from .members import one_by_one, outcome_of
 from .problem import Failure, March, Outcome, Problem, Status
 
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
-__all__ = [
-    "SPIN",
-    "Failure",
-    "Integrator",
-    "March",
-    "Outcome",
-    "Problem",
-    "SimulationError",
-    "SimulationInterrupt",
-    "Status",
-]
+__all__ = ["Failure", "Integrator", "March", "Outcome", "Problem", "SimulationError", "SimulationInterrupt", "Status"]
 
 
 class SimulationError(RuntimeError):

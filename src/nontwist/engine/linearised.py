@@ -130,7 +130,6 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     h = plain(known.h)
     state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
-    assert known.turn is not None
     turned = q if known.now is None else known.now.p.inverse @ q
     turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
     W = known.parts.velocity(known.body, state.s)
@@ -143,7 +142,7 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
 # Steps taken and linearised at once, of a run whose directions are known: they lie side by side, in lanes.
 
 
-class Carried(NamedTuple):
+class ForwardRun(NamedTuple):
     """A run of one body with the changes of its state: rows of `Directions`, `padded` to whole lanes."""
 
     steps: Doubles  # `Steps`
@@ -170,13 +169,13 @@ class Loaded(Directions):
 
 
 @lru_cache
-def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
+def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
     places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
-        own = View(Carried, doubles(address))
+        own = View(ForwardRun, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
         calls = Calls(parts, b, dict(wanted))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))

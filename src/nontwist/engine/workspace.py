@@ -20,7 +20,7 @@ OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status
 NOW, AUXILIARY = fields(Work)["now"].place, fields(State)["auxiliary"].place
 
 
-def carried(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
+def member_fields(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
     """Return what members carry: a field of the workspace, its record, their array, numbers from row to row."""
     found = [("state", State, b.states, b.state_size), ("failure", Failure, b.failures, size_of(Failure))]
     if parts.reports:
@@ -35,7 +35,7 @@ def internal(b: View) -> Any:
     return doubles(b.workspace).shifted(size_of(Work))
 
 
-def carried_internal(b: View, i: Any) -> Any:
+def internal_of(b: View, i: Any) -> Any:
     """Return z of a member and what it was rounded by, behind all that it carries else."""
     return b.states.shifted((i + 1) * b.state_size - 2 * b.internal)
 
@@ -58,11 +58,11 @@ def gather(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
     """Fill the workspace with members; lanes beyond `last` repeat the one before it."""
     for l in loop(parts.lanes):
         i, lane = b.order[smaller(first + l, last - 1)], x.lane(l)
-        for name, record, array, stride in [("body", Body, b.bodies, b.body_stride), *carried(parts, b)]:
+        for name, record, array, stride in [("body", Body, b.bodies, b.body_stride), *member_fields(parts, b)]:
             getattr(lane, name).copy_from(View(record, array.shifted(i * stride)))
         lane.scale = b.scales[i * b.scale_stride]
         if parts.memory:
-            copy(carried_internal(b, i), internal(b), 2 * parts.memory)
+            copy(internal_of(b, i), internal(b), 2 * parts.memory)
         if parts.observes:
             lane.set_number(NOW + NODAL, 0.0)
 
@@ -72,10 +72,10 @@ def scatter(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
     """Put back what the members carry on."""
     for l in loop(last - first):
         i, lane = b.order[first + l], x.lane(l)
-        for name, record, array, stride in carried(parts, b):
+        for name, record, array, stride in member_fields(parts, b):
             View(record, array.shifted(i * stride)).copy_from(getattr(lane, name))
         if parts.memory:
-            copy(internal(b), carried_internal(b, i), 2 * parts.memory)
+            copy(internal(b), internal_of(b, i), 2 * parts.memory)
 
 
 @part
@@ -149,7 +149,7 @@ def enter(address: Any) -> None:
         state, B = View(State, row), body.basis
         for k in loop(b.state_size):
             row[k] = 0.0
-        z, own = b.internals.shifted(i * b.kept * b.internal), carried_internal(b, i)
+        z, own = b.internals.shifted(i * b.kept * b.internal), internal_of(b, i)
         for k in loop(b.internal):
             own[k] = z[k]
         state.p = Quaternion(q[3], q[0], q[1], q[2]) @ body.frame

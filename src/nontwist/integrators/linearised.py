@@ -20,7 +20,7 @@ from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, NODAL, STEPS, Step
 from ..engine.layout import address_of, put
 from ..engine.linear_functions import places_of_directions
-from ..engine.linearised import carried, linearised
+from ..engine.linearised import forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY
 from ..geometry.arrays import Array, aligned
@@ -103,7 +103,7 @@ class Linearised:
         order, scale = scheme.order, float(problem.load_scale[0])
         bodies = rows_of(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
-        self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
+        self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         wanted, self._factor, self._order = set(wanted), np.array([scale]), order
         self._fixed = bodies[0]
         if scheme.dissipation:
@@ -133,7 +133,7 @@ class Linearised:
             self._kernel: Any = linearised(scheme.text(parts.motion), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
             if not called:
-                self.carried = partial(carried, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
+                self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
             self._kernel = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])

@@ -82,7 +82,7 @@ class StackMarch:
         self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
         self.stages = {parts: scheme.stages(parts) for parts in self.groups}
         self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
-        size, none = STATE.size + self.needs.carried + 2 * z.size, (0,)
+        size, none = STATE.size + self.needs.beside + 2 * z.size, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..engine import chained
 from ..engine.chained import LANES
 from ..engine.known_steps import STEPS
-from ..engine.linearised import Carried
+from ..engine.linearised import ForwardRun
 from ..engine.records import STATE, State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
@@ -122,7 +122,7 @@ class PreparedTangents:
         return states, x, found, scale, calls, (own, alive)
 
 
-class CarriedTangents:
+class ForwardTangents:
     """As `PreparedTangents`, of a traced scheme and few parameters: the steps are taken and linearised at once.
 
     A turn of the start alone, by a parameter that does nothing else, turns all of a run that does not see its attitude.
@@ -132,25 +132,25 @@ class CarriedTangents:
 
     def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
-        self._turned, self._carried = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
+        self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
         self._steps, self._kept, side = steps, kept, machine_code.lanes()
-        place, self._count = np.cumsum(~is_turned) - 1, len(self._carried)
+        place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
-        def carried(nodes: Nodes) -> Iterator[Entries]:
+        def entries_of(nodes: Nodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
-        self._parts = list(steps.layouts(self._count, carried, size=LONGEST))
+        self._parts = list(steps.layouts(self._count, entries_of, size=LONGEST))
         arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
-        self._padded, self._kernel = -(-self._count // side) * side, steps.carried(tuple(sorted(inputs))).function
+        self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
         self._start, self._entering = self._parted(start), steps.entering
         self._threads = PerThread(self._workspace)
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
         """Return the changes of the first state as they are returned, carried along, and turned."""
         seen = start if self._turn is None else self._turn @ start
-        return start[:6], seen[:, self._carried], seen[:3, self._turned]
+        return start[:6], seen[:, self._others], seen[:3, self._turned]
 
     def __call__(self, p: Any, W: Any, start: Array | None, factor: float) -> Array | None:
         """Return the changes of the states of the run from the quaternion p, scalar last, and W; None where it fails.
@@ -171,7 +171,7 @@ class CarriedTangents:
         if self._turn is not None:
             B = self._turn[:3, :3].T
             ends, turns = self._turn[:6, :6].T @ ends, B @ turns
-        changes[0], changes[1:, :, self._carried] = first, ends
+        changes[0], changes[1:, :, self._others] = first, ends
         if len(self._turned):
             changes[1:, :3, self._turned] = turns @ turned
         return changes
@@ -189,7 +189,7 @@ class CarriedTangents:
             block, part = own.block.copy(), self._kept[loads.first : loads.last]
             loads.put(block)
             block[STEPS.factor] = scale.ctypes.data
-            head = view_of(Carried)
+            head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
             head.padded, head.found, head.chain = self._padded, found[done:], link.put(kept=part)
             head.first, head.turns = state[-4:], turns[done:]

@@ -255,9 +255,8 @@ class Potential(NamedTuple):
             delta = cross(half, g)
             v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
         state.of_potential(term, at, scratch)
-        for _ in when(
-            logical_not(abs(scratch[0]) <= OVERFLOW)
-        ):  # of a state V itself is not used, but it must be there
+        # Of a state V itself is not used, but it must be there.
+        for _ in when(logical_not(abs(scratch[0]) <= OVERFLOW)):
             scratch[1] = NAN
         scratch[factor] = 0.0
         for _ in when(v.across > SHORT * v.length):

@@ -146,9 +146,8 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     """Take the step: Newton's iteration for z, then the changes of P and of the rates, and the multiplier."""
     parts, body, h, P = nodes.parts, nodes.body, nodes.h, state.s
     f, k, loads = 0.5 * h, body.k, nodes.loads()
-    rates = [
-        Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)
-    ]  # first guess, and those of the last two steps
+    # First guess, and those of the last two steps.
+    rates = [Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)]
     zero, speed, of_state = 0.0 * P[0], taxicab(k * P), MomentOfStep(loads.functions, f, P, False)
     axial = 0.5 * nodes.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 

@@ -40,8 +40,7 @@ class Outputs:
     """
 
     def __init__(self, problem: Problem) -> None:
-        assert problem.asked is not None
-        times, last = problem.asked, problem.steps
+        times, last = np.asarray(problem.asked), problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
         j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
         rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))

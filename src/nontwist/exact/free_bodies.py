@@ -50,8 +50,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry import rotations
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array
 from ..models.catalogue import D3
+from ..models.system import checked_inertia as symmetric_inertia
 from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, planar
 from .free_constants import FARTHEST, OK
 from .free_kernels import free_top
@@ -206,13 +207,13 @@ TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no 
 def _solved(
     is_constrained: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any, physical: bool
 ) -> Motion:
-    """Return the motion, of the inertia as it is given."""
+    """Return the motion, of the inertia to the last bit as it was given."""
     if is_constrained:
-        _, W = planar(inertia, velocity, physical)
+        J, W = planar(inertia, velocity, physical)
     else:
-        _, W = checked_inertia(inertia, physical), checked_velocity(velocity)
-    J, t, R = as_floats(inertia, "inertia"), checked_times(times), checked_attitude(rotation)
+        J, W = symmetric_inertia(inertia, physical), checked_velocity(velocity)
+    t, R = checked_times(times), checked_attitude(rotation)
     Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-    if free_top(np.diag(J) if J.ndim == 1 else J, W, R, t, int(is_constrained), Lam, velocities) != OK:
+    if free_top(J, W, R, t, int(is_constrained), Lam, velocities) != OK:
         raise ValueError(TOO_FAR)
     return Lam, velocities

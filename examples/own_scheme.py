@@ -19,17 +19,17 @@ from nontwist.engine.records import State
 from nontwist.engine.sampling import Nodes
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.base import Problem
-from nontwist.integrators.compiled import Compiled, velocity_of
+from nontwist.integrators.compiled import Compiled
 from nontwist.kernels.elements import sqrt
 from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads.terms import Damping
 
 
-def step(acting: Nodes, state: State, is_open: Any) -> Step:
+def step(nodes: Nodes, state: State, is_open: Any) -> Step:
     """Take the step."""
-    body, h, zero = acting.body, acting.h, 0.0 * acting.h
+    body, h, zero = nodes.body, nodes.h, 0.0 * nodes.h
     W = body.velocity_of(state.s)
-    C, torque = acting.loads().damping, cross(state.s, W)
+    C, torque = nodes.loads().damping, cross(state.s, W)
     drag = None if C is None else -(C @ W)
     if drag is not None:
         torque = torque + drag
@@ -38,10 +38,10 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
     P, compensation = compensated(state.s, state.compensation, h * torque)
     never, turn = zero > 1.0, 2.0 * sqrt(half @ half)
     found = Step(State(p, P, compensation, c, state.auxiliary), never, never, gap, zero, zero, turn)
-    if acting.parts.tells:
+    if nodes.parts.tells:
         found = found._replace(mu=zero, twist=2.0 * (body.axis @ half))
         if drag is not None:
-            found = found._replace(moment=acting.R @ drag, work=h * (W @ drag))
+            found = found._replace(moment=nodes.R @ drag, work=h * (W @ drag))
     return found
 
 
@@ -67,7 +67,7 @@ class LieEuler(Compiled):
 
     def text(self, motion: str) -> Text:
         """Return the text of the step."""
-        return Text(step, velocity_of)
+        return Text(step)
 
 
 INTEGRATORS["lie-euler"] = LieEuler

@@ -10,15 +10,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from nontwist.geometry.frames import (
-    closed_frame,
-    frame_along,
-    frame_error_estimate,
-    frame_of_curve,
-    holonomy,
-    nontwisting_frame,
-    solid_angle,
-)
+from nontwist.geometry.curves import frame_along, frame_of_curve
+from nontwist.geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 
 AXES = np.eye(3)
 

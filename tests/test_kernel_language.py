@@ -34,10 +34,9 @@ from nontwist.kernels.elements import (
     sqrt,
     without,
 )
-from nontwist.kernels.kernel import Kernel, kernel
+from nontwist.kernels.kernel import Kernel, Signature, kernel
 from nontwist.kernels.memory import Doubles, View, Wholes, call, doubles, put, scratch, size_of, vector_at, view_of
 from nontwist.kernels.parts import part
-from nontwist.kernels.signatures import Signature
 from nontwist.kernels.tracing import TraceError, Tracer, tracing
 from nontwist.kernels.vectors import (
     AXES,

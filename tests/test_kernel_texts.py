@@ -97,14 +97,14 @@ def exact_cases():
     for J, R, W in bodies():
         found.setdefault(free_kernels.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
         for t, is_constrained in product((times, times * 1e15), (0, 1)):
-            given = J, W, R, t, is_constrained, 0, np.zeros((k, 3, 3)), np.zeros((k, 3))
+            given = J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3))
             found.setdefault(free_kernels.free_top, []).append(given)
-    for axes in (np.zeros((0, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))):
+    for is_constrained in (0, 1):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))
         p[:, 0], W[:, 0] = unit(2, 4), rng.normal(size=(2, 3)) * [1.0, 1.0, 0.0]
         for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
             for t in (times, times * 1e15):
-                given = np.stack([J, J + np.eye(3)]), axes, t, 1, 0, 2, p, W
+                given = np.stack([J, J + np.eye(3)]), is_constrained, t, 1, 0, 2, p, W
                 found.setdefault(free_kernels.free_members, []).append(given)
     for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
         motion = suslov_body._motion(J, [0.0, 0.0, 1.0], [1.0, 2.0, 0.0])

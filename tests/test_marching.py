@@ -115,8 +115,8 @@ def test_threads_get_one_kernel():
 @pytest.mark.parametrize(
     "place",
     [
-        *("engine/marching", "engine/newton", "engine/outputs", "engine/observation", "engine/prepared"),
-        *("engine/sampling", "engine/state_moments", "engine/states", "engine/workspace"),
+        *("engine/marching", "engine/newton", "engine/outputs", "engine/observation"),
+        *("engine/sampling", "engine/state_moments", "engine/workspace"),
         "integrators/energy_momentum",
     ],
 )

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from conftest import compiled_load, turning
 from nontwist import Load, body_moment, damping, integrate, moment, nontwisting, propagator, sine, standard
 from nontwist.engine.layout import put
-from nontwist.engine.prepared import GIVEN, HEAD, run_prepared
+from nontwist.engine.outputs import HEAD, PREPARED, run_prepared
 from nontwist.engine.records import BLOCK
 from nontwist.errors import SimulationError
 from nontwist.integrators import INTEGRATORS
@@ -244,13 +244,13 @@ def test_a_start_is_found_again_by_least_squares():
 
 def test_a_call_gives_the_sum_of_squares_of_its_numbers():
     idle = ctypes.CFUNCTYPE(None, ctypes.c_int64)(lambda block: None)  # in place of the kernels of a march
-    results, call = np.ones(10), np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
+    results, call = np.ones(10), np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
     nothing, block = ctypes.cast(idle, ctypes.c_void_p).value, np.zeros(BLOCK.size, dtype=np.int64)
     put(block, BLOCK, quaternions=results, velocities=results[4:], failures=results[8:], kept=1)
     put(call, HEAD, block=block, numbers=9, enter=nothing, run=nothing)
     given = call[HEAD.size :].view(np.float64)
     given[:8] = [0, 0, 0, 1, 1, 2, 3, 0.5]
     run_prepared(call.ctypes.data)
-    assert given[GIVEN.squares] == 15.0
-    assert given[GIVEN.fastest] == 14.0
-    assert (given[GIVEN.factor], results[9]) == (0.5, 1.0)
+    assert given[PREPARED.squares] == 15.0
+    assert given[PREPARED.fastest] == 14.0
+    assert (given[PREPARED.factor], results[9]) == (0.5, 1.0)

@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, as_array
 from ..integrators import Problem
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
-from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
+from ..integrators.tangents import ForwardTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..models.system import DirectorSystem
 from .grid import stored_steps
@@ -252,10 +252,10 @@ class Jacobian:
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
-        is_few = steps.carried is not None and self._parameters.count <= CarriedTangents.MOST
+        is_few = steps.forward_run is not None and self._parameters.count <= ForwardTangents.MOST
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
         how = self._parameters.entries, kept
-        self._carried = CarriedTangents(steps, self._still, *how) if is_few else None
+        self._forward = ForwardTangents(steps, self._still, *how) if is_few else None
         self._tangents = None if is_few else PreparedTangents(steps, self._parameters.count, *how)
 
     def __call__(self, p: Any, W: Any, scale: float, removed: float) -> Array | None:
@@ -268,8 +268,8 @@ class Jacobian:
         start = None
         if self._parameters.needs_velocity:
             start = self._parameters.start(self._rows, np.array(W), removed)
-        if self._carried is not None:
-            return self._carried(p, W, start, scale)
+        if self._forward is not None:
+            return self._forward(p, W, start, scale)
         assert self._tangents is not None
         states = self._prepared.states(p, W, scale)
         return None if states is None else self._tangents(states, self._still if start is None else start, scale)

@@ -9,7 +9,6 @@ can a square overflow or vanish where the numbers of a problem are far from 1.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,16 +24,7 @@ ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 
 def power_of_two(x: Array) -> Array:
     """Return the largest power of two that is not above x > 0, within 2^±480, whose squares are numbers."""
-    found: Array = np.ldexp(1.0, np.clip(np.frexp(x)[1] - 1, -480, 480))
-    return found
-
-
-class Fixed(NamedTuple):
-    """What the march knows of bodies whatever loads act and however long the steps are."""
-
-    rows: Array  # (m, BODY.size), dead forces in the units of the caller
-    basis: Array  # (m, 3, 3)
-    mass_unit: Array  # (m,) M
+    return np.ldexp(1.0, np.clip(np.frexp(x)[1] - 1, -480, 480))
 
 
 def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:
@@ -42,20 +32,21 @@ def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = O
 
     `principal`: the scheme takes constrained axes for principal ones, and wants principal moments in ascending order.
     """
-    fixed = _fixed_of_one(systems, principal) if len(systems) == 1 else _fixed(systems, principal)
-    rows, force = fixed.rows.copy(), time_unit * time_unit / fixed.mass_unit
+    fixed, basis, M = (_fixed_of_one if len(systems) == 1 else _fixed)(systems, principal)
+    rows, force = fixed.copy(), time_unit * time_unit / M
     rows[:, BODY.dead : BODY.damping] *= force[:, None]
     rows[:, BODY.unit] = 1 / force
     if load.terms:
         C = load.damping
         if C.any():
-            turned = fixed.basis.swapaxes(1, 2) @ (scale[:, None, None] * C) @ fixed.basis
+            turned = basis.swapaxes(1, 2) @ (scale[:, None, None] * C) @ basis
             rows = np.broadcast_to(rows, (len(turned), BODY.size)).copy()
             rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) * force[:, None] / time_unit
     return rows
 
 
-def _fixed(systems: SystemStack, principal: bool) -> Fixed:
+def _fixed(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
+    """Return rows whatever loads act and however long steps are, dead forces as they are; the frames, and M."""
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
     e = E[:, range(3), range(3)]
@@ -77,7 +68,7 @@ def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     row[:, BODY.dead : BODY.damping] = (basis.swapaxes(1, 2) @ systems.dead_force).reshape(m, 9)
     row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
     row[:, BODY.vertical : BODY.dissipation] = systems.vertical
-    return Fixed(row, basis, M)
+    return row, basis, M
 
 
 _fixed_of_one = lru_cache(maxsize=64)(_fixed)

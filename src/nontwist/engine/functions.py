@@ -49,14 +49,12 @@ class Called:
         self.error: BaseException | None = None
         if self.load.terms:
             parts: Any = tuple((term.c_function, term.scale) for term in self.load.terms if term.c_function)
-            self.address = self._address(
-                c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
-            )
+            moment = c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
+            self.address = self._address(moment)
         if load.memories:
-            responses = [
-                (self._held(term.c_function or evaluated(term)), term.scale, term.state0.size) for term in load.memories
-            ]
-            self.remembers = self._address(response_of(tuple(responses)))
+            functions = ((term, self._held(term.c_function or evaluated(term))) for term in load.memories)
+            responses = tuple((function, term.scale, term.state0.size) for term, function in functions)
+            self.remembers = self._address(response_of(responses))
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 
@@ -76,19 +74,18 @@ class Called:
 
     def _address(self, function: Any) -> int:
         """Return the address of a function."""
-        held: int = self._held(function).address
-        return held
+        return self._held(function).address
 
     def _held(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""
         if isinstance(function, PythonFunction):
-            given = function
+            called = function
 
             def guarded(t: float, first: Any, second: Any, found: Any) -> None:
                 try:
-                    numbers = given.function(t, first, second).tolist()
+                    numbers = called.function(t, first, second).tolist()
                 except BaseException as error:  # it must not pass through the kernel
-                    numbers = [np.nan] * given.size  # the next errors follow from these
+                    numbers = [np.nan] * called.size  # the next errors follow from these
                     if self.error is None or not isinstance(error, Exception):
                         self.error = error
                 for k, x in enumerate(numbers):
@@ -135,10 +132,8 @@ class Varied(Called):
             known = dict[tuple[bytes, float], Array]()  # of the last states, which are asked for more than once
 
             def table(t: float, first: Any, second: Any) -> Array:
-                x, speed = (
-                    np.array([*arguments(term, t, first, second), *term.numbers]),
-                    second[3] if term.counts[1] else 0.0,
-                )
+                x = np.array([*arguments(term, t, first, second), *term.numbers])
+                speed = second[3] if term.counts[1] else 0.0
                 if (key := (x.tobytes(), speed)) not in known:
                     if len(known) >= KEPT:
                         known.clear()

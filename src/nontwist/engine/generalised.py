@@ -157,7 +157,7 @@ class DualState(State):
         self._own, self._first, side = own, first, machine_code.lanes()
         super().__init__(memory)
         self.scratch = DualMemory(self.scratch, scratch(fields(StateCall)["scratch"].size * side))
-        self._given = DualMemory(scratch(GIVEN + MOST_NUMBERS), scratch((GIVEN + MOST_NUMBERS) * side))
+        self._numbers = DualMemory(scratch(GIVEN + MOST_NUMBERS), scratch((GIVEN + MOST_NUMBERS) * side))
         self._table = scratch((1 + FORCES // 2 + 3) * (1 + GIVEN + MOST_NUMBERS))
 
     def seeded(self, x: Any, place: Any) -> Any:
@@ -176,7 +176,7 @@ class DualState(State):
 
     def of_state(self, term: Numbers, count: int) -> Any:
         """Return what a function of the state gives, in memory."""
-        put(self._given, (self.d, self.w, self.t))
+        put(self._numbers, (self.d, self.w, self.t))
         call(term.slopes, plain(self.t), self.memory, self.memory.shifted(W), self._table)
         self._chain(GIVEN, term, count, self.scratch)
         return self.scratch
@@ -185,21 +185,21 @@ class DualState(State):
         """Set V and its gradient for what is seen."""
         n = 3 * term.dimension
         for k in loop(n):
-            self._given[k] = at[k]
+            self._numbers[k] = at[k]
         call(term.slopes, plain(self.t), at.values, at.values, self._table)
         self._chain(n, term, 1 + n, found)
 
     def _chain(self, n: Any, term: Numbers, count: Any, found: DualMemory) -> None:
         """Set what is found from the table of values and derivatives by the n numbers given, and those of the term."""
-        given = self._given
+        numbers = self._numbers
         for k in loop(term.numbers):
-            given[n + k] = term.number(TERM.own + k)
+            numbers[n + k] = term.number(TERM.own + k)
         n = n + term.numbers
         for i in loop(count):
             row = self._table.shifted(i * (1 + n))
-            v = Variables(x=row[1] * tangent(given[0], 0))
+            v = Variables(x=row[1] * tangent(numbers[0], 0))
             for j in loop(1, n):
-                v.x = v.x + row[1 + j] * tangent(given[j], 0)
+                v.x = v.x + row[1 + j] * tangent(numbers[j], 0)
             found[i] = Dual(row[0], [v.x])
 
 
@@ -255,9 +255,8 @@ class Potential(NamedTuple):
             delta = cross(half, g)
             v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
         state.of_potential(term, at, scratch)
-        for _ in when(
-            logical_not(abs(scratch[0]) <= OVERFLOW)
-        ):  # of a state V itself is not used, but it must be there
+        # Of a state V itself is not used, but it must be there.
+        for _ in when(logical_not(abs(scratch[0]) <= OVERFLOW)):
             scratch[1] = NAN
         scratch[factor] = 0.0
         for _ in when(v.across > SHORT * v.length):

@@ -16,7 +16,7 @@ from ..kernels.elements import remade
 from ..kernels.memory import Doubles
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .marching import Text
-from .records import FORCES, Body, Parts, State, places
+from .records import FORCES, Body, State, places
 from .sampling import Nodes
 
 if TYPE_CHECKING:
@@ -57,10 +57,10 @@ class Steps(NamedTuple):
     normals: Doubles  # (steps + 1, 6)
     body: Doubles  # `Body`
     factor: Doubles  # of what follows
-    moved: Doubles  # (nodes, 3) moments along the frame
-    pushed: Doubles  # (nodes, 3) in space
-    wheels: Doubles  # (nodes, 6) momentum of rotors and its rate
-    spins: Doubles  # (steps,) changes of a spin
+    moving: Doubles  # (nodes, 3) moments along the frame
+    space: Doubles  # (nodes, 3) in space
+    rotor: Doubles  # (nodes, 6) momentum of rotors and its rate
+    spin: Doubles  # (nodes,) changes of a spin in the step
     times: Doubles  # of the nodes
     forces: int  # address of (nodes, 18) on the directors; 0: none
     generalised: int  # addresses of what makes moments of functions of the state, and their derivatives as well
@@ -115,14 +115,12 @@ class Varied(Body):
 
     def momentum_of(self, W: Vector) -> Vector:
         """Return the momentum of a velocity."""
-        found: Vector = varied(super().momentum_of(W), self._crossed(W))
-        return found
+        return varied(super().momentum_of(W), self._crossed(W))
 
     def velocity_of(self, P: Vector) -> Vector:
         """Return the velocity of a momentum."""
         W = super().velocity_of(P)
-        found: Vector = varied(W, -plain(self.k) * self._crossed(W))
-        return found
+        return varied(W, -plain(self.k) * self._crossed(W))
 
     def _crossed(self, W: Vector) -> Vector:
         (J23, J13, J12), third = self.products, self.is_free
@@ -170,17 +168,9 @@ class Known(Nodes):
     """
 
     def __init__(
-        self,
-        parts: Parts,
-        body: Body,
-        at: Any,
-        scale: Any,
-        directions: Directions,
-        R: Matrix | None = None,
-        calls: Calls | None = None,
-        now: State | None = None,
+        self, calls: Calls, body: Body, at: Any, scale: Any, directions: Directions, R: Any = None, now: Any = None
     ) -> None:
-        self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
+        self.parts, self.memory, self.node, self._at, self._scale = calls.parts, None, 0, at, scale
         self.calls, self.factor, self.vary, self.now = calls, directions.along("factor", scale), directions, now
         self.basis, d = body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
@@ -210,7 +200,7 @@ class Known(Nodes):
         found.products, found.is_free = products, not self.parts.is_constrained
         return found
 
-    def start(self, text: Text, W: Vector, N: Any) -> State:
+    def start(self, text: Text, W: Vector, N: Any) -> Any:
         """Return the state at the beginning, of the velocity W and N."""
         at, now = self._at, self.now
         if now is None:
@@ -240,8 +230,7 @@ class Known(Nodes):
 
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
-        found: Vector = x @ self.basis
-        return found
+        return x @ self.basis
 
     def tilted(self, x: Vector) -> Vector:
         """Return a vector of the body as the frame has it that is turned."""
@@ -262,7 +251,7 @@ class Known(Nodes):
 
     def spin(self, j: Any = 0) -> Any:
         """Return the change of the prescribed spin."""
-        return self.vary.along("spin", self._at.spin)
+        return self.vary.along("spin", self.known(j).spin)
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning, rows."""
@@ -270,7 +259,6 @@ class Known(Nodes):
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        assert self.calls is not None
         return self.calls.linear(self, j)
 
     def later(self, j: Any = 0) -> Any:
@@ -295,7 +283,7 @@ def varied(x: Number, change: Any) -> Number:
         found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
     elif isinstance(change, Dual):
         found = change.chain(plain(x), (1.0, 1.0), (x, change))
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:

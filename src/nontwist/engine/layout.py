@@ -21,9 +21,9 @@ def layout(name: str, **sizes: int) -> Any:
     return make(name, [*sizes, "size"])(0, *accumulate(sizes.values()))
 
 
-def put(row: NDArray[np.int64], where: Any, **given: Any) -> None:
+def put(row: NDArray[np.int64], where: Any, **values: Any) -> None:
     """Write numbers, and addresses of arrays, to the places of these names; 0 for None."""
-    for name, x in given.items():
+    for name, x in values.items():
         row[getattr(where, name)] = address_of(x) if x is None or isinstance(x, np.ndarray) else x
 
 

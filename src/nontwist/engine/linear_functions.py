@@ -49,17 +49,17 @@ class Calls(NamedTuple):
         parts, b, n, count = self.parts, self.block, self.parts.lanes, self.places[""]
         at.directors, at.w, at.half = directors, w, half
         own, found, slopes = View(Sloped, scratch(size_of(Sloped))), scratch(6 * count), self.slopes(at)
-        acting = own.state_call
-        acting.action, acting.terms, acting.called = b.action, b.terms, (b.speed, 0.0, 0.0)
+        state = own.state_call
+        state.action, state.terms, state.called = b.action, b.terms, (b.speed, 0.0, 0.0)
         own.directions, own.seeds, own.slopes = count, b.seeds, found
         for l in loop(n):
             lane = at.lane(l)
-            acting.directors, acting.w, acting.half = lane.directors, lane.w, lane.half
-            acting.t, acting.node = lane.t, lane.forces
+            state.directors, state.w, state.half = lane.directors, lane.w, lane.half
+            state.t, state.node = lane.t, lane.forces
             call(b.sloped if is_sloped else b.generalised, own.address)
-            lane.load, lane.of_potentials = acting.load, acting.of_potentials
+            lane.load, lane.of_potentials = state.load, state.of_potentials
             if not parts.generalised:
-                lane.load = acting.load + acting.of_potentials
+                lane.load = state.load + state.of_potentials
             first, rest = 0 if parts.function else 3 * count, 3 * count
             for k in loop(self.size if is_sloped else 0):
                 slopes[k * n + l] = found[first + k] if parts.generalised else found[k] + found[rest + k]
@@ -83,8 +83,7 @@ class LinearFunctions:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         rows = Matrix(*(mean(s, -a, row) for row in self.R))
-        found: Vector = self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
-        return found
+        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""
@@ -114,8 +113,8 @@ class LinearFunctions:
         for k, x in enumerate(changes):
             for j, y in enumerate((plain(x), *(tangent(x, j) for j in range(width)))):
                 there.store((k * (1 + width) + j) * n, y, n)
-        given = (*(at.load if calls.parts.function else ()), *(at.of_potentials if calls.parts.generalised else ()))
-        v = Variables(found=tuple(Dual(y, [0.0] * width) for y in given))
+        values = (*(at.load if calls.parts.function else ()), *(at.of_potentials if calls.parts.generalised else ()))
+        v = Variables(found=tuple(Dual(y, [0.0] * width) for y in values))
         for k in loop(len(changes)):
             y, *tangents = (there.load((k * (1 + width) + j) * n, n) for j in range(1 + width))
             v.found = with_slopes(k, Dual(y, tangents))
@@ -125,7 +124,5 @@ class LinearFunctions:
                     v.found = with_slopes(k, x)
         found = v.found if width else plain(v.found)
         moment, torque = Vector(*found[:3]), Vector(*found[-3:])
-        return (
-            known.factor * known.seen(moment) if calls.parts.function else None,
-            known.factor * known.tilted(known.along(torque)) if calls.parts.generalised else None,
-        )
+        load = known.factor * known.seen(moment) if calls.parts.function else None
+        return load, known.factor * known.tilted(known.along(torque)) if calls.parts.generalised else None

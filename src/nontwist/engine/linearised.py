@@ -20,8 +20,9 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import plain, tangent
 from ..kernels.elements import any_of, logical_not, select, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, put, vector_at
+from ..kernels.memory import Doubles, View, doubles, put, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from .chained import Chain
 from .known_steps import Directions, Known, Step, Steps, Wanted, symmetric, tilted
 from .linear_functions import Calls
 from .marching import UNIT, Text
@@ -54,7 +55,6 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
         scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
-        x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0  # where only their derivatives are asked for
         for first in loop(0, b.steps, n):
             gather(parts, b, x, first)
             found, is_stalled = derivatives(text, body, x, scale, directions, calls)
@@ -71,30 +71,32 @@ def gather(parts: Parts, b: View, x: View, first: Any) -> None:
     """Fill the workspace with steps; lanes beyond the last repeat it."""
     for l in loop(parts.lanes):
         i, lane = smaller(first + l, b.steps - 1), x.lane(l)
-        p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
-        lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
-        lane.q = Quaternion(p[7], p[4], p[5], p[6])
-        lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
+        put_ends(b, lane, i)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
         sampled(parts, b, lane, i)
 
 
-def sampled(parts: Parts, b: View, lane: View, i: Any) -> None:
-    """Take over what acts on the step i."""
-    for name, array in (("moving", b.moved), ("space", b.pushed), ("spin", b.spins)):
+def put_ends(b: View, lane: View, i: Any) -> None:
+    """Take over the length of the step i, and attitude and W at its ends."""
+    p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
+    lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
+    lane.q = Quaternion(p[7], p[4], p[5], p[6])
+    lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
+
+
+def sampled(parts: Parts, b: View, lane: View, k: Any) -> None:
+    """Take over what acts at the node k of the load; 0 where only its derivatives are asked for."""
+    for name, size in (("moving", 3), ("space", 3), ("spin", 1)):
         if getattr(parts, name):
+            array = getattr(b, name)
+            setattr(lane, name, (0.0,) * size)
             for _ in when(array.address != 0):
-                setattr(lane, name, array[i] if name == "spin" else vector_at(array, 3 * i))
+                setattr(lane, name, tuple(array[size * k + c] for c in range(size)))
     if parts.rotor:
-        lane.rotor, lane.rate = vector_at(b.wheels, 6 * i), vector_at(b.wheels, 6 * i + 3)
-    if parts.calls:
-        called_at(b, lane, i)
-
-
-def called_at(b: View, lane: View, i: Any) -> None:
-    """Take over the time of a node, and where the forces of a table lie."""
-    lane.t, lane.forces = b.times[i], select(b.forces == 0, 0, b.forces + 8 * FORCES * i)
+        lane.rotor, lane.rate = vector_at(b.rotor, 6 * k), vector_at(b.rotor, 6 * k + 3)
+    if parts.calls:  # the time, and where the forces of a table lie
+        lane.t, lane.forces = b.times[k], select(b.forces == 0, 0, b.forces + 8 * FORCES * k)
 
 
 def derivatives(
@@ -106,10 +108,10 @@ def derivatives(
     if parts.calls:
         call_at_middle(calls, at)
     with solving(solved):
-        here = Known(parts, body, at, scale, Directions({}, 0), calls=calls)
+        here = Known(calls, body, at, scale, Directions({}, 0))
         is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
         solved.begin()
-        return changes_of(text, Known(parts, body, at, scale, directions, calls=calls), W, N), is_stalled
+        return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
 
 
 def call_at_middle(calls: Calls, at: View) -> None:
@@ -128,10 +130,9 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     h = plain(known.h)
     state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
-    assert known.turn is not None
     turned = q if known.now is None else known.now.p.inverse @ q
     turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
-    W = text.velocity(known.body, state.s)
+    W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
         N = Symmetric(*N) - symmetric(tilted(Symmetric(*N).matrix, known.tilt)) if N else N
@@ -141,19 +142,15 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
 # Steps taken and linearised at once, of a run whose directions are known: they lie side by side, in lanes.
 
 
-class Carried(NamedTuple):
+class ForwardRun(NamedTuple):
     """A run of one body with the changes of its state: rows of `Directions`, `padded` to whole lanes."""
 
     steps: Doubles  # `Steps`
     state: Doubles  # `State`
     padded: int
     changes: Doubles  # of the state and of the inputs, (width, padded)
-    given: Doubles  # the same, where those of inputs are what all steps have
-    begins: Wholes  # (steps + 1,) where the changes begin that each step has beside; 0: there are none
-    columns: Wholes
-    parameters: Wholes
-    values: Doubles
-    kept: Wholes  # (steps,) 1: the changes of the state at the end of the step are kept
+    fixed: Doubles  # the same, where those of inputs are what all steps have
+    chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
     found: Doubles  # (kept, 6, padded)
     first: Doubles  # quaternion at the start of the run
     turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
@@ -172,42 +169,42 @@ class Loaded(Directions):
 
 
 @lru_cache
-def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
+def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
     places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
-        own = View(Carried, doubles(address))
+        own = View(ForwardRun, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
+        calls = Calls(parts, b, dict(wanted))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
-        scale, memory = b.factor[0] / body.unit, View(State, own.state)
-        x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0
+        scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
             sampled(parts, b, x, i)
-            add_own(own, i, 1.0)
+            add_own(own, chain, i, True)
             now, solved, at = v.state, Solved(), x.read()
-            R, W = attitude(now.p), text.velocity(body, now.s)
+            R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             with solving(solved):
-                found = text.step(Known(parts, body, at, scale, none, R), now, at.h == at.h)
+                found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
                 solved.begin()
                 values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
-                changes_of(text, Known(parts, body, at, scale, values, R, now=now), W, N)
+                changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
                 for first in loop(0, count, side):
                     own_changes = changes.shifted(first)
                     directions = Loaded(places, own_changes, count, used)
-                    known = Known(parts, body, at, scale, directions, R, now=now)
+                    known = Known(calls, body, at, scale, directions, R, now)
                     for r, y in enumerate(changes_of(text, known, W, N)):
                         own_changes.store(r * count, tangent(y, 0), side)
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1
             v.state = found.state
-            add_own(own, i, 0.0)
-            for _ in when(own.kept[i] != 0):
+            add_own(own, chain, i, False)
+            for _ in when(chain.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
                 begin = Quaternion(*(own.first[k] for k in range(4)))
@@ -219,13 +216,10 @@ def carried(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -
     return Kernel(kernel, "i8")
 
 
-def add_own(own: View, i: Any, factor: float) -> None:
-    """Add the changes that the step i has beside those of all steps, times a factor, to the given ones."""
-    for _ in when(own.begins.address != 0):
-        for e in loop(own.begins[i], own.begins[i + 1]):
-            place = own.columns[e] * own.padded + own.parameters[e]
-            own.changes[place] = own.given[place]
-        if factor:
-            for e in loop(own.begins[i], own.begins[i + 1]):
-                place = own.columns[e] * own.padded + own.parameters[e]
-                own.changes[place] = own.changes[place] + own.values[e]
+def add_own(own: View, chain: View, i: Any, adds: bool) -> None:
+    """Set the changes that the step i has beside those of all steps to the given ones, and add its own, or not."""
+    for _ in when(chain.begins.address != 0):
+        for is_added in (False, True)[: 1 + adds]:
+            for e in loop(chain.begins[i], chain.begins[i + 1]):
+                place = chain.own_columns[e] * own.padded + chain.own_parameters[e]
+                own.changes[place] = own.changes[place] + chain.own_values[e] if is_added else own.fixed[place]

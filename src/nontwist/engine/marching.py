@@ -8,9 +8,9 @@ workspace.
 
 A scheme is a `Text`. Its step gets
 
-- `acting`, which tells what acts at the nodes of the step (`sampling`), with ``acting.parts``: what there is, known
-  when the text is traced, so that an `if` on it leaves things out; ``acting.body``; ``acting.h``, the step; and
-  ``acting.memory``, scratch of the scheme itself behind the workspace;
+- `nodes`, which tells what acts at the nodes of the step (`sampling`), with ``nodes.parts``: what there is, known
+  when the text is traced, so that an `if` on it leaves things out; ``nodes.body``; ``nodes.h``, the step; and
+  ``nodes.memory``, scratch of the scheme itself behind the workspace;
 - the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.auxiliary`` has as many
   numbers as the text says;
 - the mask of bodies that are alive: the iteration of a step must not wait for others, nor depend on them.
@@ -35,7 +35,7 @@ from ..kernels.memory import View, doubles, size_of
 from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .newton import Solution
 from .observation import begin_observing, extend, integrate, observe
-from .records import NODAL, Block, Body, Parts, State, Work
+from .records import NODAL, Block, Parts, State, Work
 from .sampling import Nodes
 from .workspace import NAN, NOW, OK, gather, note, remember, scatter, write
 
@@ -63,16 +63,14 @@ class Step(NamedTuple):
     work: Any = None
 
 
-Flow = Callable[
-    [Nodes, State], Callable[[Any], tuple[State, Any]]
-]  # of a state: the time to state, and mask of too far
+# Of a state: what gives, of a time, the state after it, and the mask of bodies that turn too far.
+Flow = Callable[[Nodes, State], Callable[[Any], tuple[State, Any]]]
 
 
 class Text(NamedTuple):
     """What a scheme gives to the march."""
 
     step: Callable[[Nodes, State, Any], Step]
-    velocity: Callable[[Body, Vector], Vector]  # W of what is carried
     auxiliary: int = 0  # numbers of `State.auxiliary` that it carries
     # The first guess of a known step: `State.auxiliary`, of h, s, s⁺.
     remembered: Callable[[Any, Vector, Vector], Any] | None = None
@@ -143,15 +141,14 @@ def march(text: Text, parts: Parts) -> Callable[[Any], None]:
 
 def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: Any, last: Any) -> None:
     """March the bodies in the workspace."""
-    acting = Nodes(parts, b, x, memory)
+    nodes = Nodes(parts, b, x, memory)
     state, stored, lengths, begin, h = x.state.read(), b.stored, b.lengths, b.first, b.step[0]
-    v = Variables(
-        state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=b.done, alive=x.failure.status == OK
-    )
+    state = state._replace(auxiliary=state.auxiliary[: text.auxiliary])
+    v = Variables(state=state, done=b.done, alive=x.failure.status == OK)
 
     def show(now: State) -> None:
         x.state.write(now._replace(auxiliary=(*now.auxiliary, *x.state.auxiliary[text.auxiliary :])))
-        x.velocity = text.velocity(acting.body, now.s)
+        x.velocity = parts.velocity(nodes.body, now.s)
 
     def see(now: State) -> None:
         show(now)
@@ -162,11 +159,11 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         if parts.is_director_scheme:
             show(now)
         else:
-            x.state.p, x.velocity = now.p, text.velocity(acting.body, now.s)
+            x.state.p, x.velocity = now.p, parts.velocity(nodes.body, now.s)
         write(parts, b, x, v.done, first, last)
 
     if text.flow is None:
-        turn = abs(h) * taxicab(text.velocity(acting.body, v.state.s))
+        turn = abs(h) * taxicab(parts.velocity(nodes.body, v.state.s))
         far = v.alive & (turn > FARTHEST)
         for _ in when(any_of(far)):
             note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
@@ -178,12 +175,12 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
     end, unloaded_from = begin + b.steps, b.unloaded_from
     last_of_steps = smaller(end, unloaded_from) if parts.coasts else end
     for number in loop(begin, last_of_steps, whilst=lambda: any_of(v.alive)) if parts.acts else ():
-        acting.begin((number - begin) * parts.nodes, v.state.p)
-        found = text.step(acting, v.state, v.alive)
+        nodes.begin((number - begin) * parts.nodes, v.state.p)
+        found = text.step(nodes, v.state, v.alive)
         fine = without(v.alive & (found.gap <= UNIT), found.stalled | found.far)
         bad = without(v.alive, fine)
         for _ in when(any_of(bad)):
-            W = text.velocity(acting.body, v.state.s)
+            W = parts.velocity(nodes.body, v.state.s)
             how_far = select(found.stalled, h * sqrt(W @ W), found.turn)
             note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
@@ -191,7 +188,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             if parts.tells:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
-            remember(parts, acting.internal)
+            remember(parts, nodes.internal)
             if parts.observes:
                 see(v.state)
                 if not text.integrates:
@@ -201,24 +198,22 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
                 store(v.state)
     if parts.coasts:
         for _ in when(any_of(v.alive) & (end > unloaded_from)):
-            coast(text, acting, v, see, store)
+            coast(text, nodes, v, see, store)
     show(v.state)
     for _ in when(b.writes_end != 0):
         write(parts, b, x, v.done + 1, first, last)
 
 
-def coast(
-    text: Text, acting: Nodes, v: Variables, see: Callable[[State], None], store: Callable[[State], None]
-) -> None:
+def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], store: Callable[[State], None]) -> None:
     """Move a body on which nothing acts from the step `unloaded_from` on: each state follows from the one there.
 
     What is observed is integrated by four Gauss nodes a step.
     """
     assert text.flow is not None
-    b, x = acting.block, acting.x
-    parts, h, begin, stored, lengths = acting.parts, acting.h, b.unloaded_from, b.stored, b.lengths
-    end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(acting, v.state)
-    mu = cross(v.state.s, text.velocity(acting.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
+    b, x = nodes.block, nodes.x
+    parts, h, begin, stored, lengths = nodes.parts, nodes.h, b.unloaded_from, b.stored, b.lengths
+    end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
+    mu = cross(v.state.s, parts.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
     far, nothing = moved(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):
@@ -246,9 +241,9 @@ def coast(
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:
     """Take what a step gives, a part of the interval, into means and sums, and into what is observed."""
     for name in ("mu", "lam", "moment", "dead", "twist", "work"):
-        if (given := getattr(found, name)) is not None and (parts.reports or name != "lam"):
+        if (value := getattr(found, name)) is not None and (parts.reports or name != "lam"):
             own = getattr(x.sums, name)
-            setattr(x.sums, name, own + (given if name in ("twist", "work") else part * given))
+            setattr(x.sums, name, own + (value if name in ("twist", "work") else part * value))
     if parts.reports:
         x.sums.iterations = larger(found.used, x.sums.iterations)
     if parts.observes:

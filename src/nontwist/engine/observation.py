@@ -18,9 +18,8 @@ from ..kernels.vectors import Matrix, Symmetric, Vector, attitude, first_moment
 from .records import NODAL, QUANTITIES, Observed, Work
 
 NOW = fields(Work)["now"].place
-LEAST, MOST, INTEGRAL = (
-    fields(Work)["observed"].place + fields(Observed)[name].place for name in ("least", "most", "integral")
-)
+OF_OBSERVED = fields(Work)["observed"].place
+LEAST, MOST, INTEGRAL = (OF_OBSERVED + fields(Observed)[name].place for name in ("least", "most", "integral"))
 
 
 @part

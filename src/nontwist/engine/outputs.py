@@ -26,6 +26,10 @@ their derivatives, and those of the step before, if there is one on the same gri
 
 which it takes there. `within` holds c and b, the numbers l_k(c_j - 1) column by column, each padded to eight, and the
 matrices that make the coefficients of q, lowest first, of s increments and of 2s.
+
+A prepared march is one call, of what a caller waits for beside the steps. The start lies behind the head, and so does
+what comes back: the sum of the squares of all results, which tells whether numbers are finite and small enough,
+infinite where the run has failed; and the largest |W|² of the stored states.
 """
 
 from __future__ import annotations
@@ -36,8 +40,9 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, select, smaller
 from ..kernels.kernel import Kernel, kernel
-from ..kernels.memory import Doubles, View, call, doubles, fields, size_of
+from ..kernels.memory import Doubles, View, call, doubles, fields, put, size_of, vector_at
 from ..kernels.parts import part
+from ..kernels.vectors import Quaternion, Vector
 from .records import Block, Failure, Parts, State, Sums, Work, places
 from .workspace import OK, copy, write
 
@@ -242,9 +247,8 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
             for _ in when(op == EXCURSION):
                 copy(own.state, own.after, size)
                 for _ in when(s > 0):
-                    fitted(
-                        own.base.shifted(after_state), own.state.shifted(after_state), within, s, v.is_known, own.fits
-                    )
+                    before, after = own.base.shifted(after_state), own.state.shifted(after_state)
+                    fitted(before, after, within, s, v.is_known, own.fits)
             if parts.reports:
                 take_sums(b, x.lane(l), own, first + l, op, reals[0])
             v.are_alive = v.are_alive | (b.failures[size_of(Failure) * b.order[first + l]] == OK)
@@ -257,10 +261,10 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
 
 def take_sums(b: View, lane: View, own: Member, place: Any, op: Any, per_time: Any) -> None:
     """Take the sums of a call out of those of the member; at an output, put those of its interval to the workspace."""
-    given, T = b.sums.shifted(b.order[place] * size_of(Sums)), own.total
+    sums, T = b.sums.shifted(b.order[place] * size_of(Sums)), own.total
     for k in loop(size_of(Sums)):
-        own.own[k] = given[k]
-        given[k] = 0.0
+        own.own[k] = sums[k]
+        sums[k] = 0.0
         for _ in when(op == EXCURSION):
             own.excursion[k] = own.own[k]
         for _ in when(op == MARCH):
@@ -268,3 +272,48 @@ def take_sums(b: View, lane: View, own: Member, place: Any, op: Any, per_time: A
         for _ in when(op >= OUTPUT):
             lane.sums.set_number(k, joined(T[k], own.own[k], k) * select(k >= WORKED, 1.0, per_time))
             T[k] = select(k == ITERATIONS, 0.0 * per_time, -own.own[k])
+
+
+class Head(NamedTuple):
+    """What a prepared march is called with."""
+
+    block: int  # address; its quaternions are the first of all results
+    numbers: int  # how many results
+    enter: int  # address of what enters a start, and of what carries out the list of the block
+    run: int
+
+
+class Prepared(NamedTuple):
+    """The start, behind the head, and what comes back."""
+
+    p: Quaternion
+    W: Vector
+    factor: float  # of the load
+    squares: float
+    fastest: float
+
+
+HEAD, PREPARED = places(Head), places(Prepared)
+
+
+@kernel("i8")
+def run_prepared(address: Any) -> None:
+    """March from the start behind the head at the address."""
+    memory = doubles(address)
+    head, own = View(Head, memory), View(Prepared, memory.shifted(HEAD.size))
+    b = View(Block, doubles(head.block))
+    results, velocities = b.quaternions, b.velocities
+    for k in loop(head.numbers):
+        results[k] = 0.0
+    put(results, own.p)
+    put(velocities, own.W)
+    call(head.enter, head.block)
+    call(head.run, head.block)
+    v = Variables(squares=0.0 * results[0], fastest=0.0 * results[0])
+    for k in loop(head.numbers):
+        v.squares = v.squares + results[k] * results[k]
+    for k in loop(b.kept):
+        w = vector_at(velocities, 3 * k)
+        v.fastest = larger(w @ w, v.fastest)
+    own.squares = select(b.failures[0] == 0.0, v.squares, float("inf"))
+    own.fastest = v.fastest

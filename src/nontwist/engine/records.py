@@ -240,6 +240,10 @@ class Parts(NamedTuple):
     reports: bool = False  # means and sums over intervals
     observes: bool = False
 
+    def velocity(self, body: Body, s: Vector) -> Vector:
+        """Return W of what is carried."""
+        return s if self.is_director_scheme else body.velocity_of(s)
+
     @property
     def is_along_frame(self) -> bool:
         """Whether nothing but dead forces and moments along the frame acts."""

@@ -109,16 +109,10 @@ class Nodes:
     def loads(self, j: Any = 0) -> Loads:
         """Return all that acts at a node of the step."""
         parts = self.parts
-        rotor, rotor_rate = self.rotor(j) if parts.rotor else (None, None)
-        return Loads(
-            self.moving(j) if parts.moving else None,
-            self.space(j) if parts.space else None,
-            self.body.damping if parts.damping else None,
-            self.dead() if parts.dead else None,
-            rotor,
-            rotor_rate,
-            self.functions(j) if parts.calls else None,
-        )
+        moments = (getattr(self, name)(j) if getattr(parts, name) else None for name in ("moving", "space"))
+        forces = self.body.damping if parts.damping else None, self.dead() if parts.dead else None
+        rotor = self.rotor(j) if parts.rotor else (None, None)
+        return Loads._make([*moments, *forces, *rotor, self.functions(j) if parts.calls else None])
 
     def _along(self, name: str, place: Any) -> Vector:
         return (self._scale * vector_at(self._arrays[name], place)) @ self.body.basis

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..kernels.control import loop
-from ..kernels.elements import real, select, smaller, without
-from ..kernels.memory import View, doubles, fields, put, size_of
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import larger, real, select, smaller, without
+from ..kernels.kernel import kernel
+from ..kernels.memory import View, doubles, fields, put, size_of, vector_at
 from ..kernels.parts import part
-from ..kernels.vectors import Quaternion, Symmetric, compensated
-from .records import NODAL, Body, Failure, Observed, Parts, State, Sums, Work
+from ..kernels.vectors import Quaternion, Symmetric, Vector, compensated
+from .records import NODAL, Block, Body, Failure, Observed, Parts, State, Sums, Work
 
-NAN = float("nan")
+NAN, ROUND_OFF = float("nan"), 2.0**-48
 OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status
-NOW = fields(Work)["now"].place
+NOW, AUXILIARY = fields(Work)["now"].place, fields(State)["auxiliary"].place
 
 
-def carried(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
+def member_fields(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
     """Return what members carry: a field of the workspace, its record, their array, numbers from row to row."""
     found = [("state", State, b.states, b.state_size), ("failure", Failure, b.failures, size_of(Failure))]
     if parts.reports:
@@ -34,7 +35,7 @@ def internal(b: View) -> Any:
     return doubles(b.workspace).shifted(size_of(Work))
 
 
-def carried_internal(b: View, i: Any) -> Any:
+def internal_of(b: View, i: Any) -> Any:
     """Return z of a member and what it was rounded by, behind all that it carries else."""
     return b.states.shifted((i + 1) * b.state_size - 2 * b.internal)
 
@@ -57,11 +58,11 @@ def gather(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
     """Fill the workspace with members; lanes beyond `last` repeat the one before it."""
     for l in loop(parts.lanes):
         i, lane = b.order[smaller(first + l, last - 1)], x.lane(l)
-        for name, record, array, stride in [("body", Body, b.bodies, b.body_stride), *carried(parts, b)]:
+        for name, record, array, stride in [("body", Body, b.bodies, b.body_stride), *member_fields(parts, b)]:
             getattr(lane, name).copy_from(View(record, array.shifted(i * stride)))
         lane.scale = b.scales[i * b.scale_stride]
         if parts.memory:
-            copy(carried_internal(b, i), internal(b), 2 * parts.memory)
+            copy(internal_of(b, i), internal(b), 2 * parts.memory)
         if parts.observes:
             lane.set_number(NOW + NODAL, 0.0)
 
@@ -71,10 +72,10 @@ def scatter(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
     """Put back what the members carry on."""
     for l in loop(last - first):
         i, lane = b.order[first + l], x.lane(l)
-        for name, record, array, stride in carried(parts, b):
+        for name, record, array, stride in member_fields(parts, b):
             View(record, array.shifted(i * stride)).copy_from(getattr(lane, name))
         if parts.memory:
-            copy(internal(b), carried_internal(b, i), 2 * parts.memory)
+            copy(internal(b), internal_of(b, i), 2 * parts.memory)
 
 
 @part
@@ -88,8 +89,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
         row, body = i * b.kept + k, lane.body
         B, unit = body.basis, body.unit
         f = select(lane.failure.status == OK, 1.0 + 0.0 * unit, NAN)
-        w, *u = body.frame
-        s, *v = lane.state.p @ Quaternion(w, *(-y for y in u))
+        s, *v = lane.state.p @ body.frame.inverse
         q = b.quaternions.shifted(row * 4)
         p, before = (*v, s), q.shifted(-4)
         nearer = before[0] * p[0] + before[1] * p[1] + before[2] * p[2] + before[3] * p[3]
@@ -114,11 +114,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
 
 def reported(parts: Parts) -> list[str]:
     """Return the sums that are made of steps; the others stay 0."""
-    is_made = {
-        "lam": parts.is_director_scheme,
-        "mu": parts.is_constrained,
-        "dead": parts.dead or parts.generalised,
-    }
+    is_made = {"lam": parts.is_director_scheme, "mu": parts.is_constrained, "dead": parts.dead or parts.generalised}
     return [name for name in Sums._fields if is_made.get(name, True)]
 
 
@@ -136,3 +132,36 @@ def note(parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, r
         status = select(without(stalled, abs(m[0]) + abs(m[1]) + abs(m[2]) < 1e300), LOAD, status)
     before = x.failure.read()
     x.failure.write(select(bad, Failure(status, real(number) + 0.0 * x.scale, residual, turn), before))
+
+
+@kernel("i8")
+def enter(address: Any) -> None:
+    """Set the states of all members from the first of those stored, in the frames and units of the bodies.
+
+    Round-off of N, and of W along a constrained axis without spin, is taken away; all of the latter unless N is
+    carried. With N goes W, else the momentum.
+    """
+    b = View(Block, doubles(address))
+    unit, has_normal, is_constrained = 1.0 / b.step[1], b.director != 0, b.is_constrained != 0
+    for i in loop(b.members):
+        body, row = View(Body, b.bodies.shifted(i * b.body_stride)), b.states.shifted(i * b.state_size)
+        q, w = b.quaternions.shifted(4 * i * b.kept), b.velocities.shifted(3 * i * b.kept)
+        state, B = View(State, row), body.basis
+        for k in loop(b.state_size):
+            row[k] = 0.0
+        z, own = b.internals.shifted(i * b.kept * b.internal), internal_of(b, i)
+        for k in loop(b.internal):
+            own[k] = z[k]
+        state.p = Quaternion(q[3], q[0], q[1], q[2]) @ body.frame
+        W = unit * (vector_at(w) @ B)
+        largest = larger(abs(W[0]), larger(abs(W[1]), abs(W[2])))
+        is_noise = is_constrained & (body.k[2] == 0.0) & ((b.director == 0) | (abs(W[2]) <= ROUND_OFF * largest))
+        W = Vector(W[0], W[1], select(is_noise, 0.0, W[2]))
+        v = Variables(s=W)
+        for _ in when(b.director == 0):
+            v.s = body.read().momentum_of(W)
+        state.s = v.s
+        for _ in when(has_normal & (b.normals.address != 0)):
+            normal = b.normals.shifted(6 * i * b.kept)
+            N = turned_into(B.T, Symmetric(*(normal[k] for k in range(6))))
+            put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)

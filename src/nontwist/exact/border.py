@@ -13,20 +13,14 @@ from ..models.catalogue import D3
 from ..models.system import convected_inertia, euler_inertia, require_principal
 
 SPIN = 1e-9
-_IDENTITY = np.eye(3)
 Motion = tuple[Array, Array]
 
 
-def attitude(rotation: Any) -> Array:
-    """Return the initial attitude Λ, unchecked: the identity, a matrix, or that of an object with `as_matrix`."""
-    if rotation is None:
-        return _IDENTITY
-    return as_floats(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
-
-
 def checked_attitude(rotation: Any) -> Array:
-    """Return the initial attitude Λ (3, 3); ValueError where it is no rotation."""
-    R = as_array(attitude(rotation), "rotation", (3, 3))
+    """Return the initial attitude Λ (3, 3), of a matrix or an object with `as_matrix`; ValueError for no rotation."""
+    if rotation is None:
+        return np.eye(3)
+    R = as_array(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation", (3, 3))
     if not rotations.is_rotation(R):
         raise ValueError("rotation is not a rotation (orthonormal, right-handed)")
     return R
@@ -58,9 +52,9 @@ def without_spin(W: Array, axis: Array) -> Array:
     return W - spin * axis
 
 
-def planar_inertia(inertia: ArrayLike, physical: bool) -> Array:
-    """Return J (3, 3) of a non-twisting body, D3 principal to the last bit (eq-irho-decomp)."""
+def planar(inertia: ArrayLike, velocity: ArrayLike, physical: bool) -> tuple[Array, Array]:
+    """Return J (3, 3) and W of a non-twisting body, D3 principal to the last bit (eq-irho-decomp)."""
     J = checked_inertia(inertia, physical, D3)
     require_principal(J, D3)
     J[:2, 2] = J[2, :2] = 0.0
-    return J
+    return J, without_spin(checked_velocity(velocity), D3)

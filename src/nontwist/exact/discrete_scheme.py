@@ -23,7 +23,7 @@ from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.stacks import norm, ratio
 from ..geometry.values import as_whole
 from ..models.catalogue import D3
-from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
+from .border import Motion, checked_attitude, checked_times, planar
 from .free_kernels import turns
 
 MOST = 10_000_000  # states, 1 GB
@@ -111,8 +111,7 @@ def discrete_free(
     >>> rotation(run).magnitude().round(6)
     array([0.      , 0.927295, 1.85459 , 2.781886])
     """
-    planar_inertia(inertia, physical)
-    W, R = without_spin(checked_velocity(material_angular_velocity), D3), checked_attitude(rotation)
+    (_, W), R = planar(inertia, material_angular_velocity, physical), checked_attitude(rotation)
     count = as_whole(steps, "steps", 0, MOST)
     rate = float(np.linalg.norm(W))
     axis = W / rate if rate > 0 else D3

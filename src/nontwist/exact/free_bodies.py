@@ -50,19 +50,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry import rotations
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array
 from ..models.catalogue import D3
-from .border import (
-    Motion,
-    attitude,
-    checked_attitude,
-    checked_inertia,
-    checked_times,
-    checked_velocity,
-    planar_inertia,
-    without_spin,
-)
-from .free_constants import BAD_TIME, FARTHEST, NO_BODY, OK
+from ..models.system import checked_inertia as symmetric_inertia
+from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, planar
+from .free_constants import FARTHEST, OK
 from .free_kernels import free_top
 
 _SYMMETRY = 1e-12
@@ -215,26 +207,13 @@ TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no 
 def _solved(
     is_constrained: bool, inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any, physical: bool
 ) -> Motion:
-    """Return the motion; where the kernel reports a wrong argument, the checks in Python name it, or accept it."""
-    J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
-    t, R = as_floats(times, "times", 1), attitude(rotation)
-    if J.shape == (3,):
-        J = np.diag(J)
-    if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:
-        Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-        status = free_top(J, W, R, t, int(is_constrained), 0, Lam, velocities)
-        if status == NO_BODY:
-            (planar_inertia if is_constrained else checked_inertia)(inertia, physical)
-            status = free_top(J, W, R, t, int(is_constrained), 1, Lam, velocities)
-        if status == OK:
-            return Lam, velocities
-        if status == BAD_TIME and np.isfinite(t).all():
-            raise ValueError(TOO_FAR)
+    """Return the motion, of the inertia to the last bit as it was given."""
     if is_constrained:
-        planar_inertia(inertia, physical)
-        without_spin(checked_velocity(velocity), D3)
-    checked_inertia(inertia, physical)
-    checked_velocity(velocity)
-    checked_times(times)
-    checked_attitude(rotation)
-    raise AssertionError(f"status {status} of sound arguments")
+        J, W = planar(inertia, velocity, physical)
+    else:
+        J, W = symmetric_inertia(inertia, physical), checked_velocity(velocity)
+    t, R = checked_times(times), checked_attitude(rotation)
+    Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
+    if free_top(J, W, R, t, int(is_constrained), Lam, velocities) != OK:
+        raise ValueError(TOO_FAR)
+    return Lam, velocities

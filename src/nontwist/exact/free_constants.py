@@ -12,8 +12,6 @@ below round-off.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from functools import reduce
 from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, when, whilst
@@ -22,9 +20,9 @@ from ..kernels.memory import View, size_of, view_in
 from ..kernels.parts import part
 from ..kernels.vectors import AXES, Matrix, Vector
 
-OK, NOT_FINITE, NOT_SYMMETRIC, NO_BODY, NO_ROTATION, BAD_TIME, NOT_PRINCIPAL, SPIN = range(8)
+OK, BAD_TIME = range(2)
 FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
-_SYMMETRY, _TRIANGLE, _SWEEPS = 1e-12, 2e-9, 16
+_SWEEPS = 16
 
 
 class Constants(NamedTuple):
@@ -159,22 +157,6 @@ def _moduli(M: Vector, rx: Any, rz: Any) -> tuple[Any, Any, Any, Any]:
     return ax, az, select(is_round, 0.0, k * k), select(is_round, 1.0, larger(b, 0.0))
 
 
-def largest(numbers: Iterable[Any]) -> Any:
-    """Return the largest size of numbers."""
-    return reduce(larger, map(abs, numbers))
-
-
-def body_status(J: Matrix, W: Vector) -> tuple[Any, Matrix, Vector]:
-    """Return whether J is the inertia of a body, and W finite; the principal axes and moments."""
-    numbers, skew = [x for row in J for x in row], [x for row in J - J.T for x in row]
-    rows, moments = principal_axes(J)
-    a, b, c = moments
-    is_body = (a > 9e-16 * c) & (a + b >= c - _TRIANGLE * (a + b + c))
-    status = select(largest(skew) > _SYMMETRY * largest(numbers), NOT_SYMMETRIC, select(is_body, OK, NO_BODY))
-    total = sum(numbers, start=W[0] + W[1] + W[2])
-    return select(abs(total) < math.inf, status, NOT_FINITE), rows, moments
-
-
 def unit(M: Vector) -> tuple[Vector, Any]:
     """Return the direction of a momentum, the third axis for none, and its size; no square vanishes or overflows."""
     size = larger(abs(M[0]), larger(abs(M[1]), abs(M[2])))
@@ -259,7 +241,7 @@ def phase(c: View, t: Any) -> tuple[Any, ...]:
         v.found = _circular(c, u)
     for _ in when(c.hyperbolic != 0.0):
         v.found = _hyperbolic(c, u)
-    return v.found  # type: ignore[no-any-return]
+    return v.found
 
 
 def thetas(q: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any, Any, Any]:

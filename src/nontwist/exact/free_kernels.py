@@ -8,7 +8,6 @@ multiply W by Vᵀ V at every call, nor a normalisation of the momentum adds up.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,55 +15,41 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import logical_not, select, sin, sqrt
+from ..kernels.elements import select, sin, sqrt
 from ..kernels.kernel import kernel
 from ..kernels.memory import View, matrix_at, put, scratch, vector_at, view_in
-from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, cross
-from .free_constants import (
-    BAD_TIME,
-    CONSTANTS,
-    FARTHEST,
-    NO_BODY,
-    NO_ROTATION,
-    NOT_PRINCIPAL,
-    OK,
-    SPIN,
-    Constants,
-    body_status,
-    largest,
-    to_orthonormal,
-)
+from ..kernels.vectors import Matrix, Quaternion, Vector, cross
+from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
 from .free_step import Motion, free_motion, free_until, set_origin
 
-_ROTATION, PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
 Moved = Callable[[Any], tuple[Any, Any, Any, Vector]]  # from the time to a status, W, and less and v of the turn
 
 
-def _prepared(J: Matrix, W: Vector, c: View) -> tuple[Any, Matrix, Vector, Motion]:
-    """Set the constants; return a status, the principal axes and moments, and the motion."""
-    status, V, I = body_status(J, W)
+def _prepared(J: Matrix, W: Vector, c: View) -> tuple[Matrix, Vector, Motion]:
+    """Set the constants; return the principal axes and moments, and the motion."""
+    V, I = principal_axes(J)
     motion = free_motion(I, I * (V @ W), c)
     set_origin(motion, c)
-    return status, V, I, motion
+    return V, I, motion
 
 
-@kernel("f8[:, :], f8[:], f8[:] -> i8")
-def prepare(J: Any, W: Any, c: Any) -> Any:
-    """Set the constants `c` (CONSTANTS,) of a free body; return a status."""
-    return _prepared(matrix_at(J), vector_at(W), view_in(Constants, c))[0]
+@kernel("f8[:, :], f8[:], f8[:]")
+def prepare(J: Any, W: Any, c: Any) -> None:
+    """Set the constants `c` (CONSTANTS,) of a free body."""
+    _prepared(matrix_at(J), vector_at(W), view_in(Constants, c))
 
 
-def _free(J: Matrix, W: Vector) -> tuple[Any, Moved]:
-    """Return a status, and what moves a free body."""
+def _free(J: Matrix, W: Vector) -> Moved:
+    """Return what moves a free body."""
     c = View(Constants, scratch(CONSTANTS))
-    status, V, I, motion = _prepared(J, W, c)
+    V, I, motion = _prepared(J, W, c)
     D = Matrix(*(row / moment for row, moment in zip(V, I, strict=True)))  # ΔW = ΔP D
 
     def moved(t: Any) -> tuple[Any, Any, Any, Vector]:
         status, dP, less, v = free_until(motion, t, c)
         return status, W + dP @ D, less, v @ V
 
-    return status, moved
+    return moved
 
 
 def _steady(W: Vector) -> Moved:
@@ -80,24 +65,11 @@ def _steady(W: Vector) -> Moved:
     return moved
 
 
-def _held_status(J: Matrix, n: Vector) -> Any:
-    """Return whether an axis that a body may not turn about is principal."""
-    size = largest([x for row in J for x in row])
-    return select(largest(cross(n, J @ n)) > PRINCIPAL * size, NOT_PRINCIPAL, OK)
-
-
-@kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, i8, f8[:, :, :], f8[:, :] -> i8")
-def free_top(
-    J: Any, W: Any, R: Any, times: Any, is_constrained: Any, is_accepted: Any, attitudes: Any, velocities: Any
-) -> Any:
-    """Set the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body; return a status.
-
-    Where it is held it may not turn about its third axis. An inertia that `is_accepted` is that of a body.
-    """
-    J, W, R = matrix_at(J), vector_at(W), matrix_at(R)
-    status, moved = _free(J, W)
-    status = select((status == NO_BODY) & logical_not(is_accepted == 0), OK, status)
-    v, D = Variables(status=select(status == OK, _rotation_status(R), status)), to_orthonormal(R)
+@kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, f8[:, :, :], f8[:, :] -> i8")
+def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes: Any, velocities: Any) -> Any:
+    """Set the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body; return a status."""
+    W, R = vector_at(W), matrix_at(R)
+    v, D = Variables(status=OK), to_orthonormal(R)
 
     def follow(moved: Moved) -> None:
         for k in loop(times.shape[0], whilst=lambda: v.status == OK):
@@ -108,20 +80,10 @@ def free_top(
                 put(attitudes[k, i], row + (rest + 2.0 * (1.0 + less) * a + 2.0 * cross(a, turn)))
 
     for _ in when(is_constrained == 0):
-        follow(moved)
-    for _ in when(logical_not(is_constrained == 0) & (v.status == OK)):
-        v.status = _held_status(J, Vector(0.0, 0.0, 1.0))
-        for _ in when(abs(W[2]) > _SPIN * sqrt(W @ W)):
-            v.status = SPIN
-        follow(_steady(Vector(W[0], W[1], 0.0)))
+        follow(_free(matrix_at(J), W))
+    for _ in when(is_constrained != 0):
+        follow(_steady(W))
     return v.status
-
-
-def _rotation_status(R: Matrix) -> Any:
-    """Return whether R is orthonormal to 1e-9 and right-handed."""
-    worst = largest(x for row in R @ R.T - Matrix(*AXES) for x in row)
-    is_finite = abs(sum(x for row in R for x in row)) < math.inf
-    return select(is_finite & (worst <= _ROTATION) & (R[0] @ cross(R[1], R[2]) > 0.0), OK, NO_ROTATION)
 
 
 def turns(R: Array, axis: Array, angles: Array) -> Array:
@@ -133,24 +95,23 @@ def turns(R: Array, axis: Array, angles: Array) -> Array:
     return found.reshape(-1, 3, 3)
 
 
-@kernel("f8[:, :, :], f8[:, :], f8[:], i8, i8, i8, f8[:, :, :], f8[:, :, :] -> i8, i8")
+@kernel("f8[:, :, :], i8, f8[:], i8, i8, i8, f8[:, :, :], f8[:, :, :] -> i8, i8")
 def free_members(
-    bodies: Any, axes: Any, times: Any, place: Any, first: Any, last: Any, attitudes: Any, velocities: Any
+    bodies: Any, is_constrained: Any, times: Any, place: Any, first: Any, last: Any, attitudes: Any, velocities: Any
 ) -> tuple[Any, Any]:
     """Set the quaternions (m, k, 4), scalar last, and W (m, k, 3) of free bodies at `times` since the start.
 
-    The starts are at index 0; the states at `times` begin at index `place`. `bodies` (m or 1, 3, 3): convected inertia;
-    `axes` (m or 1, 3) or (0, 3): constrained axis. Returns a status and the member that it is about.
+    The starts are at index 0; the states at `times` begin at index `place`. `bodies` (m or 1, 3, 3): convected inertia.
+    Returns a status and the member that it is about.
     """
-    v, is_constrained = Variables(status=OK, member=0), axes.shape[0] > 0
+    v = Variables(status=OK, member=0)
     for i in loop(first, last, whilst=lambda: v.status == OK):
-        b = select(bodies.shape[0] > 1, i, 0)
-        J, W, row = matrix_at(bodies[b]), vector_at(velocities[i, 0]), attitudes[i, 0]
+        J, W, row = bodies[select(bodies.shape[0] > 1, i, 0)], vector_at(velocities[i, 0]), attitudes[i, 0]
         p = Quaternion(row[3], row[0], row[1], row[2])
         p = p / sqrt(p[0] * p[0] + p.vector @ p.vector)
 
-        def follow(status: Any, moved: Moved, i: Any = i, p: Quaternion = p) -> None:
-            s = Variables(p=p, status=status)
+        def follow(moved: Moved, i: Any = i, p: Quaternion = p) -> None:
+            s = Variables(p=p, status=OK)
             for k in loop(times.shape[0], whilst=lambda: s.status == OK):
                 s.status, velocity, less, turn = moved(times[k])
                 u = p.vector
@@ -160,11 +121,10 @@ def free_members(
                 put(velocities[i, place + k], velocity)
             v.status = s.status
 
-        for _ in when(is_constrained):
-            follow(_held_status(J, vector_at(axes[b])), _steady(W))
-        for _ in when(logical_not(is_constrained)):
-            status, moved = _free(J, W)
-            follow(select(status == NO_BODY, OK, status), moved)  # bodies are checked where they are made
+        for _ in when(is_constrained != 0):
+            follow(_steady(W))
+        for _ in when(is_constrained == 0):
+            follow(_free(matrix_at(J), W))
         for _ in when(v.status != OK):
             v.member = i
     return v.status, v.member

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_number
 from ..loads import Load, Term, as_load
 from ..models.catalogue import D3
-from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
+from .border import Motion, checked_attitude, checked_times, planar
 from .free_kernels import turns
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
@@ -200,10 +200,9 @@ def loaded_momentum(
     >>> exact.loaded_momentum([3, 4, 5], (0, 0, 0), triangle, [0.5, 1, 2])[:, 0].round(9)
     array([1., 2., 2.])
     """
-    J, W = planar_inertia(inertia, physical), without_spin(checked_velocity(material_angular_velocity), D3)
+    J, W = planar(inertia, material_angular_velocity, physical)
     pieces, place = _pieces(load, times, t_start)
-    Pi: Array = momenta(J @ W, pieces)[0][place(pieces)]
-    return Pi
+    return momenta(J @ W, pieces)[0][place(pieces)]
 
 
 def loaded_nontwisting(
@@ -245,7 +244,7 @@ def loaded_nontwisting(
     >>> rotation(attitude).magnitude().round(9)
     array([0. , 0.5, 1.5])
     """
-    J, W = planar_inertia(inertia, physical), without_spin(checked_velocity(material_angular_velocity), D3)
+    J, W = planar(inertia, material_angular_velocity, physical)
     R = checked_attitude(rotation)
     pieces, place = _pieces(load, times, t_start)
     motion = turning(J, J @ W, pieces)

@@ -100,8 +100,7 @@ def suslov_velocity(
     """
     motion = _motion(inertia, axis, material_angular_velocity, physical)
     y = motion.A * checked_times(times) + motion.y0
-    velocity: Array = np.stack([1 / np.cosh(np.clip(y, -700, 700)), np.tanh(y)], axis=1) @ motion.B
-    return velocity
+    return np.stack([1 / np.cosh(np.clip(y, -700, 700)), np.tanh(y)], axis=1) @ motion.B
 
 
 def suslov(

@@ -45,8 +45,7 @@ def aligned(*shape: int, empty: bool = False) -> Array:
     count = prod(shape)
     scratch = (np.empty if empty else np.zeros)(count + LINE - 1)
     first = -(scratch.__array_interface__["data"][0] // scratch.itemsize) % LINE
-    found: Array = scratch[first : first + count].reshape(shape)
-    return found
+    return scratch[first : first + count].reshape(shape)
 
 
 def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
@@ -172,8 +171,7 @@ def increasing(times: Array, name: str = "", table: str = "a table") -> float:
 def distinct(values: NDArray[Any]) -> NDArray[Any]:
     """Return what `np.unique` does of values that are all numbers, without the import of `numpy.ma`, 15 ms, by it."""
     found = np.sort(values)
-    unlike: NDArray[Any] = found[np.append(True, found[1:] != found[:-1])]
-    return unlike
+    return found[np.append(True, found[1:] != found[:-1])]
 
 
 def largest_size(vectors: Array) -> float:
@@ -250,8 +248,7 @@ def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
 
 def cross(a: Array, b: Array) -> Array:
     """Return ``a × b`` over the last axis, as `numpy.cross` does in five times the time."""
-    found: Array = a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
-    return found
+    return a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
 
 
 def sum_of_squares(array: Array) -> float:

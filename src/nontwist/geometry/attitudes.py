@@ -35,10 +35,8 @@ class States(NamedTuple):
 
 def stacked_states(states: list[States]) -> States:
     """Return states one after the other, along a new first axis."""
-    p, W, *rest = (None if part[0] is None else np.array(part) for part in zip(*states, strict=True))
-    assert p is not None
-    assert W is not None
-    return States(p, W, *rest)
+    parts: Any = (None if part[0] is None else np.array(part) for part in zip(*states, strict=True))
+    return States(*parts)
 
 
 def attitudes(quaternion: Array) -> Array:

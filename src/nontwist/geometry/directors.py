@@ -25,8 +25,7 @@ def vectors(value: ArrayLike, name: str) -> Array:
 def in_range(points: Array) -> Array:
     """Return points (m, n, 3), those of each member over a power of two, so that squares of distances are floats."""
     exponent = np.frexp(np.abs(points).max(axis=(1, 2), keepdims=True))[1]
-    scaled: Array = np.ldexp(points, -exponent)
-    return scaled
+    return np.ldexp(points, -exponent)
 
 
 def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
@@ -56,9 +55,8 @@ def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE
     if is_wrong.any():
         k, i = np.argwhere(is_wrong)[0].tolist()
         require_finite(array, name)
-        raise ValueError(
-            f"{name}{places(lead, k, i)[0]} must be a unit vector, its length is {math.hypot(*u[k, i]):.12g}"
-        )
+        (at,) = places(lead, k, i)
+        raise ValueError(f"{name}{at} must be a unit vector, its length is {math.hypot(*u[k, i]):.12g}")
     u /= size[..., None]
     return u, lead
 
@@ -90,8 +88,7 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
         raise ValueError(f"d1{member} must not be zero or parallel to the first director")
     start /= size
     start -= np.sum(start * first, axis=1, keepdims=True) * first
-    result: Array = start / np.linalg.norm(start, axis=1, keepdims=True)
-    return result
+    return start / np.linalg.norm(start, axis=1, keepdims=True)
 
 
 def triad_about(n: Array) -> Array:
@@ -101,13 +98,7 @@ def triad_about(n: Array) -> Array:
 
 
 def transported(
-    u: Array,
-    lead: tuple[int, ...],
-    d1: ArrayLike | None,
-    roll: Array,
-    node: NDArray[np.int64],
-    period: int,
-    stacklevel: int = 3,
+    u: Array, lead: tuple[int, ...], d1: ArrayLike | None, rolls: tuple[Array, NDArray[np.int64]], period: int
 ) -> Array:
     """Frames (m, n, 3, 3) along the unit directors `u` (m, n, 3); warn of wide steps, refuse antipodal ones.
 
@@ -116,14 +107,14 @@ def transported(
     from .frame_kernels import transport
 
     frames = np.empty((*u.shape, 3))
-    k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), roll, node, frames)
+    k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
     if k >= 0:
         one, other = places(lead, k, a % period, b % period)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if wide >= 0:
         (at,) = places(lead, wide_k, wide % period)
         message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"
-        warnings.warn(message, stacklevel=stacklevel)
+        warnings.warn(message, stacklevel=3)
     return frames
 
 

@@ -66,9 +66,8 @@ def euler_angles(quaternion: Array, W: Array, letters: str) -> tuple[Array, Arra
     way = 1 if letters.isupper() else -1
     a, b, c = np.eye(3)[["XYZ".index(x) for x in letters.upper()[::way]]]
     _, second, third = angles[:, ::way].T
-    R_b, R_c = (
-        attitudes(np.column_stack([np.outer(np.sin(x / 2), n), np.cos(x / 2)])) for n, x in ((b, second), (c, third))
-    )
+    halves = (b, second / 2), (c, third / 2)
+    R_b, R_c = (attitudes(np.column_stack([np.outer(np.sin(x), n), np.cos(x)])) for n, x in halves)
     T = np.stack([((a @ R_b)[:, None] @ R_c)[:, 0], b @ R_c, np.broadcast_to(c, W.shape)], axis=2)
     is_locked: NDArray[np.bool_] = abs(np.linalg.det(T)) <= LOCK
     solvable = np.where((is_known & ~is_locked)[:, None, None], T, np.eye(3))

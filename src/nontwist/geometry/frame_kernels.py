@@ -127,11 +127,11 @@ def smooth_rolls(u: Any, closed: Any, roll: Any, node: Any, nodes: Any, scratch:
 
 def reflected(v: Vector, c: Vector) -> Vector:
     """Return v reflected in the plane orthogonal to c."""
-    return v - 2.0 * (v @ c) / (c @ c) * c  # type: ignore[no-any-return]
+    return v - 2.0 * (v @ c) / (c @ c) * c
 
 
 @part
-def carried(v: Vector, a: Vector, b: Vector, roll: Any) -> Any:
+def transported(v: Vector, a: Vector, b: Vector, roll: Any) -> Any:
     """Carry v, orthogonal to a, to b by the minimal rotation, and turn it by `roll` about b.
 
     v is reflected in the plane orthogonal to a + b, which for a vector orthogonal to a is the minimal rotation.
@@ -175,7 +175,7 @@ def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[An
                 for _ in when(square < ANTIPODAL):
                     found.member, found.one, found.other = k, v.last, i
             for _ in when(found.member < 0):
-                d1 = carried(v.d1, v.a, b, roll[k, i])
+                d1 = transported(v.d1, v.a, b, roll[k, i])
                 _put_frame(frames[k, i], d1, b)
                 for _ in when(node[k, i] != 0):
                     v.last, v.a, v.d1 = i, b, d1

@@ -56,21 +56,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.vectors import Vector, cross
 from .arrays import Array, as_array, require_finite
-from .curves import frame_along, frame_of_curve
 from .directors import in_range, places, shaped, transported, unit_directors, vectors
 from .frame_kernels import ANTIPODAL
 from .stacks import principal_angle
 from .values import among, as_whole
-
-__all__ = [
-    "closed_frame",
-    "frame_along",
-    "frame_error_estimate",
-    "frame_of_curve",
-    "holonomy",
-    "nontwisting_frame",
-    "solid_angle",
-]
 
 MOST_TURNS = 10**9
 
@@ -122,17 +111,12 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
     -1.0
     """
     u, lead = unit_directors(d3)
-    frames = transported(u, lead, d1, *rolls(u, order, closed=False), period=u.shape[1])
+    frames = transported(u, lead, d1, rolls(u, order, closed=False), u.shape[1])
     return frames.reshape(*lead, *frames.shape[1:])
 
 
 def closed_frame(
-    d3: ArrayLike,
-    d1: ArrayLike | None = None,
-    *,
-    order: int = 4,
-    turns: int = 0,
-    points: ArrayLike | None = None,
+    d3: ArrayLike, d1: ArrayLike | None = None, *, order: int = 4, turns: int = 0, points: ArrayLike | None = None
 ) -> tuple[Array, float | Array]:
     """Return frames of a closed path that close: the holonomy is removed by a uniform twist along the path.
 
@@ -194,7 +178,7 @@ def closed_frame(
         require_finite(along, "points")
         along = in_range(along.reshape(u.shape))
     u, along = (np.concatenate([x, x[:, :1]], axis=1) for x in (u, along))
-    frames = transported(u, lead, d1, *rolls(u, order, closed=True), period=n)
+    frames = transported(u, lead, d1, rolls(u, order, closed=True), n)
     angle = _close(frames, along, 2 * np.pi * turns)
     return frames[:, :n].reshape(*lead, n, 3, 3), shaped(angle, lead)
 
@@ -375,8 +359,7 @@ def estimates(u: Array, order: int) -> Array:
     found = np.empty(u.shape[:2])
     error_angles(u, order, np.empty(SIZE), found)
     # What is known of the error up to a later sample holds for those before.
-    least: Array = np.minimum.accumulate(found[:, ::-1], axis=1)[:, ::-1]
-    return least
+    return np.minimum.accumulate(found[:, ::-1], axis=1)[:, ::-1]
 
 
 def rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.int64]]:

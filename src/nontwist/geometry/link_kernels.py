@@ -34,16 +34,7 @@ def _series(t: Any) -> Any:
 
 @kernel("f8[:, :], f8[:, :], f8[:], i8, i8, i8, i8, f8[:, :], f8[:], f8[:]", lanes=0)
 def row_integrals(
-    a: Any,
-    b: Any,
-    numbers: Any,
-    same: Any,
-    closed: Any,
-    first: Any,
-    stride: Any,
-    work: Any,
-    total: Any,
-    sizes: Any,
+    a: Any, b: Any, numbers: Any, same: Any, closed: Any, first: Any, stride: Any, work: Any, total: Any, sizes: Any
 ) -> None:
     """Set the Gauss integral, over 2π, of every `stride`-th segment of `a` with all of `b`; and of its magnitude.
 

@@ -236,12 +236,11 @@ def _twists(v: Array, edges: Array, tangents: Array, closed: bool) -> Array:
     """Twist along each edge, in turns, of normal vectors at the vertices."""
     ends, to = (np.roll(tangents, -1, axis=0), np.roll(v, -1, axis=0)) if closed else (tangents[1:], v[1:])
     begins = tangents if closed else tangents[:-1]
-    w = _carried(_carried(v if closed else v[:-1], begins, edges), edges, ends)
-    found: Array = np.arctan2(dot(to, np.cross(ends, w)), dot(to, w)) / (2 * np.pi)
-    return found
+    w = _transported(_transported(v if closed else v[:-1], begins, edges), edges, ends)
+    return np.arctan2(dot(to, np.cross(ends, w)), dot(to, w)) / (2 * np.pi)
 
 
-def _carried(v: Array, a: Array, b: Array) -> Array:
+def _transported(v: Array, a: Array, b: Array) -> Array:
     """Carry vectors normal to a to b by minimal rotations."""
     return np.stack(reflected(Vector(*v.T), Vector(*(a + b).T)), axis=1)
 

@@ -16,7 +16,7 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import View, size_of, vector_at, view_in
 from ..kernels.parts import part
 from ..kernels.vectors import Vector
-from .frame_kernels import ANTIPODAL, NO_CHORD, SHORT, carried, curvature, inner_roll, length, outer_roll
+from .frame_kernels import ANTIPODAL, NO_CHORD, SHORT, curvature, inner_roll, length, outer_roll, transported
 
 
 class Path(NamedTuple):
@@ -129,12 +129,12 @@ def _settle(s: View) -> None:
     for _ in when(count >= 4.0):
         _roll_on(s, s.n1, s.n2, inner_roll(c2, c1, c3, k1, k2))
         s.roll = outer_roll(c3, c2, c1, k2, k1)
-    s.newest = carried(s.settled, s.n2, s.n3, s.roll)
+    s.newest = transported(s.settled, s.n2, s.n3, s.roll)
 
 
 def _roll_on(s: View, a: Vector, b: Vector, roll: Any) -> None:
     """Carry d1 that is settled from one node to the next."""
-    s.settled = carried(s.settled, a, b, roll)
+    s.settled = transported(s.settled, a, b, roll)
     s.rolls, s.roll_squares = s.rolls + roll, s.roll_squares + roll * roll
     s.roll_most = larger(s.roll_most, abs(s.rolls))
 

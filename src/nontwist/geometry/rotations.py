@@ -27,9 +27,8 @@ from .attitudes import quaternion_column
 from .stacks import EPS, TOLERANCE, dot, norm, ratio, stack, unit
 
 # |B_2|, |B_4|, ..., |B_22|
-_BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513]) / np.array(
-    [6, 30, 42, 30, 66, 2730, 6, 510, 798, 330, 138]
-)
+_BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513])
+_BERNOULLI = _BERNOULLI / np.array([6, 30, 42, 30, 66, 2730, 6, 510, 798, 330, 138])
 _DEXP_SERIES = np.array([(-1) ** k / factorial(2 * k + 3) for k in range(9)])
 _INVERSE_SERIES = np.array([b / factorial(2 * k + 2) for k, b in enumerate(_BERNOULLI)])
 

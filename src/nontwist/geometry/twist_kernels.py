@@ -17,7 +17,7 @@ from ..kernels.memory import View, matrix_at, put, size_of, vector_at, view_in
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from .arrays import Array
-from .frame_kernels import carried, length
+from .frame_kernels import length, transported
 from .path_kernels import Path, advance, begin, estimate, is_antipodal
 
 
@@ -153,7 +153,7 @@ def count(
 @part
 def _start(s: View, d1: Vector, d3: Vector) -> None:
     """Begin the path of a stream."""
-    v = carried(d1, d3, d3, 0.0 * d3[0])
+    v = transported(d1, d3, d3, 0.0 * d3[0])
     begin(s.path, d3, v)
     s.great, s.base, s.is_node = v, _angle(d1, d3, v), 1.0
 
@@ -176,7 +176,7 @@ def _move(s: View, order: Any, d1: Vector, d3: Vector) -> None:
         _start_again(s, d1, d3)
     for _ in when(logical_not(is_opposite)):
         none = 0.0 * d3[0]
-        s.great = carried(s.great, s.path.last, d3, none)
+        s.great = transported(s.great, s.path.last, d3, none)
         is_node = advance(s.path, d3)
         v = Variables(d1=s.great)
         s.before = s.twist
@@ -185,7 +185,7 @@ def _move(s: View, order: Any, d1: Vector, d3: Vector) -> None:
             s.before, s.twist = settled, settled
             v.d1 = s.path.newest
         for _ in when(logical_not(is_node) & (order == 4)):
-            v.d1 = carried(s.path.newest, s.path.n3, d3, none)
+            v.d1 = transported(s.path.newest, s.path.n3, d3, none)
         s.is_node = select(is_node, 1.0, 0.0)
         s.twist = _nearest(_angle(d1, d3, v.d1) - s.base, s.twist)
 
@@ -194,7 +194,7 @@ def _settled_twist(s: View) -> Any:
     """Return the twist of the last sample, with the frame that has settled now that the path has moved on."""
     v = Variables(d1=s.path.settled)
     for _ in when(s.is_node == 0.0):
-        v.d1 = carried(v.d1, s.path.n2, s.d3, 0.0 * s.time)
+        v.d1 = transported(v.d1, s.path.n2, s.d3, 0.0 * s.time)
     return _nearest(_angle(s.body, s.d3, v.d1) - s.base, s.twist)
 
 

@@ -14,11 +14,8 @@ from .gauss import Gauss
 from .lie_midpoint import LieMidpoint
 from .split import Split
 
-INTEGRATORS: Registry[type[Integrator]] = Registry(
-    {scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)},
-    unregistrable,
-    "give the integrator another name",
-)
+_known = {scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)}
+INTEGRATORS: Registry[type[Integrator]] = Registry(_known, unregistrable, "give the integrator another name")
 """The integrators by name, as accepted by `integrator=`."""
 
 DEFAULT = Gauss.name

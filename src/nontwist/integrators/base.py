@@ -9,30 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import pi
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 from ..errors import SimulationError, SimulationInterrupt, Status
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
 from ..geometry.values import among, shown
+from ..loads import Load
+from ..models.stack import SystemStack
 from .costs import Cost, steps_cost, unresolved
 from .members import one_by_one, outcome_of
 from .problem import Failure, March, Outcome, Problem
 
-if TYPE_CHECKING:
-    from ..geometry.attitudes import States
-    from ..loads import Load
-    from ..models.stack import SystemStack
-
-__all__ = [
-    "Failure",
-    "Integrator",
-    "March",
-    "Outcome",
-    "Problem",
-    "SimulationError",
-    "SimulationInterrupt",
-    "Status",
-]
+SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
+__all__ = ["Failure", "Integrator", "March", "Outcome", "Problem", "SimulationError", "SimulationInterrupt", "Status"]
 
 
 class Prepared(Protocol):

@@ -6,27 +6,19 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..engine.generalised import MOMENT
+from ..engine.marching import Text
+from ..engine.records import Parts
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from ..loads import Load
 from .base import Integrator, Outcome, Prepared, Problem
 
-if TYPE_CHECKING:
-    from ..engine.marching import Text
-    from ..engine.records import Body, Parts
-    from ..geometry.attitudes import States
-    from ..kernels.vectors import Vector
-    from ..loads import Load
-
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
-
-
-def velocity_of(body: Body, P: Vector) -> Vector:
-    """Return W of a step that carries the momentum."""
-    return body.velocity_of(P)
 
 
 class Needs(NamedTuple):
@@ -35,7 +27,7 @@ class Needs(NamedTuple):
     action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
     table: Array | None = None  # coefficients
     within: Array | None = None  # c, b, polynomials, for guesses of substeps
-    carried: int = 0  # numbers of a member beside `State`
+    beside: int = 0  # numbers of a member beside `State`
     # Numbers beside the workspace, for so many internal states: of each body in lanes, of all.
     scratch: Callable[[int], tuple[int, int]] = lambda internal: (0, 0)
 

@@ -7,20 +7,18 @@ steps.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..engine.bodies import bases_of, frames
 from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
+from ..loads import Load
 from ..loads.base import forces_sampled
 from ..loads.terms import Function
-
-if TYPE_CHECKING:
-    from ..loads import Load
-    from ..models.stack import SystemStack
-    from .problem import Problem
+from ..models.stack import SystemStack
+from .problem import Problem
 
 ONE = np.ones(1)
 GONE = 7.0  # -log of what is left of a mode that has decayed
@@ -34,13 +32,6 @@ class Cost(NamedTuple):
     unit: str  #: what the parts are: steps, pieces of a load, states
     seconds: float  #: on one core
     size: int  #: bytes in addition to the stored states
-
-
-class Axes(NamedTuple):
-    """The axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
-
-    basis: Array
-    moments: Array
 
 
 def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -> Cost:
@@ -95,8 +86,7 @@ def slowest_damping(systems: SystemStack, load: Load, scale: Array = ONE) -> Arr
     (basis, moments), turning = _axes(systems), _turning(systems)
     basis, root = basis[:, :, turning], np.sqrt(moments[:, turning])
     C = basis.mT @ ((load.damping + load.damping.T) / 2) @ basis / (root[:, :, None] * root[:, None, :])
-    least: Array = np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
-    return least
+    return np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
 
 
 def largest_velocity(
@@ -139,8 +129,8 @@ def largest_velocity(
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
-    axes = _axes(systems)
-    smallest = axes.moments[:, _turning(systems)].min(axis=1)
+    basis, moments = axes = _axes(systems)
+    smallest = moments[:, _turning(systems)].min(axis=1)
     impulse, largest = 0.0, 0.0
     if load.terms:
         span, samples = t_end - t_start, 2000
@@ -157,29 +147,25 @@ def largest_velocity(
         largest = float((np.linalg.norm(moving, axis=1) + np.linalg.norm(space, axis=1) + forces_on).max())
     spin = 0.0
     if systems.spin is not None:
-        W, spin = _with_spin(systems, W, axes.moments)
+        W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     energy = root**2 + 4 * _pull(systems, load, scale)
-    if (
-        (slowest := slowest_damping(systems, load, scale)).any()
-        and systems.spin is None
-        and not (is_bound and load.potentials)
-    ):
-        driven = np.linalg.norm((_pulls(systems, axes.basis) / np.sqrt(axes.moments))[:, _turning(systems)], axis=1)
+    slowest = slowest_damping(systems, load, scale)
+    if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
+        driven = np.linalg.norm((_pulls(systems, basis) / np.sqrt(moments))[:, _turning(systems)], axis=1)
         driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
     reached = np.sqrt(energy / smallest)
-    if systems.axis is None and not (
-        by_energy or load.potentials or load.rotors or load.called.terms or load.frictions
-    ):
+    is_driven = load.potentials or load.rotors or load.called.terms or load.frictions
+    if systems.axis is None and not (by_energy or is_driven):
         reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))
 
 
 def _of_slender(
-    axes: Axes, systems: SystemStack, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float
+    axes: Any, systems: SystemStack, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float
 ) -> Array:
     """Return what |w| can reach where about the axis of the smallest moment W only grows by moments; `energy`: 2 K."""
     basis, moments = axes
@@ -191,12 +177,9 @@ def _of_slender(
     drag = abs(scale) * np.linalg.norm(damped, axis=1) * across
     coupled = (large - middle) * energy / (2 * np.sqrt(large * middle))
     slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
-    gained = (
-        np.minimum(span, thin / slowed) * (coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag)
-        + abs(scale) * impulse
-    )
-    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
-    return found
+    driven = coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag
+    gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
+    return np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
@@ -213,16 +196,15 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     return float(np.divide(squares, rates, out=np.zeros_like(squares), where=squares > 0).max())
 
 
-def _axes(systems: SystemStack) -> Axes:
-    """Return the axes of each body."""
+def _axes(systems: SystemStack) -> tuple[Array, Array]:
+    """Return the axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
     return _axes_of_one(systems) if len(systems) == 1 else _axes_of(systems)
 
 
-def _axes_of(systems: SystemStack) -> Axes:
+def _axes_of(systems: SystemStack) -> tuple[Array, Array]:
     basis, E, M = frames(systems)
     e = E[:, range(3), range(3)]
-    moments: Array = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
-    return Axes(basis, moments)
+    return basis, (e.sum(axis=1, keepdims=True) - e) * M[:, None]
 
 
 _axes_of_one = lru_cache(maxsize=64)(_axes_of)
@@ -235,15 +217,13 @@ def _turning(systems: SystemStack) -> slice:
 
 def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
     """Return the largest moments of gravity and potentials, N m, that is half the range of their energies, J."""
-    pull: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
-    return pull
+    return np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
 
 
 def _pulls(systems: SystemStack, basis: Array) -> Array:
     """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
     across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
-    pulls: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
-    return pulls
+    return (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:
@@ -252,16 +232,13 @@ def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, f
     They are bounded by the form J1 (J3 - J1) W1² + J2 (J3 - J2) W2², which stays; where it is not definite they grow,
     and a run shows how far.
     """
-    assert systems.spin is not None
-    assert systems.spin_factor is not None
-    assert systems.axis is not None
-    W = W - np.sum(W * systems.axis, axis=1, keepdims=True) * systems.axis
+    spin, factor, axis = (getattr(systems, name) for name in ("spin", "spin_factor", "axis"))
+    W = W - np.sum(W * axis, axis=1, keepdims=True) * axis
     form = moments[:, :2] * (moments[:, 2:] - moments[:, :2])
     least, most = np.sort(abs(form), axis=1).T
     is_definite = (form[:, 0] * form[:, 1] > 0) & (least > 1e-3 * most)
     growth = np.sqrt(np.divide(most, least, out=np.ones_like(most), where=is_definite))
-    spin = float((abs(systems.spin_factor) * abs(systems.spin.values).max()).max())
-    return growth[:, None] * W, spin
+    return growth[:, None] * W, float((abs(factor) * abs(spin.values).max()).max())
 
 
 def potential_range(load: Load) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 from math import inf
-from threading import local
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
 from .listing import Outputs
 from .marching import intervals_in, states_in
+from .members import PerThread
 from .prepared_march import PreparedMarch
 from .problem import Problem
 from .stack_march import StackMarch
@@ -63,8 +63,8 @@ class Dense:
             "quaternions": (*shape, 4),
             "velocities": (*shape, 3),
             "normals": (0,),
-            "intervals": (m, len(node) - 1, SUMS.size) if problem.intervals else (0,),
         }
+        self.shapes["intervals"] = (m, len(node) - 1, SUMS.size) if problem.intervals else (0,)
         self._steps = problem.times(step), length
         self._arrays = {
             "bodies": march.bodies,
@@ -120,10 +120,10 @@ class Between:
         known = dense._arrays | changes
         taken = np.searchsorted(known["begin"] + 1, found)
         march, (begin, length), n = dense.march, dense._steps, int(taken.max())
-        given, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
-        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, given)
+        loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
+        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, loads)
         put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
-        put(row, RUN, given=given, degree=degree)
+        put(row, RUN, polynomials=loads, degree=degree)
         put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
         put(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
         self._row, self._address = row, row.ctypes.data
@@ -149,8 +149,9 @@ class PreparedDense:
     """A march of one body whose start is left open, with outputs between its nodes."""
 
     def __init__(self, dense: Dense) -> None:
-        self._dense, self._threads, self._march = dense, local(), PreparedMarch(dense.march)
+        self._dense, self._march = dense, PreparedMarch(dense.march)
         self._unit, self._spans = float(dense.march.bodies[0, BODY.unit]), spans(dense.shapes)
+        self._threads = PerThread(self._workspace)
 
     @cached_property
     def _substeps(self) -> PreparedMarch:
@@ -161,10 +162,7 @@ class PreparedDense:
         found, squares, fastest = self._march(p, W, scale)
         if not squares < inf:
             return found, squares, fastest
-        try:
-            nodes, factor, memory, between = self._threads.own
-        except AttributeError:
-            nodes, factor, memory, between = self._threads.own = self._workspace()
+        nodes, factor, memory, between = self._threads.own
         nodes[:], factor[0] = found, scale / self._unit
         if not between.find():
             found, squares, fastest = self._substeps(p, W, scale)
@@ -203,9 +201,8 @@ def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: flo
         return np.zeros((0, degree)), degree
     y = np.stack(values, axis=1).reshape(len(begin), degree, len(values), 3)
     first = y[:, :1]  # a large number would be lost in the coefficients of its changes
-    both = np.stack(
-        [np.einsum("nj,sjvc->svcn", np.linalg.inv(np.vander(z, increasing=True)), y - first) for z in (x, 1 - x)], 1
-    )
+    inverses = [np.linalg.inv(np.vander(z, increasing=True)) for z in (x, 1 - x)]
+    both = np.stack([np.einsum("nj,sjvc->svcn", inverse, y - first) for inverse in inverses], 1)
     both[..., 0] += first
     if parts.rotor:
         slope = np.zeros_like(both[:, :, -1:])

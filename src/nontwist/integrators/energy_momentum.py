@@ -101,10 +101,9 @@ from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
-from .base import Problem
+from .base import SPIN, Problem
 from .compiled import Needs
 from .dissipative import Dissipative
-from .spins import REFUSAL as SPIN
 
 MOMENTS = ("paper", "exact")
 
@@ -191,10 +190,10 @@ class Start(NamedTuple):
     chi: Any
 
 
-def step(acting: Nodes, state: State, is_active: Any) -> Step:
+def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     """Take the step: Newton's iteration for y, then the changes of W and N, and the multipliers."""
-    parts, body, h, W, N = acting.parts, acting.body, acting.h, state.s, Symmetric(*state.auxiliary).matrix
-    loads, f, chi = acting.loads(), 0.5 * h, None
+    parts, body, h, W, N = nodes.parts, nodes.body, nodes.h, state.s, Symmetric(*state.auxiliary).matrix
+    loads, f, chi = nodes.loads(), 0.5 * h, None
     if parts.dissipates:
         turn = h * sqrt(W @ W)
         chi = fma(body.dissipation[1], select(turn < 1.0, turn, 1.0), body.dissipation[0])
@@ -233,15 +232,10 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
     X = Matrix(*(Mt @ row for row in Y))
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
     found = midpoint_step(state, a, 0.5 * first_moment(X), N_next, solution)
-    return multipliers(acting, start, found, a, s, Y, Mt, loads) if parts.tells else found
+    return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.tells else found
 
 
-def velocity(body: Body, W: Vector) -> Vector:
-    """Return W of the state, which is it."""
-    return W
-
-
-TEXT = Text(step, velocity, auxiliary=6)
+TEXT = Text(step, auxiliary=6)
 
 
 def shrinking(a: Vector) -> Any:
@@ -334,10 +328,10 @@ def twice_mean_transposed(s: Any, a: Vector) -> Matrix:
 
 
 def multipliers(
-    acting: Nodes, start: Start, found: Step, a: Vector, s: Any, Y: Matrix, Mt: Matrix, loads: Loads
+    nodes: Nodes, start: Start, found: Step, a: Vector, s: Any, Y: Matrix, Mt: Matrix, loads: Loads
 ) -> Step:
     """Return the step with multipliers, moments and work: λ and μ of the rows L_i."""
-    parts, body, f, R, Om = acting.parts, start.body, start.f, acting.R, (1.0 / start.f) * a
+    parts, body, f, R, Om = nodes.parts, start.body, start.f, nodes.R, (1.0 / start.f) * a
     V = rows_of(start.W) + start.N
     L = (-1.0 / f) * combined(body, Y + Matrix(*(cross(a, v) for v in V)))
     m = of_load = loads.space

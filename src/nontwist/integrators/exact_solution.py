@@ -14,38 +14,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
-from threading import local
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
+from ..exact import loaded_body
 from ..exact.free_bodies import TOO_FAR
-from ..exact.free_constants import NOT_PRINCIPAL, OK
-from ..exact.free_kernels import PRINCIPAL, free_members, turns
+from ..exact.free_constants import OK
+from ..exact.free_kernels import free_members, turns
 from ..exact.gyrostats import gyrostat_motion
-from ..exact.loaded_body import (
-    MOST,
-    Pieces,
-    Turning,
-    edges_of,
-    gauss,
-    halved_pieces,
-    pieces_of,
-    too_many,
-    turning,
-    unrefined,
-)
 from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
 from ..loads import Load
 from ..loads.base import with_moments as moments_of
-from ..models.stack import SystemStack
+from ..models.stack import SystemStack, is_principal
 from ..models.system import DirectorSystem
 from .base import Integrator
 from .costs import Cost
-from .members import in_threads, one_by_one, outcome_of, progress
+from .members import PerThread, in_threads, one_by_one, outcome_of, progress
 from .problem import Intervals, March, Outcome, Problem, scratch
 
 BLOCK = 4096  # members, or pieces of a load
@@ -92,7 +80,7 @@ class Exact(Integrator):
         self.require(problem)
         systems, load, times = problem.systems, problem.load, problem.output
         is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
-        if is_gyrostat or _acts(load, edges_of(load, np.array([problem.t_start, times[-1]]))):
+        if is_gyrostat or _acts(load, loaded_body.edges_of(load, np.array([problem.t_start, times[-1]]))):
             if m > 1:
                 return one_by_one(self.march, problem, threads)
             return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
@@ -103,8 +91,7 @@ class Exact(Integrator):
         def block(first: int, last: int) -> None:
             status, member = free_members(*_bodies(systems), since, place, first, last, *out.states[:2])
             if status != OK:
-                reason = _no_solution(SUSLOV) if status == NOT_PRINCIPAL else TOO_FAR
-                raise ValueError(f"member {member}: {reason}" if m > 1 else reason)
+                raise ValueError(f"member {member}: {TOO_FAR}" if m > 1 else TOO_FAR)
 
         in_threads(block, (0, m), BLOCK, threads, progress(problem))
         if not problem.intervals:
@@ -121,42 +108,37 @@ class Exact(Integrator):
         return PreparedSolution(problem)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why there is no closed-form solution, as far as that is quick to decide.
-
-        Of a stack that is what its members share.
-        """
-        systems, load, n = problem.systems, with_moments(problem).load, problem.systems.axis
+        """Return why there is no closed-form solution, as far as that is quick to decide."""
+        systems, load = problem.systems, with_moments(problem).load
         if load.rotors and not _is_gyrostat(problem):
             return _no_solution(ROTORS)
         if systems.spin is not None:
             return _no_solution(SPIN)
         if systems.has_dead_force:
             return _no_solution(FORCES)
-        if n is not None and len(problem) == 1:
-            across = np.cross(n[0], systems[0].convected_inertia @ n[0])
-            if abs(across).max() > PRINCIPAL * np.trace(systems[0].euler_inertia):
-                return _no_solution(SUSLOV)
+        if systems.axis is not None and not (is_fine := is_principal(systems)).all():
+            return f"member {int(is_fine.argmin())}: " * (len(systems) > 1) + _no_solution(SUSLOV)
         if load.rotors:
             return None
         if load.depends_on_state:
             return _no_solution(DEPENDENT)
         if not load.terms or len(problem) > 1:
             return None
-        edges = edges_of(load, np.array([problem.t_start, problem.t_end]))
+        edges = loaded_body.edges_of(load, np.array([problem.t_start, problem.t_end]))
         edges = edges[np.unique(np.linspace(0, len(edges) - 1, GLANCE + 1).astype(np.int64))]
         if not _acts(load, edges):
             return None
         if reason := _unsolved(systems[0], load):
             return reason
-        motion = _turning(systems[0], problem.velocity[0], unrefined(load, edges[:-1], edges[1:]))[-1]
-        return _no_solution(MOVING) if motion is None else too_many(load, problem.output)
+        motion = _turning(systems[0], problem.velocity[0], loaded_body.unrefined(load, edges[:-1], edges[1:]))[-1]
+        return _no_solution(MOVING) if motion is None else loaded_body.too_many(load, problem.output)
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`."""
         load, pieces = with_moments(problem).load, 0
         if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
-            waves = halved_pieces(load, problem.t_start, problem.t_end)
-            pieces = states + len(load.breakpoints) + int(min(waves, MOST))
+            waves = loaded_body.halved_pieces(load, problem.t_start, problem.t_end)
+            pieces = states + len(load.breakpoints) + int(min(waves, loaded_body.MOST))
         own = GYROSTAT_NS if load.rotors else 0
         return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
@@ -167,9 +149,9 @@ def with_moments(problem: Problem) -> Problem:
     return problem if load == problem.load else replace(problem, load=load)
 
 
-def _bodies(systems: SystemStack) -> tuple[Array, Array]:
-    """Return inertias and constrained axes as `free_members` takes them."""
-    return systems.convected_inertia, np.zeros((0, 3)) if systems.axis is None else systems.axis
+def _bodies(systems: SystemStack) -> tuple[Array, int]:
+    """Return inertias, and whether there are constrained axes, as `free_members` takes them."""
+    return systems.convected_inertia, int(systems.axis is not None)
 
 
 class PreparedSolution:
@@ -177,19 +159,17 @@ class PreparedSolution:
 
     def __init__(self, problem: Problem) -> None:
         self._systems, since = problem.systems, problem.output - problem.t_start
-        self._place, self._count, self._threads = int(since[0] == 0.0), len(since), local()
+        self._place, self._count = int(since[0] == 0.0), len(since)
         self._since = since[self._place :].copy()
         self._empty = np.full(7 * self._count, np.nan)
+        self._threads = PerThread(self._workspace)
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`.
 
         There is no load, so no factor, and no step that a velocity could be too large for.
         """
-        try:
-            memory, start, solve = self._threads.own
-        except AttributeError:
-            memory, start, solve = self._threads.own = self._workspace()
+        memory, start, solve = self._threads.own
         memory[:] = self._empty
         start[0][:], start[1][:] = p, W
         status, _ = solve()
@@ -252,19 +232,21 @@ def _acts(load: Load, edges: Array) -> bool:
         return False
     for first in range(0, len(edges) - 1, BLOCK):
         a, b = edges[first : first + BLOCK + 1][:-1, None], edges[first : first + BLOCK + 1][1:, None]
-        at = ((b + a) / 2 + (b - a) / 2 * gauss()[0]).ravel()
+        at = ((b + a) / 2 + (b - a) / 2 * loaded_body.gauss()[0]).ravel()
         if load.sample(at, "body").any() or load.sample(at, "space").any():
             return True
     return False
 
 
-def _turning(system: DirectorSystem, W: Array, pieces: Pieces) -> tuple[Array, Array, Pieces, Turning | None]:
+def _turning(
+    system: DirectorSystem, W: Array, pieces: loaded_body.Pieces
+) -> tuple[Array, Array, loaded_body.Pieces, loaded_body.Turning | None]:
     """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
     assert system.axis is not None
     V = bases_of(system.axis[None])[0].T
     J = V @ system.convected_inertia @ V.T
     pieces = pieces._replace(moment=pieces.moment @ V.T)
-    return V, J, pieces, turning(J, J @ (V @ W), pieces)
+    return V, J, pieces, loaded_body.turning(J, J @ (V @ W), pieces)
 
 
 def _loaded(problem: Problem) -> March:
@@ -274,7 +256,7 @@ def _loaded(problem: Problem) -> March:
     assert system.axis is not None
     R, W = attitudes(problem.quaternion[0]), problem.velocity[0]
     W = W - (system.axis @ W) * system.axis
-    pieces = pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
+    pieces = loaded_body.pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
     V, J, pieces, motion = _turning(system, W, pieces)
     if motion is None:
         raise ValueError(_no_solution(MOVING))
@@ -303,10 +285,10 @@ def _gyrostat(problem: Problem) -> Outcome:
 
 
 def _means(
-    J: Array, R: Array, pieces: Pieces, motion: Turning, at: NDArray[np.intp], times: Array
+    J: Array, R: Array, pieces: loaded_body.Pieces, motion: loaded_body.Turning, at: NDArray[np.intp], times: Array
 ) -> tuple[Array, Array, Array]:
     """Return the means of μ and of the spatial moment and the work, between the output times."""
-    half, weights = (pieces.b - pieces.a) / 2, gauss()[1]
+    half, weights = (pieces.b - pieces.a) / 2, loaded_body.gauss()[1]
     shape = motion.angle_inside.shape
     inside = turns(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
     m = np.einsum("pnab,pnb->pna", inside, pieces.moment)

@@ -26,11 +26,11 @@ from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch
+from ..kernels.memory import Doubles, View, Wholes, doubles, fields, put, scratch
 from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
-from .gauss_stages import VECTORS, Equations, Now, Sampled
+from .gauss_stages import VECTORS, Equations, Now, StageLoads
 
 FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
 LAST, APART, TINY = 2e-12, 1e-7, 1e-300
@@ -58,7 +58,7 @@ class Run(NamedTuple):
     outputs: Wholes  # (steps + 1,) number of the first output inside
     places: Wholes  # (steps,) its row
     parts: Doubles  # τ of the outputs inside
-    given: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
+    polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
     taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
@@ -89,14 +89,8 @@ def vectors_of(parts: Parts) -> int:
 
 def summed(parts: Parts) -> list[str]:
     """Return what is summed, and is not 0."""
-    has_moment = parts.moving or parts.space or parts.rotor or parts.damping
-    is_made = {
-        "mu": parts.is_constrained,
-        "moment": has_moment,
-        "dead": parts.is_constrained and parts.dead,
-        "work": has_moment,
-        "twist": True,
-    }
+    has_moment, is_held = parts.moving or parts.space or parts.rotor or parts.damping, parts.is_constrained
+    is_made = {"mu": is_held, "moment": has_moment, "dead": is_held and parts.dead, "work": has_moment, "twist": True}
     return [name for name, is_there in is_made.items() if is_there and parts.reports]
 
 
@@ -133,8 +127,7 @@ def body_of(run: View, i: Any) -> Body:
 def turned(p: Quaternion, x: Vector) -> Vector:
     """Return Λ x."""
     t = cross(p.vector, x) * 2.0
-    found: Vector = x + t * p[0] + cross(p.vector, t)
-    return found
+    return x + t * p[0] + cross(p.vector, t)
 
 
 class Rooms:
@@ -169,13 +162,13 @@ class Expansion:
         self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
-        self.given = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
+        self.polynomials = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
         self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
 
     def gather(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
-        for memory in self.given:
+        for memory in self.polynomials:
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
@@ -188,10 +181,10 @@ class Expansion:
             for c, x in enumerate([*numbers, *(select(self.side == 0, 0.0, x) for x in sums)]):
                 start[c * lanes + l] = x
             self.length[l] = select(self.side == 0, length, -length)
-            for c, memory in enumerate(self.given):
-                given = run.given.shifted(((2 * step + self.side) * len(self.given) + c) * run.degree)
+            for c, memory in enumerate(self.polynomials):
+                numbers = run.polynomials.shifted(((2 * step + self.side) * len(self.polynomials) + c) * run.degree)
                 for n in loop(run.degree):
-                    memory[n * lanes + l] = given[n]
+                    memory[n * lanes + l] = numbers[n]
         x, y, z, w, *more = (start.load(c * lanes, lanes) for c in range(len(self.unknowns)))
         q = Quaternion(w, x, y, z) @ body.frame
         P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
@@ -211,8 +204,8 @@ class Expansion:
         P, p, e = Vector(*self.unknowns[:3]), Quaternion(*self.unknowns[3:STATE]), self.equations()
         g = Matrix(*zip(*[iter(self.rows)] * 3, strict=True)) if self.rows else ()
         moving, space, rotor = self.loads()
-        seen = None if space is None else space @ e.acting.R
-        now = e.now(Sampled(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
+        seen = None if space is None else space @ e.nodes.R
+        now = e.now(StageLoads(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
         W, v, w = now.W, p.vector, p[0]
         rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]
         rates += self.sum_rates(now, p, space)
@@ -225,7 +218,7 @@ class Expansion:
         """Return the moment along the frame, that in space, and the momentum of the rotors; None: there is none."""
         body, parts, found = self.body, self.parts, list[Vector]()
         scale = self.run.scales[self.i * self.run.scale_stride]
-        for a, b, c in zip(*[iter(self.given)] * 3, strict=True):
+        for a, b, c in zip(*[iter(self.polynomials)] * 3, strict=True):
             found.append(scale * Vector(*(Stored(self.recurrence, x) for x in (a, b, c))))
         vectors = iter(found)
         moving = next(vectors) @ body.basis if parts.moving else None
@@ -318,8 +311,7 @@ def at_middle(series: list[Any], k: Any) -> Any:
 def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: Any, sign: Any) -> None:
     """Write the outputs inside of a step of a member."""
     lanes, sums, body, count = lanes_of_text(), sums_of(parts), body_of(run, i), len(series[0])
-    (w, *u), out = body.frame, scratch(count * lanes)
-    signs = [sign if 3 <= c < STATE else 1.0 for c in range(count)]
+    out, signs = scratch(count * lanes), [sign if 3 <= c < STATE else 1.0 for c in range(count)]
     begin, end = run.outputs[step], run.outputs[step + 1]
     for number in loop(begin, end, lanes):
         t = run.parts.load(number, lanes)
@@ -332,19 +324,17 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         weight = t * t * t * t * (35.0 - t * (84.0 - t * (70.0 - t * 20.0)))
         x = [a + weight * (f * b - a) for a, b, f in zip(v.a, v.b, signs, strict=True)]
         p = Quaternion(*x[3:STATE])
-        q = (1.0 / sqrt(sum_of(*(y * y for y in p)))) * p @ Quaternion(w, *(-y for y in u))
+        q = (1.0 / sqrt(sum_of(*(y * y for y in p)))) * p @ body.frame.inverse
         W = run.rate[0] * (body.basis @ body.velocity_of(Vector(*x[:3])))
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
             row = i * run.kept + run.places[step] + (number - begin) + l
-            target = run.sums.shifted((row - i - 1) * SUMS.size)
-            for c in range(4):
-                run.quaternions[4 * row + c] = out[c * lanes + l]
-            for c in range(3):
-                run.velocities[3 * row + c] = out[(4 + c) * lanes + l]
-            for c, place in enumerate(sums):
-                target[place] = out[(STATE + c) * lanes + l]
+            target, found = run.sums.shifted((row - i - 1) * SUMS.size), tuple(out[c * lanes + l] for c in range(count))
+            put(run.quaternions, found[:4], 4 * row)
+            put(run.velocities, found[4:STATE], 3 * row)
+            for place, y in zip(sums, found[STATE:], strict=True):
+                target[place] = y
 
 
 def join(parts: Parts, run: View, i: Any) -> None:
@@ -354,20 +344,15 @@ def join(parts: Parts, run: View, i: Any) -> None:
         total[c] = 0.0
     for number in loop(run.good[i]):
         row, inside, at = run.rows[number], run.inside[number], i * run.kept + number
-        q, W, sums = (
-            run.quaternions.shifted(4 * at),
-            run.velocities.shifted(3 * at),
-            run.sums.shifted((at - i - 1) * SUMS.size),
-        )
+        q, W = run.quaternions.shifted(4 * at), run.velocities.shifted(3 * at)
+        sums = run.sums.shifted((at - i - 1) * SUMS.size)
         for _ in when(inside == 0):
             for target, source, n in ((q, run.p, 4), (W, run.W, 3)):
-                for c in range(n):
-                    target[c] = source[(i * run.nodes + row) * n + c]
+                put(target, tuple(source[(i * run.nodes + row) * n + c] for c in range(n)))
         for _ in when(number > 0):
             before = q.shifted(-4)
             sign = select(before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3] < 0.0, -1.0, 1.0)
-            for c in range(4):
-                q[c] = sign * q[c]
+            put(q, tuple(sign * q[c] for c in range(4)))
             if own:
                 for node in loop(v.row, row + inside):
                     means = run.means.shifted((i * (run.nodes - 1) + node) * SUMS.size)

@@ -93,39 +93,14 @@ from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, 
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, size_of
 from ..kernels.tracing import tracer
-from ..kernels.vectors import (
-    AXES,
-    Matrix,
-    Quaternion,
-    Vector,
-    attitude,
-    compensated,
-    cross,
-    first_moment,
-    sum_of,
-    taxicab,
-)
+from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, sum_of
 from ..loads import Load
 from ..models.stack import SystemStack
-from .compiled import ONCE, Compiled, Needs, velocity_of
+from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import (
-    CHECKED,
-    DITHERED,
-    LEVEL,
-    OVERFLOW,
-    TINY,
-    TURN,
-    VECTOR,
-    ZEROS,
-    Equations,
-    Stage,
-    Stages,
-    iterated,
-    rows_of,
-)
+from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, iterated, rows_of
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -168,12 +143,7 @@ class Gauss(Compiled):
         "order": "Hairer, Lubich & Wanner, II.1.3",
         "invariant": "Hairer, Lubich & Wanner, IV.2.1; nontwist.integrators.gauss",
     }
-    counts: ClassVar[dict[int, tuple[int, ...]]] = {
-        **Compiled.counts,
-        8: (12, 16, 20),
-        12: (14, 16, 20),
-        16: (10, 12, 16),
-    }
+    counts: ClassVar[dict[int, Any]] = Compiled.counts | {8: (12, 16, 20), 12: (14, 16, 20), 16: (10, 12, 16)}
     controlled_orders: ClassVar[tuple[int, ...]] = (4, 8, 12, 16)
     order: int = 8
 
@@ -260,12 +230,12 @@ SMALLEST = 0.1  # determinant of the rows of a stage
 def text_of(s: int, motion: str) -> Text:
     """Return the text of the steps of s stages for a motion."""
 
-    def step(acting: Nodes, state: State, alive: Any) -> Step:
-        n = acting.parts.lanes  # of one body all stages are evaluated at once, but in texts that compute
-        y = Stages(acting.memory, acting.table, s, n, n, n == 1 and tracer() is not None)
-        return steady_step(acting, state, y) if motion == "steady" else collocated(acting, state, alive, y, motion)
+    def step(nodes: Nodes, state: State, alive: Any) -> Step:
+        n = nodes.parts.lanes  # of one body all stages are evaluated at once, but in texts that compute
+        y = Stages(nodes.memory, nodes.table, s, n, n, n == 1 and tracer() is not None)
+        return steady_step(nodes, state, y) if motion == "steady" else collocated(nodes, state, alive, y, motion)
 
-    return Text(step, velocity_of, auxiliary=1, integrates=True, exchange=exchange)
+    return Text(step, auxiliary=1, integrates=True, exchange=exchange)
 
 
 def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:
@@ -281,33 +251,27 @@ def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bo
                     memory[(c * WIDTH + j) * n + l] = own[c * s + j]
 
 
-def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
+def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
     """Take a step: its stages, the turn, and what the interval gets of it."""
-    parts, body, h, P, s = acting.parts, acting.body, acting.h, state.s, y.number
-    memory = Memory(acting, y) if parts.memory else None
-    e, k, zero = Equations(motion, acting, y, P, memory), body.k, 0.0 * P[0]
+    parts, body, h, P, s = nodes.parts, nodes.body, nodes.h, state.s, y.number
+    memory = Memory(nodes, y) if parts.memory else None
+    e, k, zero = Equations(motion, nodes, y, P, memory), body.k, 0.0 * P[0]
     e.sample()
-    if e.has_rows:
-        y.put(e.names[1:], [ZEROS] * 3)
     if memory:
         memory.clear()
-    is_eager = s > DITHERED and not e.has_rows
-    unchecked = state.auxiliary[0] if is_eager else 0.0
-    level = LEVEL * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2]))
-    for_newton, used = iterated(
-        y, e.names, e.follow, alive, level, TABLE.guess, k, taxicab(k * P), unchecked, state.compensation, memory
-    )
+    unchecked = state.auxiliary[0] if e.is_eager else 0.0
+    for_newton, used = iterated(e, alive, TABLE.guess, unchecked, state.compensation)
     v = Variables(for_newton=for_newton, used=used, residual=zero)
     for _ in when(any_of(for_newton)):
-        solve(acting, y, state, motion, for_newton, v)
+        solve(nodes, y, state, motion, for_newton, v)
     least = e.ended(without(alive, for_newton))
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_compensation = compensated(P, state.compensation, dP)
     if e.has_rows:
         less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
     elif motion == "moved":
-        rows_of_turn(y, acting, alive)
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in TURN)))
+        turned = rows_of_turn(y, nodes, alive)
+        less, w = quaternion_of(Matrix(*(y.total(name) for name in turned.names)))
     elif motion == "heavy":
         less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:
@@ -315,12 +279,12 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         less, w = about_a_line(y, h, "P", P, next_P, f)
     p, c, gap = turned_on(state.p, state.c, less, w)
     if e.orbit is not None:
-        n, o = acting.orbit
+        n, o = nodes.orbit
         half = 0.5 * n * h
         q = Quaternion(cos(half), *(sin(half) * o))
         p, c = q @ p, q @ c
     far = (arc > 0.5 * PI * (s + 1.0)) | (least > -SMALLEST)
-    auxiliary = (larger(select(for_newton, 0.0, used - CHECKED), zero) if is_eager else zero,)
+    auxiliary = (larger(select(for_newton, 0.0, used - CHECKED), zero) if e.is_eager else zero,)
     gap = select(arc <= OVERFLOW, gap, arc)
     W = k * P
     how_far = select(arc <= OVERFLOW, arc, h * sqrt(W @ W))
@@ -337,12 +301,12 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
 
 def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
     """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
-    acting, parts, R = e.acting, e.parts, e.acting.R
+    nodes, parts, R = e.nodes, e.parts, e.nodes.R
     has_dead = parts.dead and parts.is_constrained and motion in ("heavy", "rows")
     has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor or parts.memory))
     has_push = e.has_rows and (parts.space or parts.calls)
     if motion in ("free", "heavy") and (has_dead or parts.observes):
-        rows_of_turn(y, acting, alive)
+        rows_of_turn(y, nodes, alive)
 
     def mean(moment: Any) -> Vector:
         total = Variables(m=0.0 * e.P)
@@ -352,51 +316,42 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
         return R @ total.m
 
     if has_own or has_push:
-        moment = mean(
-            lambda stage, C: sum_of(
-                C @ stage.own if has_own else None,
-                stage.space if has_push and parts.space else None,
-                stage.called if has_push and parts.calls else None,
-            )
-        )
-        found = found._replace(moment=moment, work=work)
+
+        def moment(stage: View, C: Matrix) -> Vector:
+            own, space = C @ stage.own if has_own else None, stage.space if has_push and parts.space else None
+            return sum_of(own, space, stage.called if has_push and parts.calls else None)
+
+        found = found._replace(moment=mean(moment), work=work)
     if has_dead:
-        dead = acting.dead()
+        dead = nodes.dead()
         found = found._replace(dead=mean(lambda _, C: C @ first_moment(Matrix(*(row @ C for row in dead)))))
     if parts.observes:
-        observe_stages(acting, y)
+        observe_stages(nodes, y)
     return found
 
 
-def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:
-    """Find the rows of the turn at all stages from the velocities there: ``c_k' = c_k × W``, linear."""
-    h = acting.h
-    y.put(TURN, [ZEROS] * 3)
-
-    def following(i: Any, stage: View, matrix: Any) -> list[Vector]:
-        b, W = h * y.coefficient(TABLE.weights, i), stage.W
-        return [b * cross(y.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
-
-    for_newton, _ = iterated(y, TURN, following, alive, LEVEL + 0.0 * acting.body.free)
+def rows_of_turn(y: Stages, nodes: Nodes, alive: Any) -> TurnEquations:
+    """Find the rows of the turn at all stages from the velocities there."""
+    e, h = TurnEquations(nodes, y), nodes.h
+    for_newton, _ = iterated(e, alive)
     for _ in when(any_of(for_newton)):
         for l in lanes_where(for_newton, y.lanes):
-            rows_by_elimination(y.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * y.lanes), h)
-    for i, stage in y.each():
-        for name, turn, axis in zip(VECTOR, TURN, AXES, strict=True):
-            setattr(stage, name, y.collocated(turn, axis, i))
+            rows_by_elimination(y.lane(l), nodes.memory.shifted(size_of(Stage) * WIDTH * y.lanes), h)
+    e.end()
+    return e
 
 
-def observe_stages(acting: Nodes, y: Stages) -> None:
+def observe_stages(nodes: Nodes, y: Stages) -> None:
     """Take the stages into the integrals over time of what is observed."""
-    x, table = acting.x, y.table
+    x, table = nodes.x, y.table
     before = x.observed.work
     for i in loop(y.number):
         work = before
         for j in range(y.number):
             work = work + table[TABLE.mu + WIDTH * j + i] * y.one(j).sum[1]
         x.observed.work, x.velocity = work, y.one(i).W
-        observe_at(x, False, acting.R @ rows_of(y.one(i)))
-        integrate(x, acting.h * table[TABLE.weights + i])
+        observe_at(x, False, nodes.R @ rows_of(y.one(i)))
+        integrate(x, nodes.h * table[TABLE.weights + i])
     x.observed.work = before
 
 
@@ -470,21 +425,21 @@ def about(turn: Vector) -> tuple[Any, Vector]:
     return less, select(angle > SLIGHT, sine / (angle + TINY), 0.5) * turn
 
 
-def steady_step(acting: Nodes, state: State, y: Stages) -> Step:
+def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
     """Take a step of a body whose momentum stands still."""
-    h, P, W = acting.h, state.s, acting.body.k * state.s
+    h, P, W = nodes.h, state.s, nodes.body.k * state.s
     zero, turn, far_turn = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
     p, c, gap = turned_on(state.p, state.c, *about(turn))
     never, far = zero > 1.0, far_turn > 0.5 * PI * (y.number + 1.0)
     after = state._replace(p=p, c=c, auxiliary=(zero,))
     found = Step(after, never, far, select(far_turn <= OVERFLOW, gap, far_turn), zero, zero, turn=far_turn)
-    if not acting.parts.tells:
+    if not nodes.parts.tells:
         return found
-    if acting.parts.observes:
+    if nodes.parts.observes:
         for j in loop(y.number):
             less, v = about(h * y.table[TABLE.nodes + j] * W)
             stage = y.one(j)
             stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + less, *v))
             stage.W, stage.sum = W, 0.0 * W
-        observe_stages(acting, y)
-    return found._replace(mu=cross(P, W)[2], twist=acting.body.axis @ turn)
+        observe_stages(nodes, y)
+    return found._replace(mu=cross(P, W)[2], twist=nodes.body.axis @ turn)

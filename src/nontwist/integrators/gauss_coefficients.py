@@ -31,17 +31,8 @@ from ..engine.layout import layout
 from ..geometry.arrays import Array
 
 DIGITS = 60
-WIDTH = 8  # stages that there is room for
-TABLE = layout(  # matrices by columns
-    "Table",
-    nodes=WIDTH,
-    weights=WIDTH,
-    mu=WIDTH * WIDTH,
-    guess=WIDTH * WIDTH,
-    a=WIDTH * WIDTH,
-    inverse=WIDTH * WIDTH,
-    sums=WIDTH,
-)
+WIDTH, SQUARE = 8, 64  # stages that there is room for; matrices by columns
+TABLE = layout("Table", nodes=WIDTH, weights=WIDTH, mu=SQUARE, guess=SQUARE, a=SQUARE, inverse=SQUARE, sums=WIDTH)
 
 Numbers = list[Decimal]
 

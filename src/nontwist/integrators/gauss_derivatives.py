@@ -30,18 +30,19 @@ from typing import Any
 from ..engine.elimination import Scratch, eliminate_once
 from ..engine.known_steps import NODAL, Directions, Step, Steps, Wanted
 from ..engine.linear_functions import Calls
-from ..engine.linearised import called_at
+from ..engine.linearised import put_ends, sampled
+from ..engine.newton import ROUND_OFF
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.dual import Dual, plain, tangent
+from ..kernels.dual import Dual, plain, seeded, tangent
 from ..kernels.elements import any_of, larger, remade, select, smaller, without
 from ..kernels.kernel import Kernel
-from ..kernels.memory import View, doubles, put, size_of, vector_at
+from ..kernels.memory import View, doubles, flat, put, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_known_stages import KnownStages, StageEquations
-from .gauss_stages import LEVEL, OVERFLOW, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Stage, Stages, iterated
+from .gauss_stages import OVERFLOW, TINY, VECTOR, VECTORS, ZEROS, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
 CORRECTIONS, CLOSE, SAME = 20, 1e-9, 1e-6
@@ -124,31 +125,16 @@ class Collocation:
 
     def gather(self, first: Any) -> None:
         """Fill the nodes with steps; lanes beyond the last repeat it."""
-        b, parts, s = self.b, self.parts, self.s
-        for l in loop(parts.lanes):
-            i, lane = smaller(first + l, b.steps - 1), self.node(0).lane(l)
-            p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
-            lane.h, lane.W, lane.ahead, lane.spin = b.sizes[i], vector_at(W), vector_at(W, 3), 0.0
-            lane.p, lane.q = Quaternion(p[3], p[0], p[1], p[2]), Quaternion(p[7], p[4], p[5], p[6])
-            if parts.spin:
-                for _ in when(b.spins.address != 0):
-                    lane.spin = b.spins[i]
+        b, s = self.b, self.s
+        for l in loop(self.parts.lanes):
+            i = smaller(first + l, b.steps - 1)
+            put_ends(b, self.node(0).lane(l), i)
             for j in loop(s):
-                node, k = self.node(j).lane(l), s * i + j
-                for name, array in (("moving", b.moved), ("space", b.pushed)):
-                    if getattr(parts, name):
-                        setattr(node, name, ZEROS)
-                        for _ in when(array.address != 0):
-                            setattr(node, name, vector_at(array, 3 * k))
-                if parts.rotor:
-                    node.rotor, node.rate = vector_at(b.wheels, 6 * k), vector_at(b.wheels, 6 * k + 3)
-                if parts.calls:
-                    called_at(b, node, k)
+                sampled(self.parts, b, self.node(j).lane(l), s * i + j)
 
     def equations(self, places: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
-        how = self.body, self.node, self.scale, Directions(places, count), self.b, self.calls
-        known = KnownStages(self.parts, *how)
+        known = KnownStages(self.calls, self.body, self.node, self.scale, Directions(places, count))
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
@@ -171,8 +157,7 @@ class Collocation:
         if not self.parts.orbit:
             return self.rows(i)
         less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
-        return found
+        return attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
 
     def matrix(self, name: str, k: Any) -> Matrix:
         """Return a matrix that lies in a room, row by row."""
@@ -199,14 +184,14 @@ class Collocation:
 
     def solve(self) -> Any:
         """Find V and g of the stages, the rows, U and T; return the mask of steps that are not solved."""
-        at, body, stages = self.node(0), self.body, self.stages
+        at, body = self.node(0), self.body
         self.h, B = at.h, body.basis
         R, self.W = attitude(at.p) @ B, (at.W @ B, at.ahead @ B)
         e = self.equations({}, 0)
         self.plain, self.ends = e, (ZEROS, ZEROS)
         p, q = at.p, at.q
         if self.parts.orbit:
-            n, o = e.acting.orbit
+            n, o = e.nodes.orbit
             less, v = about((n * self.h) * o)
             p = Quaternion(1.0 + less, *v) @ p
             self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
@@ -219,9 +204,7 @@ class Collocation:
             stage.dp = self.weight(j) * (ahead - P)
             for name, g in zip(e.names[1:], e.start, strict=True):
                 setattr(stage, name, (self.h * self.weight(j)) * cross(g, mean))
-        fastest = larger(larger(e.k[0], e.k[1]), e.k[2])
-        level, alive = LEVEL * (1.0 + self.h * taxicab(P) * fastest), self.h == self.h
-        for_newton, _ = iterated(stages, e.names, e.follow, alive, level, k=e.k, speed=taxicab(e.k * P))
+        for_newton, _ = iterated(e, self.h == self.h)
         for i, stage in self.each():
             P, g = e.placed(i)
             stage.V = e.turning(body.velocity_of(P), g)
@@ -291,20 +274,17 @@ class Collocation:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
         s, h, e, count = self.s, self.h, self.plain, len(self.names)
         for i, stage in self.each():
-            V, *g = (
-                Vector(*(Dual(x, [float(j == 3 * k + c) for j in range(3 + 3 * count)]) for c, x in enumerate(v)))
-                for k, v in enumerate((stage.V, *self.vectors(stage)))
-            )
+            x = seeded(flat((stage.V, *self.vectors(stage))))
+            V, *g = (Vector(*x[k : k + 3]) for k in range(0, len(x), 3))
             if self.parts.calls:
                 W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
-                e.acting.evaluate(i, W, self.vectors(stage), True)
+                e.nodes.evaluate(i, W, self.vectors(stage), True)
             F = h * e.rate(i, V, Matrix(*g) if g else (), self.rows(i))
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
                 self.put("by_rows", 3 * i + k, by[1 + k])
-            if count:
-                for j in loop(s):
-                    self.put("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
+            for j in loop(s):
+                self.put("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
             self.put("T", i * s + i, by[0])
             r = Variables(r=plain(F) + self.sum(i) * self.V[0])
             for j in loop(s):
@@ -326,17 +306,11 @@ class Collocation:
         for i in loop(s):
             for j in loop(s):
                 alpha = self.inverse(i, j)
-                T = self.matrix("T", i * s + j) if self.names else self.own_slope(i, j)
+                T = self.matrix("T", i * s + j)
                 for r in range(3):
                     for c in range(3):
                         row, column = (3 * j + c, 3 * i + r) if is_transposed else (3 * i + r, 3 * j + c)
                         a[row * width + column] = (alpha if r == c else 0.0) - T[r][c]
-
-    def own_slope(self, i: Any, j: Any) -> Matrix:
-        """Return T where the torque at a stage depends on its own velocity alone."""
-        T: Matrix = self.matrix("T", i * self.s + i)
-        found: Matrix = select(i == j, T, 0.0 * T)
-        return found
 
     def correct(self, v: Variables) -> None:
         """Take a step of Newton's iteration for the steps that are open, and close those that are done."""
@@ -385,14 +359,13 @@ class Collocation:
         v = Variables(C=0.0 * self.turn + AXES)
         for i, stage in self.each():
             v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.rows(i)))
-        found: Matrix = v.C
-        return found
+        return v.C
 
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""
         for j in loop(self.s):
             v = Variables(Z=self.weight(j) * self.matrix("T", j * self.s + j))
-            for i in loop(self.s if self.names else 0):
+            for i in loop(self.s):
                 for _ in when(i != j):
                     v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
             self.put("Z", j, v.Z)
@@ -409,10 +382,8 @@ class Collocation:
         eliminate_once(a, m, width)
         for j in loop(self.s):
             for o in range(6):
-                put(
-                    self.scratches["gain"].shifted(18 * j + 3 * o),
-                    tuple(a[(3 * j + c) * width + m + o] for c in range(3)),
-                )
+                row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
+                put(self.scratches["gain"], row, 18 * j + 3 * o)
 
     def emit(self, first: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
@@ -428,7 +399,7 @@ class Collocation:
             places[name], width = width, width + self.wanted[name]
         e = self.equations(places, width)
         ends, direct = self.scratches["ends"], self.matrix("direct", 0)
-        W = e.acting.velocity(self.W[0])
+        W = e.nodes.velocity(self.W[0])
         V = W - e.orbital(AXES) if self.parts.orbit else W
 
         def store(r: int, column: Any, x: Any) -> None:
@@ -441,7 +412,7 @@ class Collocation:
         turn.begin(e, W, count)
         for i, stage in self.each():
             g = self.changed(i, stage, e)
-            F = e.acting.h * e.rate(i, stage.V, g, self.still_rows(i))
+            F = e.nodes.h * e.rate(i, stage.V, g, self.still_rows(i))
             by = [vector_at(gain, 18 * i + 3 * o) for o in range(6)]
             both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
             for name in nodal:
@@ -456,12 +427,12 @@ class Collocation:
             turn.note(i, stage, g)
         for j, change in enumerate(turn.changes(V)):
             theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
-            for r, x in enumerate(self.at_end(e.acting, theta + change, dV, j)):
+            for r, x in enumerate(self.at_end(e.nodes, theta + change, dV, j)):
                 store(r, outs[j], x)
 
     def changed(self, i: Any, stage: View, e: StageEquations) -> Any:
         """Return the vectors g of a stage with the changes that no change of V makes."""
-        C, h, later = self.rows(i), e.acting.h, self.vectors(stage)
+        C, h, later = self.rows(i), e.nodes.h, self.vectors(stage)
         g = [x @ C for x in e.start] if self.motion == "heavy" else list(later)
         if not g or not isinstance(h, Dual):
             return Matrix(*g) if g else ()
@@ -488,7 +459,7 @@ class Collocation:
         if known.tilt is not None:
             tilt = in_direction(known.tilt, j)
             turn, W = turn - tilt, W - cross(W, tilt)
-        return tangent((*turn, *W), 0)  # type: ignore[no-any-return]
+        return tangent((*turn, *W), 0)
 
 
 def is_nothing(x: Vector) -> bool:

@@ -26,6 +26,7 @@ from contextlib import nullcontext
 from typing import Any
 
 from ..engine.elimination import Scratch, eliminate_once
+from ..engine.newton import EPS, ROUND_OFF
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
 from ..engine.state_moments import DIFFERENCE
@@ -37,20 +38,7 @@ from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import (
-    EPS,
-    OVERFLOW,
-    ROUND_OFF,
-    TINY,
-    TURN,
-    VECTOR,
-    ZEROS,
-    Equations,
-    Stage,
-    Stages,
-    pulled_back,
-    rows_of,
-)
+from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, pulled_back, rows_of
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -161,7 +149,7 @@ class Residuals:
         self.equations, self.stages, self.k = equations, equations.stages, equations.parts.memory
         self.n, side, s = unknowns(self.k), 3 * equations.stages.number, equations.stages.number
         self.m, self.side, self.width = self.n * s, side, 2 * side + len(equations.start)
-        self.h, self.turns, square = equations.acting.h, memory, self.m * (self.m + 1)
+        self.h, self.turns, square = equations.nodes.h, memory, self.m * (self.m + 1)
         self.momenta = memory.shifted(side * (2 * side + 3))
         self.slopes = self.momenta.shifted(square)
         self.stiffness = self.slopes.shifted(square)
@@ -189,10 +177,10 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called, held, remembered = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None,) * 3
+            loads = e.kept(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, held, remembered, pulled_back_duals).rate
+                rate = e.now(loads, P, [turned(c) for c in g], pulled_back_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
@@ -220,12 +208,12 @@ class Residuals:
     def remember(self, i: Any, stage: View, b: Any) -> None:
         """Set the slopes by z, and those of z, at a stage."""
         e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, rows_of(stage)
-        memory, h, speed = e.memory, b / e.acting.rate, self.change(stage.W)
+        memory, h, speed = e.memory, b / e.nodes.rate, self.change(stage.W)
         for c in loop(self.k):
             f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)
             space, along = (Vector(*(f * (after[j + d] - found[j + d]) for d in range(3))) for j in (0, 6))
             slope = along + pulled_back(C, space)
-            third = e.acting.body.free * slope[2] if e.parts.is_constrained else slope[2]
+            third = e.nodes.body.free * slope[2] if e.parts.is_constrained else slope[2]
             for d, x in enumerate((slope[0], slope[1], third)):
                 self.slopes[(n * i + d) * (self.m + 1) + n * i + 3 + c] = x
         for c in loop(self.k):
@@ -242,8 +230,8 @@ class Residuals:
         change = DIFFERENCE * taxicab(W)
         return select(change > 0.0, change, DIFFERENCE)
 
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Any, Any, Any]:
-        """Return what functions say, with their derivatives as differences; one call stands in the code."""
+    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
+        """Return what functions give, with their derivatives as differences; one call stands in the code."""
         e, W, found, width, k = self.equations, stage.W, self.found, 9 + self.k, self.k
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
         change = self.change(W)
@@ -252,12 +240,12 @@ class Residuals:
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
             with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
-                given = [x or ZEROS for x in e.called(i, rows, w)]
-            for j, x in enumerate(y for vector in given for y in vector):
+                results = [x or ZEROS for x in e.called(i, rows, w)[3:]]
+            for j, x in enumerate(y for vector in results for y in vector):
                 found[width * q + j] = x
             for c in loop(k) if k else ():
                 found[width * q + 9 + c] = e.memory.rate(stage, c)
-            is_sound = (q > 0) | (sum(map(taxicab, given), 0.0) <= OVERFLOW)
+            is_sound = (q > 0) | (sum(map(taxicab, results), 0.0) <= OVERFLOW)
             note_call(e, is_sound)
             v.is_fine = v.is_fine & is_sound
 
@@ -266,16 +254,13 @@ class Residuals:
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
-        stage.called = Vector(found[0], found[1], found[2])
-        called = Vector(*(dual(j, True) for j in range(3)))
-        of_potentials, remembered = None, None
-        if e.parts.generalised:
-            stage.of_potentials = Vector(found[3], found[4], found[5])
-            of_potentials = Vector(*(dual(j + 3, False) for j in range(3)))
-        if e.memory:
-            stage.remembered = Vector(found[6], found[7], found[8])
-            remembered = Vector(*(dual(j + 6, True) for j in range(3)))
-        return called, of_potentials, remembered
+        kinds = ("called", True, True), ("of_potentials", e.parts.generalised, False), ("remembered", e.memory, True)
+        loads = dict[str, Vector]()
+        for k, (name, is_there, by_velocity) in enumerate(kinds):
+            if is_there:
+                loads[name] = Vector(*(dual(3 * k + j, by_velocity) for j in range(3)))
+                setattr(stage, name, plain(loads[name]))
+        return loads
 
     def turn(self, i: Any, q: Any) -> Vector:
         """Return the turn at a stage by a momentum."""
@@ -339,7 +324,7 @@ def tangents(x: Dual, first: int) -> Vector:
 def note_call(e: Equations, is_sound: Any) -> None:
     """Let it be known that a function has given what is no number."""
     for _ in when(logical_not(is_sound)):
-        e.acting.x.found.total = (float("nan"),) * 3
+        e.nodes.x.found.total = (float("nan"),) * 3
 
 
 @rare
@@ -347,10 +332,10 @@ def newton(
     motion: str, parts: Parts, b: View, x: View, stages: Stages, memory: Any, buffer: Any, node: Any
 ) -> tuple[Any, Any, Any]:
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
-    acting = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
-    acting.begin(node, x.state.p)
-    memory_of_loads = Memory(acting, stages) if parts.memory else None
-    e = Equations(motion, acting, stages, x.state.s, memory_of_loads)
+    nodes = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
+    nodes.begin(node, x.state.p)
+    memory_of_loads = Memory(nodes, stages) if parts.memory else None
+    e = Equations(motion, nodes, stages, x.state.s, memory_of_loads)
     r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
     v.before = zero + OVERFLOW
@@ -363,7 +348,7 @@ def newton(
         stages.put(VECTOR, AXES)
     if e.memory:
         e.memory.clear()
-    level = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
+    level = FAR + e.stiffness
     for _ in whilst(lambda: v.goes):
         r.place()
         v.goes = False
@@ -393,16 +378,16 @@ def lanes_where(mask: Any, lanes: int) -> Iterator[Any]:
             yield l
 
 
-def solve(acting: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
+def solve(nodes: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
     """Solve the stages of bodies whose mask is set by Newton's iteration."""
     n = y.lanes
-    acting.x.state.p, acting.x.state.s, found = state.p, state.s, scratch(3 * n)
+    nodes.x.state.p, nodes.x.state.s, found = state.p, state.s, scratch(3 * n)
     for k in range(3):
         found.store(k * n, 0.0, n)
     for l in lanes_where(for_newton, n):
-        x, memory = acting.x.lane(l), acting.memory.shifted((size_of(Stage) + 3 * acting.parts.memory) * WIDTH * n)
-        where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
-        is_found, count, residual = newton(motion, acting.parts, *where)
+        x, memory = nodes.x.lane(l), nodes.memory.shifted((size_of(Stage) + 3 * nodes.parts.memory) * WIDTH * n)
+        where = nodes.block, x, y.lane(l), memory, nodes.buffer, nodes.node
+        is_found, count, residual = newton(motion, nodes.parts, *where)
         found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
     v.for_newton = found.load(0, n) > 0.0
     v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)

@@ -26,9 +26,10 @@ have left over. Needles are left alone, as what is added would be their spin.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+from ..engine.newton import EPS
 from ..engine.sampling import Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, sqrt, without
@@ -36,14 +37,12 @@ from ..kernels.memory import View
 from ..kernels.vectors import AXES, Matrix, Vector, cross, sum_of, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 
-EPS = 2.0**-52
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
 EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P again: increments grow as they like
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 CHECKED = 4.0  # last iterations that are looked at
 DITHERED, QUICK, DITHER = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
-ROUND_OFF = 16.0 * EPS
 INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
 
@@ -177,137 +176,139 @@ class Now(NamedTuple):
     torque: Vector
 
 
-class Sampled(NamedTuple):
-    """Moments along the frame and in space, momentum of the rotors; None where there are none."""
+class StageLoads(NamedTuple):
+    """What acts at a stage, named as in `Stage`; None where there is nothing of it."""
 
-    moving: Any
-    space: Any
-    rotor: Any
+    moving: Any = None  # less the rate of the rotors
+    space: Any = None
+    rotor: Any = None
+    called: Any = None
+    of_potentials: Any = None
+    remembered: Any = None
+
+    def put(self, stage: View) -> None:
+        """Keep it in memory."""
+        for name, x in self._asdict().items():
+            if x is not None:
+                setattr(stage, name, x)
 
 
 class Equations:
     """The equations of a step: P' and g' at the stages, from P and the vectors g."""
 
-    def __init__(self, motion: str, acting: Nodes, stages: Stages, P: Vector, memory: Any = None) -> None:
-        self.acting, self.stages, self.P, self.k = acting, stages, P, acting.body.k
-        self.parts, self.names = acting.parts, UNKNOWNS[: 1 + VECTORS[motion]]
-        self.has_rows, body = motion == "rows", acting.body
+    def __init__(self, motion: str, nodes: Nodes, stages: Stages, P: Vector, memory: Any = None) -> None:
+        self.nodes, self.stages, self.P, self.k = nodes, stages, P, nodes.body.k
+        self.parts, self.names = nodes.parts, UNKNOWNS[: 1 + VECTORS[motion]]
+        self.has_rows, body = motion == "rows", nodes.body
         self.orbit, self.memory = None, memory
         if self.parts.orbit and self.has_rows:
-            n, o = acting.orbit
-            self.orbit = n, acting.seen(o)
+            n, o = nodes.orbit
+            self.orbit = n, nodes.seen(o)
         self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
         self.forces: tuple[Vector, ...] = ()
         if self.has_rows:
-            self.start, self.forces = AXES, acting.dead().T if self.parts.dead else ()
+            self.start, self.forces = AXES, nodes.dead().T if self.parts.dead else ()
         elif motion == "heavy":
-            self.start, self.forces = (acting.seen(body.vertical),), (body.dead @ body.vertical,)
+            self.start, self.forces = (nodes.seen(body.vertical),), (body.dead @ body.vertical,)
 
     def sample(self) -> None:
-        """Take what acts at the nodes of the step to its stages."""
+        """Take what acts at the nodes of the step to its stages; rows begin with increments of zero."""
+        if self.has_rows:
+            self.stages.put(self.names[1:], [ZEROS] * 3)
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
-            for name, x in self.sampled(j)._asdict().items():
-                if x is not None:
-                    setattr(stage, name, x)
+            self.sampled(j).put(stage)
             if self.parts.spin:
-                J3 = self.acting.body.spin * (1.0 / self.k[2])
-                stage.axial = (self.acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
+                J3 = self.nodes.body.spin * (1.0 / self.k[2])
+                stage.axial = (self.nodes.spin(j) * self.stages.table[TABLE.weights + j]) * J3
 
-    def sampled(self, j: Any) -> Sampled:
+    @property
+    def stiffness(self) -> Any:
+        """H times the size of P and the largest 1/J_i."""
+        return self.nodes.h * taxicab(self.P) * larger(larger(self.k[0], self.k[1]), self.k[2])
+
+    @property
+    def level(self) -> Any:
+        """The round-off of the equations, in units of that of the velocity."""
+        return LEVEL * (1.0 + self.stiffness)
+
+    @property
+    def is_eager(self) -> bool:
+        """Whether the first iterations of a step are not looked at."""
+        return self.stages.number > DITHERED and not self.has_rows
+
+    def sampled(self, j: Any) -> StageLoads:
         """Return what acts at a node of the step."""
-        acting, parts = self.acting, self.parts
-        rotor, rate = acting.rotor(j) if parts.rotor else (None, None)
-        moving = sum_of(acting.moving(j) if parts.moving else None, None if rate is None else -rate)
-        return Sampled(moving, acting.space(j) if parts.space else None, rotor)
+        nodes, parts = self.nodes, self.parts
+        rotor, rate = nodes.rotor(j) if parts.rotor else (None, None)
+        moving = sum_of(nodes.moving(j) if parts.moving else None, None if rate is None else -rate)
+        return StageLoads(moving, nodes.space(j) if parts.space else None, rotor)
+
+    def kept(self, stage: View) -> StageLoads:
+        """Return what acts at stages as it is kept in memory."""
+        parts = self.parts
+        is_there = parts.moving or parts.rotor, parts.space, parts.rotor, parts.calls, parts.generalised, parts.memory
+        names = zip(StageLoads._fields, is_there, strict=True)
+        return StageLoads(*(getattr(stage, name) if is_one else None for name, is_one in names))
 
     def placed(self, i: Any, matrix: Any = TABLE.mu) -> tuple[Vector, Any]:
         """Return P and the vectors g at stages."""
-        P, *g = (
-            self.stages.collocated(name, base, i, matrix)
-            for name, base in zip(self.names, (self.P, *self.start), strict=True)
-        )
+        bases = zip(self.names, (self.P, *self.start), strict=True)
+        P, *g = (self.stages.collocated(name, base, i, matrix) for name, base in bases)
         return P, Matrix(*g) if g else ()
 
-    def now(
-        self,
-        stage: Any,
-        P: Vector,
-        g: Any,
-        called: Any = None,
-        of_potentials: Any = None,
-        remembered: Any = None,
-        inverse: Any = pulled_back,
-    ) -> Now:
-        """Return what the equations say at P and g; on dual numbers as well.
-
-        `called`, `of_potentials` and `remembered` are what functions say there, `inverse` gives C⁻¹ f.
-        """
-        body, parts = self.acting.body, self.parts
+    def now(self, loads: StageLoads, P: Vector, g: Any, inverse: Any = pulled_back) -> Now:
+        """Return what the equations say at P and g; on dual numbers as well. `inverse` gives C⁻¹ f."""
+        body, parts = self.nodes.body, self.parts
         W, whole = body.velocity_of(P), P
         if parts.is_constrained and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
-        own = sum_of(
-            stage.moving if parts.moving or parts.rotor else None,
-            -(body.damping @ W) if parts.damping else None,
-            cross(stage.rotor, W) if parts.rotor else None,
-            remembered,
-        )
+        drag = -(body.damping @ W) if parts.damping else None
+        own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.remembered)
         still = None
         for force, v in reversed(list(zip(self.forces, g, strict=False))):
             still = sum_of(cross(force, v), still)
-        push = sum_of(stage.space if parts.space else None, called)
+        push = sum_of(loads.space, loads.called)
         push = None if push is None else inverse(g, push)
-        torque = sum_of(cross(whole, W), own, sum_of(still, of_potentials), push)
+        torque = sum_of(cross(whole, W), own, sum_of(still, loads.of_potentials), push)
         third = body.free * torque[2] if parts.is_constrained else torque[2]
         return Now(W, Vector(torque[0], torque[1], third), own, push, still, torque)
 
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Now]:
         """Return P, the vectors g, and what the equations say at stages."""
         P, g = self.placed(i, matrix)
-        if not self.parts.calls:
-            return P, g, self.now(stage, P, g)
-        stage.P, v = P, Variables(is_fine=True)
-        stage.g0, stage.g1, stage.g2 = g
-        fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
-        for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
-            one = self.stages.one(j)
-            rows = rows_of(one)
-            one.called, of_potentials, remembered = self.called(j, rows, self.k * one.P)
-            if of_potentials is not None:
-                one.of_potentials = of_potentials
-            if remembered is not None:
-                one.remembered = remembered
-            if fine is not None:
-                v.is_fine = taxicab(one.called) <= OVERFLOW
-        of_potentials = stage.of_potentials if self.parts.generalised else None
-        remembered = stage.remembered if self.parts.memory else None
-        return P, g, self.now(stage, P, g, stage.called, of_potentials, remembered)
+        if self.parts.calls:
+            stage.P, v = P, Variables(is_fine=True)
+            stage.g0, stage.g1, stage.g2 = g
+            fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
+            for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
+                one = self.stages.one(j)
+                self.called(j, rows_of(one), self.k * one.P).put(one)
+                if fine is not None:
+                    v.is_fine = taxicab(one.called) <= OVERFLOW
+        return P, g, self.now(self.kept(stage), P, g)
 
-    def called(self, j: Any, rows: Matrix, W: Vector) -> tuple[Vector, Any, Any]:
-        """Return what functions give at a stage.
-
-        That is the moment, as seen at the beginning, the torque of potentials, and the moment along the frame of loads
-        with memory; None where there are none.
-        """
-        acting, functions, w = self.acting, self.acting.functions(j), rows @ W
+    def called(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
+        """Return what functions of the state give at a stage."""
+        nodes, functions, w = self.nodes, self.nodes.functions(j), rows @ W
         if self.orbit is not None:  # the frame of the rows is that of the beginning of the step
-            length = acting.h / acting.rate
+            length = nodes.h / nodes.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
-        functions.evaluate(acting.R @ rows, w, 0.0 * w)
-        remembered = self.remembered(j, functions.t, rows, W) if self.memory else None
+        functions.evaluate(nodes.R @ rows, w, 0.0 * w)
+        found = StageLoads(remembered=self.remembered(j, functions.t, rows, W) if self.memory else None)
         if not self.parts.generalised:
-            return functions.found("total") @ acting.R, None, remembered
-        return functions.found("load") @ acting.R, functions.found("of_potentials") @ acting.body.basis, remembered
+            return found._replace(called=functions.found("total") @ nodes.R)
+        torque = functions.found("of_potentials") @ nodes.body.basis
+        return found._replace(called=functions.found("load") @ nodes.R, of_potentials=torque)
 
     def remembered(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
         """Return the moment along the frame of loads with memory; add the one in space to what was found."""
-        acting, basis = self.acting, self.acting.body.basis
-        d, w = Matrix(*(basis @ row for row in acting.R @ rows)).T, acting.R @ (rows @ W)
-        space, along, zero = self.memory.evaluate(j, t, d, acting.rate * w, acting.rate * (basis @ W))
+        nodes, basis = self.nodes, self.nodes.body.basis
+        d, w = Matrix(*(basis @ row for row in nodes.R @ rows)).T, nodes.R @ (rows @ W)
+        space, along, zero = self.memory.evaluate(j, t, d, nodes.rate * w, nodes.rate * (basis @ W))
         for name in ("total", "load"):
-            setattr(acting.x.found, name, getattr(acting.x.found, name) + Vector(*(x + zero for x in space)))
-        return (acting.x.scale * Vector(*(x + zero for x in along))) @ basis
+            setattr(nodes.x.found, name, getattr(nodes.x.found, name) + Vector(*(x + zero for x in space)))
+        return (nodes.x.scale * Vector(*(x + zero for x in along))) @ basis
 
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
@@ -323,7 +324,7 @@ class Equations:
 
     def increments(self, i: Any, stage: View, g: Any, now: Now) -> list[Vector]:
         """Return the increments that follow, of P and the vectors g."""
-        b = self.acting.h * self.stages.coefficient(TABLE.weights, i)
+        b = self.nodes.h * self.stages.coefficient(TABLE.weights, i)
         dP, V = b * now.rate, self.turning(now.W, g)
         if self.parts.spin:
             dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
@@ -338,7 +339,7 @@ class Equations:
         if memory:
             memory.place()
         for i, stage in stages.each():
-            b = self.acting.h * stages.coefficient(TABLE.weights, i)
+            b = self.nodes.h * stages.coefficient(TABLE.weights, i)
             stage.P, g, now = self.evaluated(i, stage)
             W, power = now.W, 0.0 * now.W[0]
             stage.W = W
@@ -363,18 +364,29 @@ class Equations:
         return v.least
 
 
+class TurnEquations:
+    """The equations of the axes ``c_k' = c_k × W`` at the stages, whose velocities are known: linear."""
+
+    names, k, memory = TURN, None, None
+
+    def __init__(self, nodes: Nodes, stages: Stages) -> None:
+        self.stages, self.h, self.level = stages, nodes.h, LEVEL + 0.0 * nodes.body.free
+        stages.put(TURN, [ZEROS] * 3)
+
+    def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:
+        """Return the increments that follow from those there are."""
+        b, W = self.h * self.stages.coefficient(TABLE.weights, i), stage.W
+        return [b * cross(self.stages.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
+
+    def end(self) -> None:
+        """Keep the axes that belong to the increments."""
+        for i, stage in self.stages.each():
+            for name, turn, axis in zip(VECTOR, TURN, AXES, strict=True):
+                setattr(stage, name, self.stages.collocated(turn, axis, i))
+
+
 def iterated(
-    stages: Stages,
-    names: Sequence[str],
-    following: Callable[[Any, View, Any], list[Vector]],
-    alive: Any,
-    level: Any,
-    matrix: Any = TABLE.mu,
-    k: Any = None,
-    speed: Any = None,
-    unchecked: Any = 0.0,
-    compensation: Any = None,
-    memory: Any = None,
+    equations: Any, alive: Any, matrix: Any = TABLE.mu, unchecked: Any = 0.0, compensation: Any = None
 ) -> tuple[Any, Any]:
     """Iterate increments; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
@@ -383,24 +395,18 @@ def iterated(
 
     Parameters
     ----------
-    names : sequence of str
-        The increments.
-    following : function
-        Of a stage and the coefficients: the increments that follow.
+    equations : Equations or TurnEquations
+        The first increments are those of P where they have k, 1/J_i.
     alive : mask
-    level : number
-        Round-off of the equations, in units of that of the velocity.
     matrix : int
         Coefficients of the first iteration.
-    k, speed
-        1/J_i, the speed: where the first increments are those of P.
     unchecked : number
         How many iterations are not looked at.
     compensation : Vector
         What P was rounded by, where increments of few stages are changed by it.
-    memory : Memory
-        Of loads with memory, whose increments are iterated with the others.
     """
+    stages, names, k, level = equations.stages, equations.names, equations.k, equations.level
+    memory, speed = equations.memory, None if k is None else taxicab(k * equations.P)
     zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
     v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
@@ -411,7 +417,7 @@ def iterated(
         if memory:
             memory.place(v.matrix)
         for i, stage in stages.each():
-            new = following(i, stage, v.matrix)
+            new = equations.follow(i, stage, v.matrix)
             d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
             for name, x in zip(names, new, strict=True):
                 setattr(stage, name if stages.are_together else ahead(name), x)

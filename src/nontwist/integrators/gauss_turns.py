@@ -54,12 +54,11 @@ class Turn:
             theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
             v.total = v.total + theta @ stage.V
             steps.put("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
-        found: Vector = (1.0 / steps.h) * v.total
-        return found
+        return (1.0 / steps.h) * v.total
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
-        self.equations, self.known, self.W, self.count = e, e.acting, W, count
+        self.equations, self.known, self.W, self.count = e, e.nodes, W, count
 
     def note(self, i: Any, stage: View, g: Any) -> None:
         """Take up what does not change V at a stage."""
@@ -134,8 +133,7 @@ class Line(Turn):
 
     def direction(self, V: Vector, g: Any) -> Vector:
         """Return the known vector as seen at a stage."""
-        found: Vector = self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
-        return found
+        return self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
 
     def set_stages(self, direct: Matrix) -> None:
         """Set Θ."""
@@ -168,7 +166,7 @@ class Line(Turn):
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
         super().begin(e, W, count)
-        self.own = self.directions(e.acting.body, W, self.steps.W[1])
+        self.own = self.directions(e.nodes.body, W, self.steps.W[1])
         for k in range(4 * count):
             self.steps.scratches["along"][k] = 0.0 * self.steps.h
 

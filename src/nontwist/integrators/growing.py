@@ -1,4 +1,4 @@
-"""How orthonormal changes of a state grow along runs: the steps linearised, and the growth of `engine.growth`."""
+"""How orthonormal changes of a state grow along runs: the steps linearised, and the growth of `engine.chained`."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ..engine.chained import LANES
-from ..engine.growth import Growth as Block
-from ..engine.growth import grow
+from ..engine.chained import LANES, grow
+from ..engine.chained import Growth as Block
 from ..engine.known_steps import STEPS
 from ..engine.layout import side_by_side
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels.memory import view_of
-from .linearised import Acting, Linearised, Workspace
+from .linearised import Linearised, StepLoads, Workspace
 
 TOGETHER = 32  # steps between two orthonormalisations
 
@@ -40,16 +39,16 @@ class Growth:
         self.count = first.shape[1]
         random = np.random.default_rng(0).normal(size=(self.count, self.count))
         self._first = first @ np.linalg.qr(random)[0]  # along nothing in particular
-        self._pieces: list[Acting] | None = None
+        self._pieces: list[StepLoads] | None = None
 
     def keep(self) -> Growth:
         """Keep what acts on the steps, for many runs, and return this."""
         self._pieces = list(self._acting())
         return self
 
-    def _acting(self) -> Iterator[Acting]:
+    def _acting(self) -> Iterator[StepLoads]:
         steps = self._steps
-        return (Acting(*piece, steps.sampled(steps.nodes(*piece))) for piece in steps.pieces(steps.part))
+        return (StepLoads(*piece, steps.sampled(steps.nodes(*piece))) for piece in steps.pieces(steps.part))
 
     @cached_property
     def times(self) -> Array:
@@ -85,15 +84,14 @@ class Growth:
         block.matrices = own.matrices
         for name, place in at.items():
             setattr(block, name, place)
-        for acting in self._pieces or self._acting():
-            steps.matrices(own, acting, states)
+        for loads in self._pieces or self._acting():
+            steps.matrices(own, loads, states)
             if steps.rows > 6 and steps.frame is not None:  # changes of N count by its entries in the body
                 turn_normals(own.matrices.reshape(steps.rows, steps.width, -1), steps.frame)
-            block.steps, block.lengths = acting.last - acting.first, lengths[done:]
+            block.steps, block.lengths = loads.last - loads.first, lengths[done:]
             run(block.address)
-            done += -(-(acting.last - acting.first) // TOGETHER)
-        sums: Array = np.cumsum(np.log(lengths), axis=0)
-        return sums
+            done += -(-(loads.last - loads.first) // TOGETHER)
+        return np.cumsum(np.log(lengths), axis=0)
 
 
 def turn_normals(matrices: Array, B: Array) -> None:

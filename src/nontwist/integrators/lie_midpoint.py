@@ -75,7 +75,6 @@ from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
-from .compiled import velocity_of
 from .dissipative import Dissipative
 
 
@@ -144,29 +143,28 @@ class LieMidpoint(Dissipative):
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
 
 
-def step(acting: Nodes, state: State, is_active: Any) -> Step:
+def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     """Take the step: Newton's iteration for z, then the changes of P and of the rates, and the multiplier."""
-    parts, body, h, P = acting.parts, acting.body, acting.h, state.s
-    f, k, loads = 0.5 * h, body.k, acting.loads()
-    rates = [
-        Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)
-    ]  # first guess, and those of the last two steps
+    parts, body, h, P = nodes.parts, nodes.body, nodes.h, state.s
+    f, k, loads = 0.5 * h, body.k, nodes.loads()
+    # First guess, and those of the last two steps.
+    rates = [Vector(*state.auxiliary[3 * i : 3 * i + 3]) for i in range(3)]
     zero, speed, of_state = 0.0 * P[0], taxicab(k * P), MomentOfStep(loads.functions, f, P, False)
-    axial = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
+    axial = 0.5 * nodes.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 
     def equations_at(z: Vector, is_new: Any) -> Any:
-        moment = of_state.near(velocity_in_step(acting, loads, P + z), is_new)
+        moment = of_state.near(velocity_in_step(nodes, loads, P + z), is_new)
 
         def r(z: Vector) -> Vector:
             Q = P + z
-            Om = velocity_in_step(acting, loads, Q)
-            return z - f * torque(acting, loads, Q, Om, sum_of(loads.space, moment(Om)))
+            Om = velocity_in_step(nodes, loads, Q)
+            return z - f * torque(nodes, loads, Q, Om, sum_of(loads.space, moment(Om)))
 
         return r
 
     def sizes(z: Vector, d: Vector) -> Any:
         Q = P + z
-        Om = velocity_in_step(acting, loads, Q)
+        Om = velocity_in_step(nodes, loads, Q)
         drag = abs(f) * taxicab(body.damping @ Om) if parts.damping else None
         terms = sum_of(taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om), drag, of_state.size)
         return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
@@ -181,26 +179,26 @@ def step(acting: Nodes, state: State, is_active: Any) -> Step:
         rate = (1.0 / h) * z
         parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
         auxiliary = (*parabola, *rate, *rates[1])
-    Om = velocity_in_step(acting, loads, P + z)
+    Om = velocity_in_step(nodes, loads, P + z)
     solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
     found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
-    return means(acting, loads, found, P, z, Om, axial) if parts.tells else found
+    return means(nodes, loads, found, P, z, Om, axial) if parts.tells else found
 
 
-def velocity_in_step(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
+def velocity_in_step(nodes: Nodes, loads: Loads, Q: Vector) -> Vector:
     """Return Ω: the velocity of the momentum Q, and what it turns by beside that under dissipation."""
-    body, W = acting.body, acting.body.velocity_of(Q)
-    if not acting.parts.dissipates:
+    body, W = nodes.body, nodes.body.velocity_of(Q)
+    if not nodes.parts.dissipates:
         return W
-    (first, second), half = body.dissipation, 0.5 * acting.h / (body.E[0] + body.E[1] + body.E[2])  # h/tr J
-    g = half * (first + acting.h * (second * sqrt(W @ W)))
+    (first, second), half = body.dissipation, 0.5 * nodes.h / (body.E[0] + body.E[1] + body.E[2])  # h/tr J
+    g = half * (first + nodes.h * (second * sqrt(W @ W)))
     return fma(g, cross(sum_of(Q, loads.rotor), W), W)
 
 
-def torque(acting: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
+def torque(nodes: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
     """Return Q̃ × Ω + G(Ω); m is all that is given in space."""
-    a, off = 0.5 * acting.h * Om, acting.body.off
-    if acting.parts.is_constrained:
+    a, off = 0.5 * nodes.h * Om, nodes.body.off
+    if nodes.parts.is_constrained:
         Q = Vector(Q[0], Q[1], Q[2] + (off[0] * Om[0] + off[1] * Om[1]))
     g = cross(Q, Om)
     if (own := along_the_frame(loads, Om)) is not None:
@@ -223,9 +221,9 @@ def dead_moment(F: Matrix, a: Vector) -> Vector:
     return k - ((a @ k) / (1.0 + a @ a)) * a
 
 
-def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
+def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
     """Return the step with the multiplier, moments and work."""
-    parts, body, f, R = acting.parts, acting.body, 0.5 * acting.h, acting.R
+    parts, body, f, R = nodes.parts, nodes.body, 0.5 * nodes.h, nodes.R
     a, m, of_load = f * Om, loads.space, loads.space
     s, mu = 1.0 / (1.0 + a @ a), 0.0 * f
     if parts.calls:
@@ -233,7 +231,7 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
         m, of_load = sum_of(m, total), sum_of(of_load, loads.functions.load(total))
     if parts.is_constrained:
         off, k = body.off, body.k
-        mu = torque(acting, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + axial) / f
+        mu = torque(nodes, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + axial) / f
     own = along_the_frame(loads, Om)
     moment = sum_of(None if own is None else mean(s, a, own), of_load)
     if moment is not None:
@@ -248,4 +246,4 @@ def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, velocity_of, auxiliary=9, remembered=remembered)
+TEXT = Text(step, auxiliary=9, remembered=remembered)

@@ -18,8 +18,9 @@ from ..engine.chained import CHAIN, LANES
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, NODAL, STEPS, Step
+from ..engine.layout import address_of, put
 from ..engine.linear_functions import places_of_directions
-from ..engine.linearised import carried, linearised
+from ..engine.linearised import forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY
 from ..geometry.arrays import Array, aligned
@@ -28,7 +29,7 @@ from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of
 from ..loads import Load
-from ..loads.base import forces_sampled, is_called
+from ..loads.base import is_called
 from ..loads.forces import ForceTable
 from ..loads.potentials import Potential
 from ..loads.terms import Term
@@ -37,9 +38,8 @@ from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .load_samples import as_marched, has_table, orbit_of, parts_of
+from .load_samples import WIDTHS, as_marched, orbit_of, parts_of, sampled
 from .problem import Problem
-from .rotors import at_nodes
 from .wheels import as_gyrostat
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
@@ -103,7 +103,7 @@ class Linearised:
         order, scale = scheme.order, float(problem.load_scale[0])
         bodies = rows_of(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
-        self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
+        self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         wanted, self._factor, self._order = set(wanted), np.array([scale]), order
         self._fixed = bodies[0]
         if scheme.dissipation:
@@ -112,15 +112,14 @@ class Linearised:
         about = orbit_of(systems, self.load, 1.0) if scheme.needs.action == STAGE else None
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
-        known = {
-            "function": bool(called) if scheme.linear is None else not all(has_potential),
-            "generalised": scheme.linear is not None and any(has_potential),
-        }
-        (acting,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
-        _, self.middles = scheme.stages(acting)
+        is_parted = scheme.linear is not None
+        known = {"function": not all(has_potential) if is_parted else bool(called)}
+        known["generalised"] = is_parted and any(has_potential)
+        (found,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
+        _, self.middles = scheme.stages(found)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
-        parts = acting._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
+        parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
@@ -134,7 +133,7 @@ class Linearised:
             self._kernel: Any = linearised(scheme.text(parts.motion), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
             if not called:
-                self.carried = partial(carried, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
+                self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
             self._kernel = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
@@ -142,26 +141,16 @@ class Linearised:
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
-        numbers = {
-            "stages": s,
-            "width": self.width,
-            # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
-            "stride": (self.part // LANES | 1) * LANES,
-            "body": self._fixed.ctypes.data,
-            "factor": self._factor.ctypes.data,
-            "table": 0 if table is None else table.ctypes.data,
-            "orbit": 0 if about is None else about.ctypes.data,
-        }
-        for name, number in numbers.items():
-            block[getattr(STEPS, name)] = number
+        # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
+        put(block, STEPS, stages=s, width=self.width, stride=(self.part // LANES | 1) * LANES)
+        put(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
             self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
             self._seeds = seeds
-            for name in ("generalised", "action", "terms"):
-                block[getattr(STEPS, name)] = getattr(varied, name)
-            block[STEPS.sloped], block[STEPS.seeds] = sloped.address, seeds.ctypes.data
+            put(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
+            put(block, STEPS, sloped=sloped.address, seeds=seeds)
 
     @cached_property
     def entering(self) -> tuple[Array, Array]:
@@ -195,24 +184,11 @@ class Linearised:
 
     def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
-        load = self.load
-        kinds, moved, wheels = {term.kind for term in load.terms}, None, None
-        if "body" in kinds:
-            moved = load.sample(nodes.times, "body")
-        pushed = load.sample(nodes.times, "space") if "space" in kinds else None
-        if load.rotors:
-            wheels = at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
-        forces = forces_sampled(load, nodes.times) if has_table(load) else None
-        found = {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": self._spun(nodes)}
-        return found | {"times": nodes.times if self.is_called else None, "forces": forces}
-
-    def _spun(self, nodes: Nodes) -> Array | None:
-        """Return by how much a spin changes in some steps; None: it is constant."""
-        spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
-        if spin is None or spin.is_constant:
-            return None
-        assert factor is not None
-        found: Array = factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
+        systems, ends = self.problem.systems, (nodes.begin, nodes.end, nodes.sizes)
+        arrays = sampled(systems, self.load, 1.0, lambda: nodes.times, lambda: ends, nodes.middles)
+        found = dict(zip(WIDTHS, arrays, strict=True)) | {"sizes": nodes.sizes}
+        if (spin := found["spin"]) is not None and systems.spin_factor is not None:
+            found["spin"] = systems.spin_factor[0] * spin
         return found
 
     @property
@@ -227,23 +203,23 @@ class Linearised:
 
     def layouts(
         self, count: int, entries: Sampled, back: bool = False, size: int | None = None
-    ) -> Iterator[tuple[Acting, Link]]:
+    ) -> Iterator[tuple[StepLoads, Link]]:
         """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`.
 
         `size`: how many steps a part has, if not those whose matrices are made at a time.
         """
         for first, last in self.pieces(LONGEST, back):
             nodes = self.nodes(first, last)
-            acting = Acting(first, last, self.sampled(nodes))
-            chain = Chain(self, count, entries(nodes), first, last, back)
+            loads = StepLoads(first, last, self.sampled(nodes))
+            link = link_of(self, count, entries(nodes), first, last, back)
             for piece in ranged(first, last, size or self.part, back):
-                yield acting.part(*piece), chain.part(*piece)
+                yield loads.part(*piece), link.part(*piece)
 
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a part."""
         return Workspace(self._block, self._scratch, self.width * self.rows)
 
-    def matrices(self, own: Workspace, acting: Acting, states: States) -> None:
+    def matrices(self, own: Workspace, loads: StepLoads, states: States) -> None:
         """Make the matrices of some steps from the states at all nodes.
 
         Raises
@@ -251,11 +227,11 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
-        acting.put(own.block, states.part(slice(acting.first, acting.last + 1)))
+        loads.put(own.block, states.part(slice(loads.first, loads.last + 1)))
         self._kernel(own.address)
         self.require_no_error()
         if own.block[STEPS.failed]:
-            t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
+            t, h = float(self.problem.times(loads.first)), self.problem.step_at(loads.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
@@ -287,18 +263,9 @@ def turns_of(body: Array) -> dict[str, Array]:
     """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
     B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
     dJ = np.stack([np.array([(B.T @ dJ @ B)[e] for e in ENTRIES]) for dJ in BASIS], axis=1)
-    vector = force * B.T
-    return {
-        "inertia": force * dJ,
-        "axis": B.T,
-        "dead": force * np.kron(B.T, np.eye(3)),
-        "damping": force * np.kron(B.T, B.T),
-        "rate": vector,
-        "moving": vector,
-        "space": force * np.eye(3),
-        "rotor": vector,
-        "factor": force * np.eye(1),
-    }
+    vectors = dict.fromkeys(("rate", "moving", "rotor"), force * B.T) | {"axis": B.T, "space": force * np.eye(3)}
+    tensors = {"dead": force * np.kron(B.T, np.eye(3)), "damping": force * np.kron(B.T, B.T), "inertia": force * dJ}
+    return vectors | tensors | {"factor": force * np.eye(1)}
 
 
 def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:
@@ -307,31 +274,28 @@ def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]
     return found[::-1] if back else found
 
 
-class Acting(NamedTuple):
+class StepLoads(NamedTuple):
     """Some steps, and what acts on them."""
 
     first: int
     last: int
     arrays: dict[str, Array | None]
 
-    def part(self, first: int, last: int) -> Acting:
+    def part(self, first: int, last: int) -> StepLoads:
         """Return some of these steps."""
         found, count = dict[str, Array | None](), self.last - self.first
         for name, array in self.arrays.items():
             k = 0 if array is None else len(array) // count  # stages
             found[name] = None if array is None else array[k * (first - self.first) : k * (last - self.first)]
-        return Acting(first, last, found)
+        return StepLoads(first, last, found)
 
     def put(self, block: NDArray[np.int64], states: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps."""
-        arrays = dict[str, Array | None]()
+        put(block, STEPS, **self.arrays, steps=self.last - self.first, failed=0)
         if states is not None:
-            arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
             speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.arrays["sizes"])).min())
-            block[STEPS.speed] = np.float64(speed).view(np.int64)
-        for name, array in (self.arrays | arrays).items():
-            block[getattr(STEPS, name)] = 0 if array is None else array.__array_interface__["data"][0]
-        block[STEPS.steps], block[STEPS.failed] = self.last - self.first, 0
+            ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
+            put(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
 
 
 class Workspace:
@@ -340,92 +304,56 @@ class Workspace:
     def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
         self.block, stride = block.copy(), int(block[STEPS.stride])
         self.matrices, self._scratch = aligned(entries * stride, empty=True), aligned(scratch, empty=True)
-        self.block[STEPS.out] = self.matrices.ctypes.data
-        self.block[STEPS.workspace] = self._scratch.ctypes.data
+        put(self.block, STEPS, out=self.matrices, workspace=self._scratch)
         self.address = self.block.ctypes.data
 
 
-class Chain:
-    """How changes go through the steps of a piece: the entries of the parameters, laid out.
+class Link(NamedTuple):
+    """How changes go through some steps: a block (`engine.chained.Chain`), the arrays that it points to, first step."""
 
-    Parameters
-    ----------
-    steps : Linearised
-    count : int
-        How many parameters there are.
-    entries : list of Entries
-    first, last : int
-        Steps of the piece.
-    back : bool
-        Whether changes are carried back.
-    """
-
-    def __init__(
-        self, steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool
-    ) -> None:
-        fixed: list[Entries] = []
-        own: list[Entries] = []
-        for entry in entries:
-            entry = entry.turned(steps.turns.get(entry.name)).without_zeros()
-            if len(entry.value):
-                (fixed if entry.step is None else own).append(entry)
-        columns = _joined([entry.component + steps.offsets[entry.name] for entry in fixed], np.int64)
-        parameters = _joined([entry.parameter for entry in fixed], np.int64)
-        values = _joined([entry.value for entry in fixed], np.float64)
-        block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
-        self.first, self.block, self._arrays = first, block, dict[str, Any]()
-        if back:
-            self._arrays |= {"columns": columns, "parameters": parameters, "values": values}
-            block[CHAIN.fixed] = len(values)
-        else:
-            acting, rows = np.unique(columns, return_inverse=True)
-            changes = aligned(len(acting), padded)
-            np.add.at(changes, (rows, parameters), values)
-            self._arrays |= {"acting": acting, "changes": changes}
-            block[CHAIN.inputs] = len(acting)
-        if own:
-            step = _joined([entry.step for entry in own], np.int64) - first
-            own_columns = [entry.component + steps.offsets[entry.name] for entry in own]
-            own_parameters = _joined([entry.parameter for entry in own], np.int64)
-            order = np.argsort(step, kind="stable") if back else np.lexsort((own_parameters, step))
-            self._arrays["begins"] = np.searchsorted(step[order], np.arange(last - first + 1))
-            self._arrays["own_columns"] = _joined(own_columns, np.int64)[order]
-            self._arrays["own_parameters"] = own_parameters[order]
-            self._arrays["own_values"] = _joined([entry.value for entry in own], np.float64)[order]
-        for name, array in self._arrays.items():
-            block[getattr(CHAIN, name)] = array.__array_interface__["data"][0]
-        numbers = {
-            "steps": last - first,
-            "rows": steps.rows,
-            "width": steps.width,
-            "stride": steps._block[STEPS.stride],
-            "padded": padded,
-        }
-        for name, number in numbers.items():
-            block[getattr(CHAIN, name)] = number
+    block: NDArray[np.int64]
+    alive: dict[str, Any]
+    first: int
 
     def part(self, first: int, last: int) -> Link:
         """Return what goes through some of these steps."""
         block = self.block.copy()
         block[CHAIN.steps] = last - first
-        if block[CHAIN.begins]:
-            block[CHAIN.begins] += 8 * (first - self.first)
-        return Link(block, self._arrays)
-
-
-class Link(NamedTuple):
-    """How changes go through some steps: a block of addresses, and the arrays that it points to."""
-
-    block: NDArray[np.int64]
-    alive: dict[str, Any]
+        block[CHAIN.begins] += 8 * (first - self.first) * (block[CHAIN.begins] > 0)
+        return Link(block, self.alive, first)
 
     def put(self, **arrays: NDArray[Any]) -> int:
         """Write the addresses of arrays to the block, and return its own."""
-        for name, array in arrays.items():
-            self.block[getattr(CHAIN, name)] = array.__array_interface__["data"][0]
-        found: int = self.block.__array_interface__["data"][0]
-        return found
+        put(self.block, CHAIN, **arrays)
+        return address_of(self.block)
 
 
-def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:
-    return np.concatenate([np.asarray(array, dtype=kind) for array in arrays]) if arrays else np.zeros(0, dtype=kind)
+def link_of(steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool) -> Link:
+    """Lay out what so many parameters do to steps, by their entries, for changes that are carried on, or `back`."""
+    every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
+    columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
+    block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
+    arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}
+    block[CHAIN.fixed] = len(values)
+    if not back:
+        used, rows = np.unique(columns, return_inverse=True)
+        changes, block[CHAIN.inputs] = aligned(len(used), padded), len(used)
+        np.add.at(changes, (rows, parameters), values)
+        arrays = {"used": used, "changes": changes}
+    if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
+        step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
+        columns, parameters, values = _joined(steps, own)
+        order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
+        arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
+        arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
+    put(block, CHAIN, **arrays, steps=last - first, padded=padded)
+    put(block, CHAIN, rows=steps.rows, width=steps.width, stride=steps._block[STEPS.stride])
+    return Link(block, arrays, first)
+
+
+def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return columns of inputs, parameters and values of entries."""
+    none: Any = np.zeros(0, dtype=np.int64)
+    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in entries)])
+    parameters = np.concatenate([none, *(one.parameter for one in entries)])
+    return columns, parameters, np.concatenate([np.zeros(0), *(one.value for one in entries)])

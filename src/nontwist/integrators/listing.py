@@ -40,8 +40,7 @@ class Outputs:
     """
 
     def __init__(self, problem: Problem) -> None:
-        assert problem.asked is not None
-        times, last = problem.asked, problem.steps
+        times, last = np.asarray(problem.asked), problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
         j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
         rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))
@@ -104,10 +103,8 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
     done = np.searchsorted(march.stored, begin, side="right") - 1
     rows = _rows(march, begin, end - begin, done, march.sizes, stretch)
     rows[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
-    rows[free, CALL.unloaded_from], rows[free, CALL.loaded_from] = (
-        coasting.begin[within[free]],
-        coasting.end[within[free]],
-    )
+    rows[free, CALL.unloaded_from] = coasting.begin[within[free]]
+    rows[free, CALL.loaded_from] = coasting.end[within[free]]
     if march.loads is not NOTHING:
         rows[:, CALL.times : CALL.op] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
@@ -116,15 +113,9 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
 def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, which: Rows) -> Rows:
     """Return calls that take so many steps from `first` on, each of one of the `sizes`."""
     rows = np.zeros((len(first), CALL.size), dtype=np.int64)
-    columns = {
-        "first": first,
-        "steps": steps,
-        "done": done,
-        "unloaded_from": first + steps,
-        "loaded_from": first + steps,
-    }
-    for name, column in (columns | {"step": sizes.ctypes.data + sizes.strides[0] * which}).items():
-        rows[:, getattr(CALL, name)] = column
+    rows[:, CALL.first], rows[:, CALL.steps], rows[:, CALL.done] = first, steps, done
+    rows[:, CALL.unloaded_from] = rows[:, CALL.loaded_from] = first + steps
+    rows[:, CALL.step] = sizes.ctypes.data + sizes.strides[0] * which
     return rows
 
 

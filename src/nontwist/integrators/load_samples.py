@@ -1,4 +1,9 @@
-"""What a march samples of a load beforehand, and what it makes of a load before it does."""
+"""What a march samples of a load beforehand, and what it makes of a load before it does.
+
+In a step a prescribed spin W3 goes along the chord between c at both ends, a polynomial of a degree not above the
+number of stages, so W3 = c at every node, whatever the grid is: of a table whose kinks are nodes it is c itself, and
+the order is that of the scheme.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,6 @@ from ..models.stack import SystemStack
 from .compiled import Compiled
 from .problem import Problem
 from .rotors import at_nodes
-from .spins import at_nodes as spin_at_nodes
 
 Ends = tuple[Array, Array, Array]
 
@@ -33,12 +37,7 @@ NOTHING: Samples = (None,) * len(WIDTHS)
 
 
 def sampled(
-    systems: SystemStack,
-    load: Load,
-    unit: float,
-    times: Callable[[], Array],
-    steps: Callable[[], Ends],
-    middles: Array,
+    systems: SystemStack, load: Load, unit: float, times: Callable[[], Array], steps: Callable[[], Ends], middles: Array
 ) -> Samples:
     """Return what acts at nodes: times, moments along the frame and in space, forces, rotors, spin; None: none.
 
@@ -59,7 +58,9 @@ def sampled(
         found["forces"] = forces_sampled(load, at) if has_table(load) else None
     if load.rotors or systems.spin is not None:
         begin, end, length = steps()
-        found["spin"] = spin_at_nodes(systems, begin, end, middles, unit)
+        if systems.spin is not None and not systems.spin.is_constant:  # its changes in the steps
+            change = (systems.spin.at(end) - systems.spin.at(begin)) * unit
+            found["spin"] = np.repeat(change, len(middles))
         found["rotor"] = at_nodes(load, begin, end, length, middles, unit) if load.rotors else None
     return tuple(found.values()) if load.terms or found["spin"] is not None else NOTHING
 
@@ -103,8 +104,7 @@ def parts_of(
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return where the samples at nodes of these numbers lie, (nodes, kinds); 0: there are none."""
     first = np.array([address_of(array) for array in samples])
-    found: NDArray[np.int64] = np.where(first > 0, first + BYTES * nodes[:, None], 0)
-    return found
+    return np.where(first > 0, first + BYTES * nodes[:, None], 0)
 
 
 def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack, Load]:
@@ -125,9 +125,8 @@ def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack,
     m = len(dead)
     axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))
     E = np.broadcast_to(systems.euler_inertia, (m, 3, 3))
-    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), Load(
-        tuple(term for term in load.terms if term not in linear)
-    )
+    rest = Load(tuple(term for term in load.terms if term not in linear))
+    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
 
 
 def orbit_of(systems: SystemStack, load: Load, unit: float) -> Array | None:

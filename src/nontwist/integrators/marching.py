@@ -66,16 +66,9 @@ def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool =
         if (outputs := dense.outputs(good, end)) is None:
             return march(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped
-    return Outcome(
-        states_in(arrays, first),
-        good,
-        failures,
-        reasons,
-        intervals_in(todo, arrays, first) if problem.intervals else None,
-        _observed(todo) if problem.observed else None,
-        todo.arrays["states"] * todo.factors,
-        end,
-    )
+    intervals = intervals_in(todo, arrays, first) if problem.intervals else None
+    observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end)
 
 
 def tangent(problem: Problem) -> Problem:
@@ -94,12 +87,8 @@ def states_in(arrays: dict[str, Array], first: int) -> States:
     """Return the stored states in the arrays of a march, or in those of one member, from number `first` on."""
     p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
     z = arrays.get("internals", NONE)
-    return States(
-        p[..., first:, :],
-        W[..., first:, :],
-        N[..., first:, :] if N.size else None,
-        internal=z[..., first:, :] if z.size else None,
-    )
+    normal, internal = (array[..., first:, :] if array.size else None for array in (N, z))
+    return States(p[..., first:, :], W[..., first:, :], normal, internal=internal)
 
 
 def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Intervals:
@@ -110,14 +99,10 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Inte
     """
     sums, is_constrained = arrays["intervals"][..., first:, :], todo.stack.systems.axis is not None
     begin = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
-    return Intervals(
-        sums[..., begin : SUMS.moment if is_constrained else SUMS.mu],
-        sums[..., SUMS.moment : SUMS.dead],
-        sums[..., SUMS.work],
-        sums[..., SUMS.iterations].astype(np.int64),
-        None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work],
-        sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None,
-    )
+    means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
+    dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
+    twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
+    return Intervals(*means, sums[..., SUMS.work], sums[..., SUMS.iterations].astype(np.int64), dead, twist)
 
 
 def _observed(todo: StackMarch) -> Array:
@@ -126,8 +111,7 @@ def _observed(todo: StackMarch) -> Array:
     units = np.repeat(moment, QUANTITIES, axis=1)
     units[:, 3:9] *= T
     units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
-    found = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * np.stack(
-        [units, units, units, units * T], axis=1
-    )
+    found = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES)
+    found = found * np.stack([units, units, units, units * T], axis=1)
     found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
     return found

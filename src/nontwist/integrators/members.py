@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,13 @@ from ..geometry.attitudes import States, states_of, without_jumps
 from .problem import Intervals, March, Outcome, Problem, Status
 
 BLOCK = 16
+
+
+class PerThread(local):
+    """What each thread makes for itself when it first asks: `own`."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self.own = make()
 
 
 def in_threads(
@@ -74,15 +82,11 @@ def one_by_one(march: Callable[[Problem], Outcome], problem: Problem, threads: i
 
     in_threads(block, (0, m), BLOCK, threads, progress(problem))
     members = [found[i] for i in range(m)]
-    return Outcome(
-        States(*map(_joined, zip(*(one.states for one in members), strict=True))),
-        np.concatenate([one.good for one in members]),
-        np.concatenate([one.failures for one in members]),
-        {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons},
-        Intervals(*map(_joined, zip(*(one.intervals for one in members if one.intervals), strict=True)))
-        if problem.intervals
-        else None,
-    )
+    states = States(*map(_joined, zip(*(one.states for one in members), strict=True)))
+    good, failures = (np.concatenate([getattr(one, name) for one in members]) for name in ("good", "failures"))
+    reasons = {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons}
+    means = zip(*(one.intervals for one in members if one.intervals), strict=True)
+    return Outcome(states, good, failures, reasons, Intervals(*map(_joined, means)) if problem.intervals else None)
 
 
 def outcome_of(problem: Problem, march: March) -> Outcome:

@@ -227,10 +227,6 @@ def onward(problem: Problem, first: int, last: int, state: States | None = None)
         At the first one; by default that at which the problem starts.
     """
     t_start, t_end = problem.times(np.array([first, last])).tolist()
-    grid: dict[str, Any] = {
-        "steps": last - first,
-        "stored": np.array([0, last - first]),
-        "stretches": problem.grid.after(first),
-    }
-    start = {} if state is None else started(state)
+    n, start = last - first, {} if state is None else started(state)
+    grid: dict[str, Any] = {"steps": n, "stored": np.array([0, n]), "stretches": problem.grid.after(first)}
     return replace(problem, t_start=t_start, t_end=t_end, asked=None, progress=None, **grid, **start)

@@ -116,9 +116,8 @@ class SingleStep:
         if wheels is not None:
             c, rate = wheels
             rotor: Any = self._march.loads[4]
-            own = np.column_stack(
-                [(c + np.outer(self._middles * self.step, rate)) / self._march.unit, [rate] * self._count]
-            )
+            momenta = (c + np.outer(self._middles * self.step, rate)) / self._march.unit
+            own = np.column_stack([momenta, [rate] * self._count])
             rotor[...] = own if not self.stack.load.rotors else rotor + own
         self._written.pack_into(self._memory, 0, *numbers)
         self._run(self._address)

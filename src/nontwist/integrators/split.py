@@ -72,26 +72,13 @@ from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, logical_not, real, select, smaller, without
 from ..kernels.memory import View, scratch
-from ..kernels.vectors import (
-    AXES,
-    Matrix,
-    Quaternion,
-    Vector,
-    attitude,
-    compensated,
-    cross,
-    first_moment,
-    inverse_of,
-    sum_of,
-    taxicab,
-)
+from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of, taxicab
 from ..models.stack import is_principal, transverse_momentum
-from .base import Problem
+from .base import SPIN, Problem
 from .coasting import Coasting
-from .compiled import ONCE, Compiled, velocity_of
+from .compiled import ONCE, Compiled
 from .composition import fractions, nodes
 from .costs import Cost, steps_cost
-from .spins import REFUSAL as SPIN
 
 ROTORS = (
     "split does not accept rotors: its free motion between the kicks is that of the body without them; use "
@@ -159,9 +146,8 @@ class Split(Compiled):
     def turns_exactly(self, problem: Problem) -> bool:
         """Whether a step is an exponential: without load, and with a constrained axis under body-fixed moments."""
         is_constrained = problem.systems.axis is not None and not problem.systems.has_dead_force
-        return super().turns_exactly(problem) or (
-            is_constrained and all(term.kind == "body" for term in problem.load.terms)
-        )
+        is_along_frame = all(term.kind == "body" for term in problem.load.terms)
+        return super().turns_exactly(problem) or (is_constrained and is_along_frame)
 
     def lag(self, theta: float) -> float:
         """Return the error of a step for the turn `theta` of a steady rotation, rad."""
@@ -228,8 +214,7 @@ def gauss(s: int) -> Gauss:
     integrals = np.linalg.inv(np.vander(c, increasing=True)) / k[:, None]
 
     def until(t: Array) -> Array:
-        found: Array = t[..., None] ** k @ integrals
-        return found
+        return t[..., None] ** k @ integrals
 
     return Gauss(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
 
@@ -244,10 +229,10 @@ def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]
     return State(p, P, compensation, c, state.auxiliary), gap
 
 
-def flow(acting: Nodes, start: State) -> Any:
+def flow(nodes: Nodes, start: State) -> Any:
     """Return what moves the body freely from a state on: of the time the state, and whether it turns too far."""
-    body, W, zero = acting.body, acting.body.k * start.s, 0.0 * start.s
-    if acting.parts.is_constrained:
+    body, W, zero = nodes.body, nodes.body.k * start.s, 0.0 * start.s
+    if nodes.parts.is_constrained:
         return lambda t: (rotated(start, *exponential(t * W), zero)[0], is_too_far(t * W))
     constants = View(Constants, scratch(CONSTANTS))
     motion = free_motion(body.moments, start.s, constants)
@@ -269,16 +254,16 @@ def is_too_far(turn: Vector) -> Any:
 class StepSums:
     """What the substeps of a step give to means and sums, and to what is observed."""
 
-    def __init__(self, acting: Nodes) -> None:
-        zero, self.acting = 0.0 * acting.body.k[0], acting
+    def __init__(self, nodes: Nodes) -> None:
+        zero, self.nodes = 0.0 * nodes.body.k[0], nodes
         none = Vector(zero, zero, zero)
         self.sums = Variables(mu=zero, work=zero, moment=none, dead=none)
-        self.before = acting.x.observed.work if acting.parts.observes else None
+        self.before = nodes.x.observed.work if nodes.parts.observes else None
 
-    def see(self, p: Quaternion, W: Vector, weight: Any) -> None:
+    def see(self, p: Any, W: Vector, weight: Any) -> None:
         """Take a state into the integrals over time of what is observed."""
-        x = self.acting.x
-        if self.acting.parts.observes:
+        x = self.nodes.x
+        if self.nodes.parts.observes:
             x.state.p, x.velocity, x.observed.work = p, W, self.before + self.sums.work
             observe(x, False)
             integrate(x, weight)
@@ -286,32 +271,32 @@ class StepSums:
     def add(self, part: Any, mu: Any, work: Any, moment: Vector, dead: Vector) -> None:
         """Add what a substep gives, the means times its part of the step."""
         s = self.sums
-        if self.acting.parts.tells:
+        if self.nodes.parts.tells:
             s.mu, s.work = s.mu + part * mu, s.work + work
             s.moment, s.dead = s.moment + part * moment, s.dead + part * dead
 
     def completed(self, found: Step) -> Step:
         """Return the step with what it gives."""
-        parts, s = self.acting.parts, self.sums
+        parts, s = self.nodes.parts, self.sums
         if parts.observes:
-            self.acting.x.observed.work = self.before
+            self.nodes.x.observed.work = self.before
         if not parts.tells:
             return found
         dead = s.dead if parts.is_constrained and not parts.is_explicit else None
         return found._replace(twist=0.0 * s.mu, mu=s.mu, moment=s.moment, work=s.work, dead=dead)
 
 
-def step(acting: Nodes, state: State, is_active: Any) -> Step:
+def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     """Take the step."""
-    parts = acting.parts
-    return quadrature(acting, state) if parts.is_constrained and parts.is_explicit else composed(acting, state)
+    parts = nodes.parts
+    return quadrature(nodes, state) if parts.is_constrained and parts.is_explicit else composed(nodes, state)
 
 
-def quadrature(acting: Nodes, state: State) -> Step:
+def quadrature(nodes: Nodes, state: State) -> Step:
     """Turn a body that is held, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
-    parts, k, h, P, zero, s = acting.parts, acting.body.k, acting.h, state.s, 0.0 * state.s, acting.parts.nodes
-    rule, given = GAUSS[2 * s], StepSums(acting)
-    M = [acting.moving(j) if parts.moving else zero for j in range(s)]
+    parts, k, h, P, zero, s = nodes.parts, nodes.body.k, nodes.h, state.s, 0.0 * state.s, nodes.parts.nodes
+    rule, means = GAUSS[2 * s], StepSums(nodes)
+    M = [nodes.moving(j) if parts.moving else zero for j in range(s)]
     across = [Vector(B[0], B[1], zero[2]) for B in M]
 
     def momentum(weights: Array) -> Vector:
@@ -327,17 +312,17 @@ def quadrature(acting: Nodes, state: State) -> Step:
     if parts.tells:
         for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
             until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
-            given.see(until, w, h * float(weight))
-            given.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
-        given.sums.work = dP @ (k * (P + 0.5 * dP))
+            means.see(until, w, h * float(weight))
+            means.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
+        means.sums.work = dP @ (k * (P + 0.5 * dP))
     far, none = is_too_far(h * (k * P)), zero[0]
-    return given.completed(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
+    return means.completed(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
 
 
-def composed(acting: Nodes, state: State) -> Step:
+def composed(nodes: Nodes, state: State) -> Step:
     """Take the substeps of a composition, each of order 2, up to one that cannot be taken."""
-    parts, body, h, zero = acting.parts, acting.body, acting.h, 0.0 * state.s[0]
-    never, first, given = zero > 1.0, acting.node, StepSums(acting)
+    parts, body, h, zero = nodes.parts, nodes.body, nodes.h, 0.0 * state.s[0]
+    never, first, means = zero > 1.0, nodes.node, StepSums(nodes)
     v = Variables(state=state, half=zero, gap=zero, used=zero, residual=zero, far=never, stalled=never)
 
     def is_fine() -> Any:
@@ -350,7 +335,7 @@ def composed(acting: Nodes, state: State) -> Step:
 
     count = parts.nodes
     for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):
-        part = select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
+        part = select(i < count, nodes.fraction(smaller(i, count - 1)), 0.0)
         length = h * part
         if parts.is_constrained:
             v.far = is_too_far(length * (body.k * v.state.s))
@@ -358,34 +343,32 @@ def composed(acting: Nodes, state: State) -> Step:
             drift(v.half + 0.5 * length)
             v.half = 0.5 * length
         for _ in when(without(i < count, v.far) & (v.gap <= UNIT)):
-            acting.begin(first + i, v.state.p)
-            kick(acting, length, part, v, given)
-    residual = select(v.stalled, v.residual, v.gap)
-    return given.completed(
-        Step(v.state, v.stalled, v.far, v.gap, v.used, residual, abs(h) * taxicab(body.k * v.state.s))
-    )
+            nodes.begin(first + i, v.state.p)
+            kick(nodes, length, part, v, means)
+    residual, turn = select(v.stalled, v.residual, v.gap), abs(h) * taxicab(body.k * v.state.s)
+    return means.completed(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, turn))
 
 
-def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: StepSums) -> None:
+def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None:
     """Change the momentum by the moments of a substep; turn a body that is held."""
-    parts, k, now, mu = acting.parts, acting.body.k, v.state, 0.0 * h
+    parts, k, now, mu = nodes.parts, nodes.body.k, v.state, 0.0 * h
     if parts.is_explicit:
-        (torque, load), R = moments(acting.loads(), k * now.s), acting.R
+        (torque, load), R = moments(nodes.loads(), k * now.s), nodes.R
     else:
-        v.stalled, used, v.residual, (torque, load, R) = solved(acting, h, now)
+        v.stalled, used, v.residual, (torque, load, R) = solved(nodes, h, now)
         v.used = larger(used, v.used)
-    dP = h * Vector(torque[0], torque[1], torque[2] * acting.body.free)
+    dP = h * Vector(torque[0], torque[1], torque[2] * nodes.body.free)
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V
-    given.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
+    means.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
     if parts.is_constrained:
         mu = cross(middle, V)[2] + torque[2]
         v.state, v.gap = rotated(now._replace(auxiliary=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
     else:
         P, compensation = compensated(now.s, now.compensation, dP)
         v.state = now._replace(s=P, compensation=compensation)
-    given.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
+    means.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
 
 
 def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
@@ -395,28 +378,28 @@ def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
         called = loads.functions.moment(zero, W)
         own = loads.functions.load(called)
     drag = None if loads.damping is None else -(loads.damping @ W)
-    given = sum_of(loads.moving, loads.space, drag)
+    applied = sum_of(loads.moving, loads.space, drag)
     dead = None if loads.dead is None else first_moment(loads.dead)
-    return sum_of(given, called, dead) or zero, sum_of(given, own) or zero
+    return sum_of(applied, called, dead) or zero, sum_of(applied, own) or zero
 
 
-def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
+def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
     """Solve for y; return whether it is not found, iterations, the residual, and the moments and where they act.
 
     A change of y for a difference quotient is small beside W, and round-off of the residual small beside the change.
     """
-    parts, k, node, W = acting.parts, acting.body.k, acting.node, acting.body.k * start.s
-    zero, loads, f = 0.0 * W, acting.loads(), (0.5 * h) * k
+    parts, k, node, W = nodes.parts, nodes.body.k, nodes.node, nodes.body.k * start.s
+    zero, loads, f = 0.0 * W, nodes.loads(), (0.5 * h) * k
 
     def at(y: Vector) -> tuple[Vector, tuple[Vector, Vector, Matrix]]:
         there = loads
         if parts.is_constrained:
-            acting.begin(node, turned(start.p, (0.5 * h) * (W + y)))
-            there = acting.loads()._replace(moving=loads.moving)
+            nodes.begin(node, turned(start.p, (0.5 * h) * (W + y)))
+            there = nodes.loads()._replace(moving=loads.moving)
         torque, load = moments(there, W + y)
-        return f * torque, (torque, load, acting.R)
+        return f * torque, (torque, load, nodes.R)
 
-    e0, e1, e2 = (axis + zero for axis in AXES)
+    e0, e1, e2 = (Vector(*(float(i == j) for j in range(3))) + zero for i in range(3))
     guess = h * (k * Vector(start.auxiliary[0], start.auxiliary[1], zero[0])) if parts.is_constrained else zero
     v = Variables(y=guess, inverse=Matrix(e0, e1, e2), columns=(e0, e1, e2), residual=taxicab(W), size=1e300 + zero[0])
     v.moments, v.count, v.open, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False
@@ -441,4 +424,4 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
     return logical_not(v.found), real(v.count), v.residual, v.moments
 
 
-TEXT = Text(step, velocity_of, auxiliary=2, integrates=True, flow=flow)
+TEXT = Text(step, auxiliary=2, integrates=True, flow=flow)

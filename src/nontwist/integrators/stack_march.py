@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
@@ -24,6 +23,7 @@ from ..engine.layout import put, side_by_side, spans
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
+from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
@@ -82,7 +82,7 @@ class StackMarch:
         self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
         self.stages = {parts: scheme.stages(parts) for parts in self.groups}
         self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
-        size, none = STATE.size + self.needs.carried + 2 * z.size, (0,)
+        size, none = STATE.size + self.needs.beside + 2 * z.size, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),
@@ -132,7 +132,7 @@ class StackMarch:
             arrays["internals"][:, 0] = self.load.internal_state if stack.internal is None else stack.internal
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
-        between.enter(self.block.ctypes.data)
+        enter(self.block.ctypes.data)
 
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
@@ -142,8 +142,7 @@ class StackMarch:
         more = stored[places] != inner
         ends = np.insert(stored, places[more], inner[more])
         size = self.sizes[np.searchsorted(numbers[1:-1], ends[:-1], side="right"), 0]
-        lengths: Array = np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
-        return lengths
+        return np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
 
     def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
         """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""
@@ -153,14 +152,36 @@ class StackMarch:
     @property
     def factors(self) -> Array:
         """What the carried states are multiplied by to have the units of the caller, (m or 1, numbers of a member)."""
-        return factors(self.scheme, self.bodies, self.unit, self.arrays["states"].shape[1], self.parts.memory)
+        size, moment = self.shapes["states"][1], self.bodies[:, BODY.unit, None]
+        found, end = np.ones((len(moment), size)), size - 2 * self.parts.memory
+        if self.scheme.is_director_scheme:
+            found[:, STATE.s :] = 1 / self.unit
+        else:
+            found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * self.unit, moment
+        found[:, STATE.c : STATE.auxiliary] = 1.0
+        if (more := end - STATE.size) > 0:  # increments of the momentum, and of directions
+            found[:, STATE.size : STATE.size + more // 2] = moment * self.unit
+            found[:, STATE.size + more // 2 :] = 1.0
+        found[:, end:] = 1.0
+        return found
+
+    def is_start(self, carried: Array) -> bool:
+        """Whether carried numbers, in units of the march, belong to the states that it starts from."""
+        states, k = self.arrays["states"], self.parts.memory
+        size = abs(states[:, STATE.s : STATE.compensation]).max() or 1.0
+        sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
+        apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
+        parts = [slice(STATE.s, STATE.compensation), slice(STATE.auxiliary, STATE.size)]
+        parts = parts[: 1 + self.parts.is_director_scheme]
+        apart += [abs(carried[:, part] - states[:, part]).max() / size for part in parts]
+        apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
+        z = slice(states.shape[1] - 2 * k, states.shape[1] - k)
+        return np.array_equal(carried[:, z], states[:, z]) and not max(apart) > SAME
 
     def remember(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
         states = self.arrays["states"]
-        if memory.shape != states.shape or not is_start(
-            self.scheme, known := memory / self.factors, states, self.parts.memory
-        ):
+        if memory.shape != states.shape or not self.is_start(known := memory / self.factors):
             return
         states[:] = known
         if self.scheme.is_exact_without_load:
@@ -331,35 +352,3 @@ class StackMarch:
         put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
-
-
-def factors(scheme: Compiled, bodies: Array, unit: float, size: int, internal: int = 0) -> Array:
-    """Return what `size` carried numbers are multiplied by to have the units of the caller, (m or 1, size)."""
-    found = np.ones((len(bodies), size))
-    moment = bodies[:, BODY.unit, None]
-    if scheme.is_director_scheme:
-        found[:, STATE.s :] = 1 / unit
-    else:
-        found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * unit, moment
-    found[:, STATE.c : STATE.auxiliary] = 1.0
-    if (more := size - STATE.size - 2 * internal) > 0:  # increments of the momentum, and of directions
-        found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * unit, 1.0
-    found[:, size - 2 * internal :] = 1.0
-    return found
-
-
-def is_start(scheme: Compiled, carried: Array, states: Array, internal: int = 0) -> bool:
-    """Whether carried numbers, in units of the march, belong to the states that a march starts from."""
-    sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
-    apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
-    apart += [_apart(carried, states, slice(STATE.s, STATE.compensation))]
-    if scheme.is_director_scheme:
-        apart += [_apart(carried, states, slice(STATE.auxiliary, STATE.size))]
-    apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
-    z = slice(states.shape[1] - 2 * internal, states.shape[1] - internal)
-    return np.array_equal(carried[:, z], states[:, z]) and not max(apart) > SAME
-
-
-def _apart(a: Array, b: Array, part: slice) -> float:
-    size = abs(b[:, STATE.s : STATE.compensation]).max()
-    return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from threading import local
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import chained
-from ..engine.chained import CHAIN, LANES
+from ..engine.chained import LANES
 from ..engine.known_steps import STEPS
-from ..engine.linearised import Carried
+from ..engine.linearised import ForwardRun
 from ..engine.records import STATE, State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linear_inputs import Entries, Nodes, Sampled
-from .linearised import LONGEST, Linearised, Link
+from .linearised import LONGEST, Linearised
+from .members import PerThread
 
 Kept = NDArray[np.int64]
 
@@ -36,9 +36,9 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run = chained.forward(steps.rows)
-    for acting, link in steps.layouts(count, entries):
-        steps.matrices(own, acting, states)
-        part = kept[acting.first : acting.last]
+    for loads, link in steps.layouts(count, entries):
+        steps.matrices(own, loads, states)
+        part = kept[loads.first : loads.last]
         run(link.put(matrices=own.matrices, state=x, kept=part, states=found[done:]))
         done += int(part.sum())
     return steps.turned_back(found[:, :, :count])
@@ -55,9 +55,9 @@ def back(
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
     run = chained.back
-    for acting, link in steps.layouts(count, entries, back=True):
-        steps.matrices(own, acting, states)
-        part = kept[acting.first : acting.last]
+    for loads, link in steps.layouts(count, entries, back=True):
+        steps.matrices(own, loads, states)
+        part = kept[loads.first : loads.last]
         left -= int(part.sum())
         run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=slopes[left:], found=found))
     return steps.turned_back(x[:, None])[:, 0], found[:count]
@@ -77,7 +77,7 @@ class PreparedTangents:
 
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
         self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
-        self._count, self._threads = count, local()
+        self._count, self._threads = count, PerThread(lambda: (None,) * 6)
         self._run, self._kernel = chained.forward(steps.rows).function, steps._kernel.function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
@@ -86,10 +86,7 @@ class PreparedTangents:
         `states` are those at all nodes, in memory that belongs to this thread; `factor` that of the load. None where a
         step is not solved again.
         """
-        try:
-            known, x, found, scale, calls, _ = self._threads.own
-        except AttributeError:
-            known = None
+        known, x, found, scale, calls, _ = self._threads.own
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
         scale[0], x[:, : self._count] = factor, self._steps.turned(start)
@@ -112,12 +109,12 @@ class PreparedTangents:
         x, scale = aligned(steps.rows, padded), np.ones(1)
         found, done = aligned(int(self._kept.sum()), 6, padded, empty=True), 0
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for acting, link in self._parts:
-            block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            refresh = partial(acting.put, block, states.part(slice(acting.first, acting.last + 1)))
+        for loads, link in self._parts:
+            block, part = own.block.copy(), self._kept[loads.first : loads.last]
+            refresh = partial(loads.put, block, states.part(slice(loads.first, loads.last + 1)))
             refresh()
             block[STEPS.factor] = scale.ctypes.data
-            link = Link(link.block.copy(), link.alive)
+            link = link._replace(block=link.block.copy())
             at = link.put(matrices=own.matrices, state=x, kept=part, states=found[done:])
             calls.append((block, block.ctypes.data, at, refresh))
             alive.append((link, part))
@@ -125,7 +122,7 @@ class PreparedTangents:
         return states, x, found, scale, calls, (own, alive)
 
 
-class CarriedTangents:
+class ForwardTangents:
     """As `PreparedTangents`, of a traced scheme and few parameters: the steps are taken and linearised at once.
 
     A turn of the start alone, by a parameter that does nothing else, turns all of a run that does not see its attitude.
@@ -135,34 +132,32 @@ class CarriedTangents:
 
     def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
-        self._turned, self._carried = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
-        self._steps, self._kept, self._threads, side = steps, kept, local(), machine_code.lanes()
-        place, self._count = np.cumsum(~is_turned) - 1, len(self._carried)
+        self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
+        self._steps, self._kept, side = steps, kept, machine_code.lanes()
+        place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
-        def carried(nodes: Nodes) -> Iterator[Entries]:
+        def entries_of(nodes: Nodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
-        self._parts = list(steps.layouts(self._count, carried, size=LONGEST))
-        arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("acting", "own_columns")]
+        self._parts = list(steps.layouts(self._count, entries_of, size=LONGEST))
+        arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
-        self._padded, self._kernel = -(-self._count // side) * side, steps.carried(tuple(sorted(inputs))).function
+        self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
         self._start, self._entering = self._parted(start), steps.entering
+        self._threads = PerThread(self._workspace)
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
         """Return the changes of the first state as they are returned, carried along, and turned."""
         seen = start if self._turn is None else self._turn @ start
-        return start[:6], seen[:, self._carried], seen[:3, self._turned]
+        return start[:6], seen[:, self._others], seen[:3, self._turned]
 
     def __call__(self, p: Any, W: Any, start: Array | None, factor: float) -> Array | None:
         """Return the changes of the states of the run from the quaternion p, scalar last, and W; None where it fails.
 
         They are (1 + kept, 6, count), at the start and at the kept steps; None stands for the start that is known.
         """
-        try:
-            x, state, found, turns, scale, calls, _ = self._threads.own
-        except AttributeError:
-            x, state, found, turns, scale, calls, _ = self._threads.own = self._workspace()
+        x, state, found, turns, scale, calls, _ = self._threads.own
         first, seen, turned = self._start if start is None else self._parted(start)
         scale[0], state[:], (of_p, of_W) = factor, 0.0, self._entering
         state[STATE.p : STATE.s] = state[-4:] = of_p @ p
@@ -176,7 +171,7 @@ class CarriedTangents:
         if self._turn is not None:
             B = self._turn[:3, :3].T
             ends, turns = self._turn[:6, :6].T @ ends, B @ turns
-        changes[0], changes[1:, :, self._carried] = first, ends
+        changes[0], changes[1:, :, self._others] = first, ends
         if len(self._turned):
             changes[1:, :3, self._turned] = turns @ turned
         return changes
@@ -184,25 +179,22 @@ class CarriedTangents:
     def _workspace(self) -> Any:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
         steps, rows, count = self._steps, self._steps.rows, int(self._kept.sum())
-        x, given = (aligned(steps.width, self._padded) for _ in range(2))
+        x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
         found, done, scale = aligned(count, 6, self._padded, empty=True), 0, np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for acting, link in self._parts:
-            given[rows:] = 0.0
-            given[link.alive["acting"], : self._count] = link.alive["changes"][:, : self._count]
-            block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            acting.put(block)
+        for loads, link in self._parts:
+            fixed[rows:] = 0.0
+            fixed[link.alive["used"], : self._count] = link.alive["changes"][:, : self._count]
+            block, part = own.block.copy(), self._kept[loads.first : loads.last]
+            loads.put(block)
             block[STEPS.factor] = scale.ctypes.data
-            head = view_of(Carried)
-            head.steps, head.state, head.changes, head.given = block, state, x, given
-            head.padded, head.kept, head.found = self._padded, part, found[done:]
+            head = view_of(ForwardRun)
+            head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
+            head.padded, head.found, head.chain = self._padded, found[done:], link.put(kept=part)
             head.first, head.turns = state[-4:], turns[done:]
-            head.begins, head.values = (int(link.block[place]) for place in (CHAIN.begins, CHAIN.own_values))
-            head.columns = int(link.block[CHAIN.own_columns])
-            head.parameters = int(link.block[CHAIN.own_parameters])
             calls.append((block, head.address))
             alive.append((head, link, part))
             done += int(part.sum())
-        x[:] = given
+        x[:] = fixed
         return x, state, found, turns, scale, calls, (own, alive)

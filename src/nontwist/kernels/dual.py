@@ -8,11 +8,7 @@ from typing import Any
 
 from .elements import BY_FUNCTIONS, ORDERS, Derived, fma, mapped, remade, select
 
-SLOPES: dict[str, Callable[..., Any]] = {
-    "add": lambda a, b, _: (1.0, 1.0),
-    "sub": lambda a, b, _: (1.0, -1.0),
-    "mul": lambda a, b, _: (b, a),
-}
+SLOPES = {"add": lambda a, b, _: (1.0, 1.0), "sub": lambda a, b, _: (1.0, -1.0), "mul": lambda a, b, _: (b, a)}
 
 
 class Dual(Derived):
@@ -78,10 +74,8 @@ class Dual(Derived):
     def selected(self, mask: Any, a: Any, b: Any) -> Dual:
         """Return a where the mask is set, else b."""
         a, b = self.lifted(a), self.lifted(b)
-        tangents = [
-            x if _is_zero(x) and _is_zero(y) else select(mask, x, y)
-            for x, y in zip(a.tangents, b.tangents, strict=True)
-        ]
+        pairs = zip(a.tangents, b.tangents, strict=True)
+        tangents = [x if _is_zero(x) and _is_zero(y) else select(mask, x, y) for x, y in pairs]
         return Dual(select(mask, a.value, b.value), tangents)
 
 

@@ -233,9 +233,8 @@ class View:
     """
 
     def __init__(self, record: Any, memory: Any, lanes: int = 1, stride: int | None = None) -> None:
-        self.__dict__.update(
-            _record=record, _memory=memory, _lanes=lanes, _stride=lanes if stride is None else stride, _held={}
-        )
+        stride = lanes if stride is None else stride
+        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _held={})
 
     def _field(self, name: str) -> Field:
         if name not in fields(self._record):

@@ -216,8 +216,7 @@ def tracer() -> Tracer | None:
 
 def writer() -> Tracer:
     """Return what this thread traces into."""
-    found: Tracer = _local.tracer
-    return found
+    return _local.tracer
 
 
 def width() -> int:

@@ -188,15 +188,12 @@ def _of_all(plain: Callable[..., Any], of_two: Any) -> Callable[..., Any]:
     return function
 
 
-MATHS: dict[Any, Any] = {
-    getattr(math, there): called(getattr(np, here)) for here, there in IN_MATH.items() if hasattr(math, there)
-}
+_shared = {here: getattr(math, there) for here, there in IN_MATH.items() if hasattr(math, there)}
+MATHS: dict[Any, Any] = {function: called(getattr(np, name)) for name, function in _shared.items()}
 MATHS[math.hypot] = lambda *x: reduce(called(np.hypot), x)
 BUILTINS: dict[str, Any] = {"max": _of_all(max, np.maximum), "min": _of_all(min, np.minimum), "float": Float}
-for _name in ("print", "input", "open", "exec", "eval"):
-    BUILTINS[_name] = _refused(
-        f"{_name}() happens when Python calls a function, not when machine code does: leave it out"
-    )
+NOT_COMPILED = "{}() happens when Python calls a function, not when machine code does: leave it out"
+BUILTINS |= {name: _refused(NOT_COMPILED.format(name)) for name in ("print", "input", "open", "exec", "eval")}
 
 
 # ---- tracing
@@ -237,10 +234,9 @@ def _what(found: Any) -> str:
 
 def _reason(error: Exception, rebound: Rebound, first: tuple[str, int] | None) -> str:
     """Return what is wrong, and the line of the user."""
-    frames = [
-        (f.f_code.co_filename, line) for f, line in walk_tb(error.__traceback__) if f.f_builtins is rebound.builtins
-    ]
-    place = getattr(error, "place", None) or (frames[-1] if frames else first)
+    frames = ((f, line) for f, line in walk_tb(error.__traceback__) if f.f_builtins is rebound.builtins)
+    own = [(f.f_code.co_filename, line) for f, line in frames]
+    place = getattr(error, "place", None) or (own[-1] if own else first)
     if isinstance(error, TraceError):
         why = error.why
     elif isinstance(error, RecursionError):

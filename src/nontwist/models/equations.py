@@ -64,8 +64,7 @@ def split_velocity(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: flo
     Pi = q @ pi_perp
     if system.axis is None:
         Pi[2] += pi_par
-    w: Array = _response(system) @ Pi @ q
-    return w
+    return _response(system) @ Pi @ q
 
 
 def split_rates(
@@ -140,8 +139,7 @@ def _is_heavy(system: DirectorSystem) -> bool:
 @lru_cache(maxsize=64)
 def _held(system: DirectorSystem) -> Array:
     """Return what gives ``π_∥ = n·J W`` of Π, of a body with an axis n."""
-    held: Array = _axis(system) @ system.convected_inertia @ _response(system)
-    return held
+    return _axis(system) @ system.convected_inertia @ _response(system)
 
 
 @lru_cache(maxsize=64)
@@ -149,5 +147,4 @@ def _response(system: DirectorSystem) -> Array:
     """Return what gives W of Π: J⁻¹, or the inverse of ``P J P`` on the plane orthogonal to n, 0 along n."""
     J = system.convected_inertia
     plane = I3 if system.axis is None else np.linalg.svd(system.axis[None])[2][1:]
-    inverse: Array = plane.T @ np.linalg.solve(plane @ J @ plane.T, plane)
-    return inverse
+    return plane.T @ np.linalg.solve(plane @ J @ plane.T, plane)

@@ -154,8 +154,7 @@ def of_cylinder(
         raise ValueError(f"inner_radius must lie between 0 and radius = {R:g} m, got {r:g} m")
     n = as_direction(axis, "axis")
     along = np.outer(n, n)
-    J: Array = m * (R**2 + r**2) / 2 * along + m * (3 * (R**2 + r**2) + L**2) / 12 * (np.eye(3) - along)
-    return J
+    return m * (R**2 + r**2) / 2 * along + m * (3 * (R**2 + r**2) + L**2) / 12 * (np.eye(3) - along)
 
 
 def of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:

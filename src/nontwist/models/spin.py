@@ -36,8 +36,7 @@ class Spin:
 
     def at(self, times: Any) -> Array:
         """Return the rate at (n,) times, rad/s."""
-        rate: Array = np.interp(times, self.times, self.values)
-        return rate
+        return np.interp(times, self.times, self.values)
 
     @property
     def is_constant(self) -> bool:

@@ -215,10 +215,8 @@ def _states(directors: ArrayLike, **given: tuple[ArrayLike, tuple[int, ...]]) ->
     except ValueError as error:
         shapes = ", ".join(f"{name} {array.shape}" for name, array in found.items())
         raise ValueError(f"the leading axes must be the same, or 1, in all arguments; got {shapes}") from error
-    flat = [
-        np.broadcast_to(array, lead + tails[name]).reshape(prod(lead), *tails[name]) for name, array in found.items()
-    ]
-    return lead, flat
+    full = ((np.broadcast_to(array, lead + tails[name]), tails[name]) for name, array in found.items())
+    return lead, [array.reshape(prod(lead), *tail) for array, tail in full]
 
 
 def _split_states(

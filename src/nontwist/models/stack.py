@@ -112,8 +112,7 @@ class SystemStack:
         """Return the prescribed spin of all members at a time, (m,), rad/s; 0 if there is none."""
         if self.spin is None or self.spin_factor is None:
             return np.zeros(len(self))
-        rate: Array = self.spin_factor * self.spin.at([time])
-        return rate
+        return self.spin_factor * self.spin.at([time])
 
     @classmethod
     def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -141,15 +140,13 @@ class SystemStack:
             )
         names = list(dict.fromkeys(body.name for body in bodies))
         spin, factor = _shared_spin(bodies)
-        found = cls(
-            np.array([body.euler_inertia for body in bodies]).reshape(-1, 3, 3),
-            np.array([body.axis for body in bodies]) if any(constrained) else None,
-            np.array([body.dead_force for body in bodies]).reshape(-1, 3, 3),
-            names[0] if len(names) == 1 else "mixed",
-            spin,
-            factor,
-            all(body.physical for body in bodies),
+        E, dead = (
+            np.array([getattr(body, name) for body in bodies]).reshape(-1, 3, 3)
+            for name in ("euler_inertia", "dead_force")
         )
+        axes = np.array([body.axis for body in bodies]) if any(constrained) else None
+        name, physical = names[0] if len(names) == 1 else "mixed", all(body.physical for body in bodies)
+        found = cls(E, axes, dead, name, spin, factor, physical)
         keep(found, _bodies=tuple(bodies))
         return found
 
@@ -162,24 +159,17 @@ class SystemStack:
 
     def __getitem__(self, member: int) -> DirectorSystem:
         if "_bodies" in vars(self):
-            body: DirectorSystem = vars(self)["_bodies"][member]
-            return body
+            return vars(self)["_bodies"][member]
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
-            self.euler_inertia[member],
-            axis,
-            self.dead_force[member],
-            self.name,
-            self.spin_of(member),
-            self.physical,
+            self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member), self.physical
         )
 
     @property
     def convected_inertia(self) -> Array:
         """Convected inertia J about the fixed point, (m, 3, 3), kg m²."""
         E = self.euler_inertia
-        J: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
-        return J
+        return np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
 
     @property
     def has_dead_force(self) -> bool:
@@ -244,8 +234,7 @@ def transverse_momentum(systems: SystemStack) -> Array:
     assert systems.axis is not None
     n, J = systems.axis, systems.convected_inertia
     Jn = np.sum(J * n[:, None], axis=2)
-    part: Array = Jn - np.sum(Jn * n, axis=1)[:, None] * n
-    return part
+    return Jn - np.sum(Jn * n, axis=1)[:, None] * n
 
 
 def is_principal(systems: SystemStack) -> NDArray[np.bool_]:

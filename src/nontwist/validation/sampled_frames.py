@@ -15,7 +15,8 @@ import numpy as np
 
 from .. import exact
 from ..geometry.arrays import Array
-from ..geometry.frames import closed_frame, frame_along, frame_of_curve, holonomy, nontwisting_frame, solid_angle
+from ..geometry.curves import frame_along, frame_of_curve
+from ..geometry.frames import closed_frame, holonomy, nontwisting_frame, solid_angle
 from .checks import Check
 from .measures import error, furthest, slope, turns_apart
 

@@ -23,6 +23,7 @@ from .motions import Kicks
 
 MOST, EXACT = 64, 1e-6  # intervals; of the largest speed: noise at least
 FEWEST, AHEAD = 4, 2  # readings; halvings of the intervals that the tachometer asks for
+BLOCK, PANEL = 6000, 8  # numbers, and columns, that BLAS leaves to one thread
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,20 @@ class Speed:
 
 
 def triangle(A: Array) -> Array:
-    """Return R of a product QR of a matrix; a matrix of few rows as it is."""
-    found: Array = A if len(A) <= A.shape[1] else np.asarray(np.linalg.qr(A, mode="r"))
-    return found
+    """Return R of a product QR of a matrix; a matrix of few rows as it is.
+
+    R takes up one block of rows after the other: BLAS would share a larger one among threads, which on a busy machine
+    wait for each other a hundred times as long as they work.
+    """
+    from scipy.linalg.lapack import dtpqrt
+
+    columns = A.shape[1]
+    if len(A) <= columns:
+        return A
+    R = np.zeros((columns, columns), order="F")
+    for rows in np.array_split(A, -(-A.size // BLOCK)):
+        R = dtpqrt(0, min(PANEL, columns), R, rows)[0]
+    return np.asarray(np.triu(R))
 
 
 def as_speed(time: Array, readings: Array) -> Speed:

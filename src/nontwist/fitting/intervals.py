@@ -16,7 +16,7 @@ All this is done with means of samples over turns of `THIN`, which differ from W
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -71,6 +71,7 @@ class Search:
     spin: Any
     model: Model
     priors: Priors
+    tried: dict[tuple[int, int], Solution | None] = field(default_factory=dict, repr=False, compare=False)
 
     def found(self) -> tuple[int, int, str]:
         """Return the samples of the longest motion, from `first` to before `last`, and how it was found.
@@ -188,13 +189,10 @@ class Search:
         for _ in range(ROUNDS):
             speed = float(np.sqrt((self.rates[a:b] ** 2).sum(axis=1).mean()))
             noise = max(noise_of(self.rates[a:b]), FLOOR * speed)
-            spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
-            how: dict[str, Any] = {"known_noise": True, "starts": starts, "calls": CALLS, "model": self.model}
-            try:
-                fit = estimate([Stretch(self.time[a:b], self.rates[a:b], spun)], self.priors, noise, **how)
-            except RunawayError:
-                return found
-            if fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
+            if starts is None and (a, b) not in self.tried:
+                self.tried[a, b] = self.fitted(a, b, noise, None)
+            fit = self.tried[a, b] if starts is None else self.fitted(a, b, noise, starts)
+            if fit is None or fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
                 return found
             found, length, n = (a, b), b - a, len(self.time)
             before = 0 if shut_first else self.agreeing(fit, a, np.arange(a - 1, max(a - 1 - length, -1), -1), noise)
@@ -205,6 +203,15 @@ class Search:
             if before + after == 0:
                 break
         return found
+
+    def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None) -> Solution | None:
+        """Return the fit of samples `a` to before `b`; None where no start leads to a motion."""
+        spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
+        how: dict[str, Any] = {"known_noise": True, "starts": starts, "calls": CALLS, "model": self.model}
+        try:
+            return estimate([Stretch(self.time[a:b], self.rates[a:b], spun)], self.priors, noise, **how)
+        except RunawayError:
+            return None
 
     def guess(self, fit: Solution, first: int, at: int) -> Guess:
         """Return a fit that begins at one sample as a guess of a fit from another one before it."""

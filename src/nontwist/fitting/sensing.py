@@ -57,6 +57,11 @@ class Sensor(NamedTuple):
         """Whether there is a delay, or may be one."""
         return bool(self.mean[DELAY] != 0 or self.deviation[DELAY] > 0)
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether there are none of these errors, nor may be."""
+        return np.array_equal(self.mean, NONE) and not self.deviation.any()
+
     def whole(self, errors: Array) -> Array:
         """Return θ, e and τ where those that are fitted have these values."""
         found = self.mean.copy()
@@ -65,6 +70,8 @@ class Sensor(NamedTuple):
 
     def reads(self, W: Array, rates: Array | None, errors: Array) -> tuple[Array, Array, Array]:
         """Return E Q W, (n, 3), and its derivatives by W, (3, 3), and by what is fitted, (n, 3, k)."""
+        if self.is_plain:
+            return W, np.eye(3), np.zeros((len(W), 3, 0))
         whole = self.whole(errors)
         theta, e = whole[AXES], whole[SCALES]
         Q = exp(theta).T

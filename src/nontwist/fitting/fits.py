@@ -184,6 +184,8 @@ def fit_inertia(
     task = Task(given, interval, spin, replace(priors, sensor=sensor), sigma, loss)
     try:
         fit = task.fit(model)
+        if not fit.is_explained and fit.untold and (other := task.what_fits(model)):
+            raise ValueError(f"{task.no_motion(fit.solution.problem.stretches, fit.residual, model)}{other}")
     except NoMotionError as error:
         raise ValueError(f"{error}{task.what_fits(model)}") from error
     told: Any

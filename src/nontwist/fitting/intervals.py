@@ -3,8 +3,8 @@ r"""The interval of a recording in which a body moves as its model does: from re
 Where an accelerometer reads almost nothing the body falls freely. Far from the centre of mass it reads the centripetal
 acceleration as well, so this is only a first guess. Without it, or about a pivot, windows in which the body turns by
 some rad (`SEED`, more where more is fitted) are ranked by the residual of the weak form (`linear`): a hand exerts
-moments, the air hardly. A recording of a body on which something acts may well be one motion from end to end, so the
-whole of it is tried before its windows. Guesses that noise explains count first.
+moments, the air hardly. A recording of a body on which something acts may well be one motion from end to end, so its
+beginning and, where that is one, the whole of it are tried before its windows. Guesses that noise explains count first.
 
 The model is fitted to a first guess and predicts what comes before and after; the interval grows as long as the
 prediction agrees with the recording within the errors of both, is fitted again, and so on until neither side grows.
@@ -106,6 +106,17 @@ class Search:
         speed = np.linalg.norm(self.rates[1:] + self.rates[:-1], axis=1) / 2
         return np.concatenate([[0.0], np.cumsum(speed * np.diff(self.time))])
 
+    @property
+    def many(self) -> float:
+        """How many times as many numbers as of a free body are fitted."""
+        fitted = self.model.basis.shape[1] + self.model.more + 3 * (self.model.pivot is not None)
+        return float(max(fitted / TRACELESS.shape[1], 1.0))
+
+    @property
+    def seed(self) -> float:
+        """How far the body turns in a window, rad."""
+        return self.many * float(np.clip(SHARE * self.angle[-1], *SEED))
+
     @cached_property
     def speed(self) -> Array | None:
         """The speed of the rotor at the samples as it was read; None without one."""
@@ -122,9 +133,10 @@ class Search:
         for fall in [] if acceleration is None or self.model.pivot is not None else falls(self.time, acceleration):
             if (grown := self.grown(*fall)) is not None:
                 return grown, "the accelerometer reads almost nothing"
-        is_likely = not self.model.is_free and self.weak(*every, SEED[0]) < LIKELY
-        if is_likely and self.grown(*every, EXPLAINED) is not None:
-            return every, "the whole recording is one motion"
+        if not self.model.is_free and self.weak(*every, SEED[0]) < LIKELY:
+            begun = self.grown(0, min(int(np.searchsorted(self.angle, self.seed)) + FEWEST, every[1]), EXPLAINED)
+            if begun == every or (begun is not None and self.grown(*every, EXPLAINED) is not None):
+                return every, "the whole recording is one motion"
         seeds = list(self.windows())
         for explained in (EXPLAINED, np.inf):
             if (longest := self.longest(seeds, explained)) is not None:
@@ -159,9 +171,7 @@ class Search:
 
     def windows(self) -> Iterator[tuple[int, int]]:
         """Yield windows of `SEED` rad, those first that look like a motion of the model."""
-        fitted = self.model.basis.shape[1] + self.model.more + 3 * (self.model.pivot is not None)
-        many = max(fitted / TRACELESS.shape[1], 1.0)
-        seed = many * float(np.clip(SHARE * self.angle[-1], *SEED))
+        seed = self.seed
         if self.angle[-1] <= seed:
             yield 0, len(self.time)
             return
@@ -171,7 +181,7 @@ class Search:
         last = np.minimum(np.maximum(np.searchsorted(self.angle, turned + seed) + 1, first + FEWEST), len(self.time))
         squares = np.concatenate([[0.0], np.cumsum((self.rates**2).sum(axis=1))])
         speeds = np.sqrt((squares[last] - squares[first]) / (last - first))
-        misfits = np.array([self.weak(a, b, seed / many / 4) for a, b in zip(first, last, strict=True)])
+        misfits = np.array([self.weak(a, b, seed / self.many / 4) for a, b in zip(first, last, strict=True)])
         good = misfits < LIKELY
         good &= speeds >= SLOW * speeds[good].max(initial=0.0)
         yield from ((int(first[k]), int(last[k])) for k in np.argsort(misfits, kind="stable") if good[k])

@@ -69,12 +69,14 @@ def weak_rows(
         s, W = (time[inside] - centres[group, None]) / half, rates[inside]
         rest = np.maximum(1 - s**2, 0.0)
         bump, slope = rest**4 * weight[inside], -8 * s * rest**3 / half * weight[inside]
-        products = bump @ (W[:, :, None] * W[:, None]).reshape(-1, 9)
-        turning = np.einsum("kij,mj->mik", BASIS, slope @ W) + np.einsum("kia,ma->mik", CROSS, products)
-        more = bump @ acting[inside].reshape(len(W), -1)
+        products = np.einsum("mn,ni,nj->mij", bump, W, W).reshape(-1, 9)
+        turning = np.einsum("kij,mj->mik", BASIS, np.einsum("mn,nj->mj", slope, W)) + np.einsum(
+            "kia,ma->mik", CROSS, products
+        )
+        more = np.einsum("mn,niq->miq", bump, acting[inside])
         if momenta is not None:
-            more += slope @ momenta[inside].reshape(len(W), -1)
-        rows.append(np.concatenate([turning, more.reshape(len(s), 3, -1)], axis=2) / (half * speed**2 + 1e-300))
+            more += np.einsum("mn,niq->miq", slope, momenta[inside])
+        rows.append(np.concatenate([turning, more], axis=2) / (half * speed**2 + 1e-300))
     return np.concatenate(rows)
 
 

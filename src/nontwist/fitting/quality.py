@@ -86,7 +86,20 @@ def _longest_run(at: NDArray[np.intp]) -> int:
     return best
 
 
-def correlation(residual: Array) -> float:
-    """Return the correlation of residuals with their neighbours, over all axes."""
+def correlation(residual: Array, lag: int = 1) -> float:
+    """Return the correlation of residuals with their neighbours, or with those `lag` samples before, over all axes."""
     r = residual - residual.mean(axis=0)
-    return float((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-300))
+    return float((r[lag:] * r[:-lag]).sum() / max((r * r).sum(), 1e-300))
+
+
+def new_of(residual: Array) -> float:
+    """Return which part of residuals is new at each sample where they are noise that goes on as φᵏ, else 1.
+
+    That is ``√(1 - φ²)``, and ``r_k - φ r_k-1`` are then white. What a wrong model leaves is smooth: beside white noise
+    it makes these correlated.
+    """
+    phi, chance = correlation(residual), WHITE / np.sqrt(residual.size)
+    new = residual[1:] - phi * residual[:-1]
+    if phi < chance or max(abs(correlation(new, lag)) for lag in (1, 2)) > chance:
+        return 1.0
+    return float(np.sqrt(1 - phi**2))

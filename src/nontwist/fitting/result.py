@@ -13,7 +13,7 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
 from .orienting import scatter_of_attitudes
-from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of
+from .quality import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of
 from .sensing import AXES, DELAY, SCALES
 from .shooting import Problem, Unknowns
 from .solving import Solution, solve
@@ -310,11 +310,13 @@ class Fit:
     def misfit(self) -> float:
         """Ratio of the residuals to the noise, r.m.s.: as given, or the scatter of samples about a smooth motion.
 
-        About 1 where the model is right. Residuals below 0.01 % of the speed count as explained.
+        About 1 where the model is right. Slow noise, of which a smooth motion takes up all but what is new at each
+        sample, counts by that. Residuals below 0.01 % of the speed count as explained.
         """
         found = [self.solution.tilt / max(self._scatter(scatter_of_attitudes), EXACT)]
         if self.has_gyroscope:
-            least = max(self._scatter(lambda part: scatter_of(part.time, part.measured)), self.stated_noise)
+            scatter = self._scatter(lambda part: scatter_of(part.time, part.measured))
+            least = max(scatter / new_of(self.solution.left_over), self.stated_noise)
             found.append(self.noise / max(least, EXACT * self._speed))
         return max(found)
 

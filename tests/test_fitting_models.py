@@ -34,8 +34,7 @@ from nontwist.fitting.linear import with_moments
 from nontwist.fitting.motions import Motion, responses
 from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import as_speed, refined
-from nontwist.fitting.telling import covariance, quantile
-from nontwist.fitting.walled import walled
+from nontwist.fitting.telling import covariance, quantile, walled
 from nontwist.geometry.tensors import ENTRIES
 
 MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])

@@ -16,8 +16,7 @@ from ..geometry.values import among, shown
 from ..recordings.options import ReadOptions
 from ..recordings.rates import Rates
 from ..spec import takes
-from .acting import as_model, as_orientation
-from .bodies import Model
+from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
 from .motions import RunawayError

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..recordings.rates import Rates
-from .bodies import TRACELESS, Model
+from .bodies import TRACELESS, G, Model
 from .estimating import estimate
 from .linear import Guess, turns, with_moments
 from .motions import Motion, RunawayError, responses
@@ -45,7 +45,6 @@ EXPLAINED = 2.0  # times the noise: residuals that it explains
 LIKELY = 0.05  # residual of the weak form: larger ones need no fit
 FEWEST, CALLS = 20, 20  # samples of a window; trials of a fit
 FALL, SHORTEST = 0.3, 0.1  # g; s
-G = 9.81
 
 
 class NoMotionError(ValueError):

@@ -234,7 +234,7 @@ class Fit:
     @property
     def has_gyroscope(self) -> bool:
         """Whether angular velocities are fitted, not attitudes alone."""
-        return bool(self.solution.problem.read.any())
+        return self.solution.problem.has_gyroscope
 
     @property
     def noise(self) -> float:

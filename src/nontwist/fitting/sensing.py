@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.rotations import dexp, exp, hat
-from ..geometry.values import nearest, shown
-from .bodies import Model
+from ..geometry.values import shown
+from .bodies import Model, of_keys
 
 AXES, SCALES, DELAY = slice(0, 3), slice(3, 6), slice(6, 7)
 PLACES = {"misalignment": AXES, "axis_scales": SCALES, "delay": DELAY}
@@ -38,7 +38,6 @@ UNITS = {"misalignment": "rad", "axis_scales": "", "delay": "s"}
 NONE = np.array([0.0, 0, 0, 1, 1, 1, 0])
 WIDE = {"misalignment": 0.2, "axis_scales": 0.05, "delay": 0.05}  # standard deviations before anything is known
 TURN = 0.5  # rad: a delay that turns the body by more is none of a sensor
-KEYS = ("value", "error")
 
 
 class Sensor(NamedTuple):
@@ -115,9 +114,7 @@ def as_sensor(given: Mapping[str, Any], model: Model, has_gyroscope: bool, has_s
         shape = (3,) if place.stop - place.start == 3 else ()
         error: Any = 0.0
         if isinstance(value, Mapping):
-            for key in value:
-                if key not in KEYS:
-                    raise ValueError(f"{name} has an unknown key {shown(key)}: {nearest(key, KEYS)}")
+            value = of_keys(value, ("value", "error"), name)
             if "error" not in value:
                 raise ValueError(f"{name} lacks error, its standard deviation; a value without one is given as numbers")
             error = float(as_positive(value["error"], f"{name}: error", (), UNITS[name]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 
@@ -70,20 +69,13 @@ def require_unsaturated(time: Array, rates: Array, where: str) -> None:
         for level in (column.max(), column.min()):
             at = np.flatnonzero(column == level)
             others = (np.diff(column) == 0) & (column[1:] != level)
-            if _longest_run(at) >= PLATEAU and others.mean() < EQUAL and abs(level) > 0.5 * speed.max():
+            borders = np.flatnonzero(np.concatenate([[True], np.diff(at) != 1, [True]]))
+            if np.diff(borders).max() >= PLATEAU and others.mean() < EQUAL and abs(level) > 0.5 * speed.max():
                 raise ValueError(
                     f"{where}: the gyroscope is saturated: {len(at)} samples of axis {axis} read {level:.6g} rad/s, "
                     f"the first at t = {time[at[0]]:.6g} s; turn the body more slowly, or give the sensor a larger "
                     "range"
                 )
-
-
-def _longest_run(at: NDArray[np.intp]) -> int:
-    best = length = 1
-    for gap in np.diff(at):
-        length = length + 1 if gap == 1 else 1
-        best = max(best, length)
-    return best
 
 
 def correlation(residual: Array, lag: int = 1) -> float:

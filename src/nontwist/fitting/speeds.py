@@ -38,7 +38,7 @@ class Speed:
 
     def at(self, time: Array) -> Array:
         """Return the speed at times by the values at the knots, (n, k)."""
-        return np.stack([np.interp(time, self.knots, unit) for unit in np.eye(len(self.knots))], axis=1)
+        return hats(self.knots, time)
 
     @cached_property
     def rows(self) -> tuple[Array, Array]:
@@ -56,6 +56,11 @@ class Speed:
         return Kicks(
             self.knots[inner] - first, jumps @ values, jumps, np.stack([self.at(np.array([first]))[0], slopes[piece]])
         )
+
+
+def hats(knots: Array, time: Array) -> Array:
+    """Return the functions that are linear between knots, 1 at one and 0 at all others, at times, (n, k)."""
+    return np.stack([np.interp(time, knots, unit) for unit in np.eye(len(knots))], axis=1)
 
 
 def triangle(A: Array) -> Array:
@@ -98,9 +103,9 @@ def refined(speed: Speed) -> Speed | None:
 
 
 def _with(time: Array, readings: Array, knots: Array) -> Speed:
-    hats = Speed(time, readings, knots, knots, 1.0).at(time)
-    values = np.asarray(np.linalg.lstsq(hats, readings, rcond=1e-8)[0], dtype=float)
-    rss = float(((readings - hats @ values) ** 2).sum())
+    R = triangle(np.column_stack([hats(knots, time), readings]))
+    values = np.asarray(np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=1e-8)[0], dtype=float)
+    rss = float(((R[:, -1] - R[:, :-1] @ values) ** 2).sum())
     least = EXACT * max(float(abs(readings).max()), 1e-300)
     return Speed(time, readings, knots, values, max(float(np.sqrt(rss / max(len(time) - len(knots), 1))), least))
 

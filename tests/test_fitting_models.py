@@ -628,6 +628,10 @@ def test_messages_of_rotors(tmp_path):
         "settings of the rotor"
     )
     assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': unit=")
+    assert said(path, speed="gx (rad/s)", unit="rpm") == (
+        f"{path}: the column 'gx (rad/s)' states rad/s, but unit=rpm is among the settings of the rotor; omit it, or "
+        "rename the columns"
+    )
     assert message(fit_inertia, path, rotor="z") == "rotor must be a mapping with axis, inertia and speed; got 'z'"
     assert message(fit_inertia, path, rotor={**wheel, "speed": 1.0}, gravity="unknown") == (
         "gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre"

@@ -14,13 +14,14 @@ from typer.testing import CliRunner
 from fit_errors import message, off
 from nontwist import body_moment, fit_inertia, inertia, nontwisting, plot, save_run, sensors, simulate, standard
 from nontwist.cli import app
-from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
+from nontwist.fitting.bodies import FREE_BODY, TRACELESS, Model, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one
 from nontwist.fitting.estimating import estimate, short, whole
-from nontwist.fitting.linear import pencil, with_moments
-from nontwist.fitting.motions import Motion, responses
+from nontwist.fitting.linear import pencil, turns, with_moments
+from nontwist.fitting.motions import Motion, RunawayError, responses
 from nontwist.fitting.quality import correlation, noise_of
 from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
+from nontwist.fitting.speeds import triangle
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
 from nontwist.recordings.headers import rate_unit
@@ -146,6 +147,32 @@ def test_the_linear_methods_find_the_inertia_of_clean_recordings():
 def test_energy_and_momentum_need_no_time():
     times = np.arange(30) / 5  # 2.8 rad from sample to sample
     assert abs(pencil([(times, rates_by_scipy(J, W, times))]) - J).max() < 0.01
+
+
+@pytest.mark.parametrize("shape", [(5000, 30), (700, 95), (20, 30)])
+def test_a_triangle_has_the_products_of_the_columns(shape):
+    A = np.random.default_rng(0).normal(size=shape) * np.geomspace(1, 1e6, shape[1])
+    R = triangle(A)
+    assert len(R) == min(shape)
+    assert shape[0] < shape[1] or (np.tril(R, -1) == 0).all()
+    size = np.linalg.norm(A, axis=0)
+    assert abs((R.T @ R - A.T @ A) / np.outer(size, size)).max() < 1e-12
+
+
+@pytest.mark.parametrize("n", [2, 3, 100, 101])
+def test_turns_are_the_products_of_the_steps(n):
+    rng = np.random.default_rng(n)
+    t, w = np.cumsum(rng.uniform(0.01, 0.02, n)), rng.normal(size=(n, 3)) * 5
+    now, found = Rotation.identity(), turns(t, w)
+    for k in range(n):
+        assert abs(found[k] - now.as_matrix()).max() < 1e-14 * n
+        now = now if k == n - 1 else now * Rotation.from_rotvec((w[k] + w[k + 1]) / 2 * (t[k + 1] - t[k]))
+
+
+def test_a_motion_that_runs_away_is_given_up():
+    faster = Motion(Model(damping=1), J, np.array([-30.0]))
+    with pytest.raises(RunawayError, match="not finite, or needs too many steps"):
+        responses(faster, W[None], [np.linspace(0, 2, 300)])
 
 
 def test_the_derivatives_of_the_residuals_are_those_of_differences():

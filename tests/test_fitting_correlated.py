@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from nontwist import fit_inertia, integrate, standard
+from nontwist import damping, fit_inertia, integrate, sensors, simulate, standard
 from nontwist.fitting import telling, words
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
@@ -52,6 +52,25 @@ def test_intervals_allow_for_correlated_residuals():
 def test_intervals_of_95_percent_cover_as_often():
     ours, _ = covered(400)
     assert 0.90 <= ours <= 0.98
+
+
+@pytest.mark.parametrize(("n", "part"), [(400, 1 / 80), (2000, 1 / 20)])
+def test_slow_noise_is_called_correlated_and_no_misfit(n, part):
+    (fit,) = fits(1, n, part)
+    assert fit.is_explained
+    assert not fit.is_white
+    (said,) = fit.warnings
+    assert said.startswith("the residuals are not white")
+
+
+@pytest.mark.parametrize("drag", [0.01, 0.064])
+def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
+    """At the larger drag neighbours of what is new are uncorrelated by chance, but not every second sample."""
+    how = {"material_angular_velocity": (3, 8, 1), "load": damping([drag] * 3)}
+    recording = sensors.gyroscope(simulate(standard(MOMENTS), t_end=2, step=1 / 400, **how), noise=1e-4, rate=400)
+    with pytest.warns(UserWarning, match="times what noise explains"):
+        fit = fit_inertia(recording, interval="all")
+    assert fit.misfit > 10
 
 
 def test_too_few_samples_count_for_intervals(monkeypatch):

@@ -33,8 +33,7 @@ from nontwist.fitting.linear import with_moments
 from nontwist.fitting.motions import Motion, responses
 from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import as_speed, refined
-from nontwist.fitting.telling import covariance, quantile
-from nontwist.fitting.walled import walled
+from nontwist.fitting.telling import covariance, quantile, walled
 from nontwist.geometry.tensors import ENTRIES
 from nontwist.runfile import read_run_file
 
@@ -629,6 +628,10 @@ def test_messages_of_rotors(tmp_path):
         "settings of the rotor"
     )
     assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': unit=")
+    assert said(path, speed="gx (rad/s)", unit="rpm") == (
+        f"{path}: the column 'gx (rad/s)' states rad/s, but unit=rpm is among the settings of the rotor; omit it, or "
+        "rename the columns"
+    )
     assert message(fit_inertia, path, rotor="z") == "rotor must be a mapping with axis, inertia and speed; got 'z'"
     assert message(fit_inertia, path, rotor={**wheel, "speed": 1.0}, gravity="unknown") == (
         "gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre"

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import ENTRIES
+from .bodies import entries
 
-LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+LOWER = np.tril_indices(3)
 THINNEST = 1e-4  # eigenvalue of E, of tr J, below which a start is not taken: on the wall the chart has no slope
 
 
@@ -37,8 +37,26 @@ def of_trace_one(J: Array) -> Array:
 def of_a_body(J: Array, centred: Array, thinnest: float = THINNEST) -> Array:
     """Return the closest inertia whose second moments exceed m c cᵀ, by a part of tr J at least in any direction."""
     values, vectors = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J - centred)
-    E = (vectors * np.maximum(values, thinnest * abs(np.trace(J)))) @ vectors.T + centred
-    return np.asarray(np.trace(E) * np.eye(3) - E)
+    return inertia_of((vectors * np.maximum(values, thinnest * abs(np.trace(J)))) @ vectors.T + centred)
+
+
+def inertia_of(E: Array) -> Array:
+    """Return the inertia of second moments, or of several, (..., 3, 3)."""
+    return np.asarray(np.trace(E, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - E)
+
+
+def lower(v: Array) -> Array:
+    """Return L by its entries, (..., 6)."""
+    L = np.zeros((*v.shape[:-1], 3, 3))
+    L[..., *LOWER] = v
+    return L
+
+
+def _moments(v: Array, slope: Array) -> tuple[Array, Array]:
+    """Return L Lᵀ by the entries of L, and its derivatives, (k, 3, 3), where these have the slope (6, k)."""
+    L = lower(v)
+    dE = lower(slope.T) @ L.T
+    return L @ L.T, dE + np.swapaxes(dE, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -51,23 +69,17 @@ class Chart:
     @staticmethod
     def about(J: Array) -> Chart:
         """Return the chart whose origin is J, of trace 1."""
-        L = np.linalg.cholesky(np.eye(3) / 2 - of_trace_one(J))
-        centre = np.sqrt(2) * np.array([L[i, j] for i, j in LOWER])
+        centre = np.sqrt(2) * np.linalg.cholesky(np.eye(3) / 2 - of_trace_one(J))[LOWER]
         centre /= np.linalg.norm(centre)
-        basis = np.linalg.svd(centre[None])[2][1:].T
-        return Chart(centre, basis)
+        return Chart(centre, np.linalg.svd(centre[None])[2][1:].T)
 
     def inertia(self, z: Array) -> tuple[Array, Array]:
         """Return J, (3, 3), and the derivatives of its six entries by z, (6, 5)."""
         u = self.centre + self.basis @ z
         size = np.linalg.norm(u)
-        L, slope = (
-            _lower(u / size / np.sqrt(2)),
-            (self.basis - np.outer(u, u @ self.basis) / size**2) / size / np.sqrt(2),
-        )
-        dL = np.array([_lower(column) for column in slope.T])
-        dE = dL @ L.T + L @ np.swapaxes(dL, 1, 2)
-        return np.eye(3) / 2 - L @ L.T, -np.array([[one[i, j] for one in dE] for i, j in ENTRIES])
+        slope = (self.basis - np.outer(u, u @ self.basis) / size**2) / size / np.sqrt(2)
+        E, dE = _moments(u / size / np.sqrt(2), slope)
+        return np.eye(3) / 2 - E, -entries(dE).T
 
 
 @dataclass(frozen=True)
@@ -80,24 +92,13 @@ class Weighed:
     @staticmethod
     def about(J: Array, weight: float, n: Array) -> Weighed:
         """Return the chart whose origin is J."""
-        J = of_a_body(J, weight * np.outer(n, n))
-        L = np.linalg.cholesky(np.trace(J) / 2 * np.eye(3) - J - weight * np.outer(n, n))
-        return Weighed(np.array([L[i, j] for i, j in LOWER]), weight)
+        centred = weight * np.outer(n, n)
+        J = of_a_body(J, centred)
+        return Weighed(np.linalg.cholesky(np.trace(J) / 2 * np.eye(3) - J - centred)[LOWER], weight)
 
     def inertia(self, z: Array, n: Array) -> tuple[Array, Array]:
         """Return J, (3, 3), and the derivatives of its six entries by z and n, (6, 9)."""
-        L = _lower(self.centre + z)
-        dL = np.array([_lower(column) for column in np.eye(6)])
-        dE = dL @ L.T + L @ np.swapaxes(dL, 1, 2)
+        E, dE = _moments(self.centre + z, np.eye(6))
         by_n = self.weight * np.eye(3)[:, :, None] * n
         dE = np.concatenate([dE, by_n + np.swapaxes(by_n, 1, 2)])
-        E = self.weight * np.outer(n, n) + L @ L.T
-        dJ = np.trace(dE, axis1=1, axis2=2)[:, None, None] * np.eye(3) - dE
-        return np.trace(E) * np.eye(3) - E, np.array([[one[i, j] for one in dJ] for i, j in ENTRIES])
-
-
-def _lower(v: Array) -> Array:
-    L = np.zeros((3, 3))
-    for (i, j), value in zip(LOWER, v, strict=True):
-        L[i, j] = value
-    return L
+        return inertia_of(self.weight * np.outer(n, n) + E), entries(inertia_of(dE)).T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,17 +40,9 @@ def drawn(fit: Fit, recording: int) -> Axes:
             value = found.moments[shown]
             errors = abs(found.intervals[shown].T - value)
             moments.errorbar(shown + 1, value, errors, fmt="o", markersize=3, capsize=4, color="0.1")
+        how: dict[str, Any] = {"ha": "center", "va": "center", "rotation": 90, "color": "0.4"}
         for k in set(range(3)) - set(shown.tolist()):
-            moments.text(
-                k + 1,
-                0.45,
-                "undetermined",
-                ha="center",
-                va="center",
-                transform=moments.get_xaxis_transform(),
-                rotation=90,
-                color="0.4",
-            )
+            moments.text(k + 1, 0.45, "undetermined", transform=moments.get_xaxis_transform(), **how)
         top = 0.56
         if fit.unit:
             top = 1.1 * max([fit.size / 3, *found.intervals[shown, 1]])

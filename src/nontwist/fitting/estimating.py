@@ -20,6 +20,7 @@ from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, with_moments
 from .motions import RunawayError
+from .orienting import finite_rows
 from .quality import WHITE, correlation
 from .shooting import Lane, Loss, Priors, Problem, Stretch, Unknowns
 from .solving import CALLS, Solution, nearest_body, solve
@@ -65,7 +66,7 @@ def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], downs: Sequence[A
         down = [turned[lane.stretch][lane.first].T @ downs[lane.stretch]] if downs else []
         quaternions = stretches[lane.stretch].quaternions
         if quaternions is not None:  # the closest that there is
-            there = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+            there = finite_rows(quaternions)
             down.append(quaternions[there[np.argmin(abs(there - lane.first))]])
         found.append(np.concatenate([start, *down]))
     return np.array(found)

@@ -16,8 +16,7 @@ from ..geometry.values import among, shown
 from ..recordings.options import ReadOptions
 from ..recordings.rates import Rates
 from ..spec import takes
-from .acting import as_model, as_orientation
-from .bodies import Model
+from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
 from .motions import RunawayError
@@ -184,6 +183,8 @@ def fit_inertia(
     task = Task(given, interval, spin, replace(priors, sensor=sensor), sigma, loss)
     try:
         fit = task.fit(model)
+        if not fit.is_explained and fit.untold and (other := task.what_fits(model)):
+            raise ValueError(f"{task.no_motion(fit.solution.problem.stretches, fit.residual, model)}{other}")
     except NoMotionError as error:
         raise ValueError(f"{error}{task.what_fits(model)}") from error
     told: Any

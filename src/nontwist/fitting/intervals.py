@@ -3,8 +3,8 @@ r"""The interval of a recording in which a body moves as its model does: from re
 Where an accelerometer reads almost nothing the body falls freely. Far from the centre of mass it reads the centripetal
 acceleration as well, so this is only a first guess. Without it, or about a pivot, windows in which the body turns by
 some rad (`SEED`, more where more is fitted) are ranked by the residual of the weak form (`linear`): a hand exerts
-moments, the air hardly. A recording of a body on which something acts may well be one motion from end to end, so the
-whole of it is tried before its windows. Guesses that noise explains count first.
+moments, the air hardly. A recording of a body on which something acts may well be one motion from end to end, so its
+beginning and, where that is one, the whole of it are tried before its windows. Guesses that noise explains count first.
 
 The model is fitted to a first guess and predicts what comes before and after; the interval grows as long as the
 prediction agrees with the recording within the errors of both, is fitted again, and so on until neither side grows.
@@ -16,7 +16,7 @@ All this is done with means of samples over turns of `THIN`, which differ from W
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..recordings.rates import Rates
-from .bodies import TRACELESS, Model
+from .bodies import TRACELESS, G, Model
 from .estimating import estimate
 from .linear import Guess, turns, with_moments
 from .motions import Motion, RunawayError, responses
@@ -45,7 +45,6 @@ EXPLAINED = 2.0  # times the noise: residuals that it explains
 LIKELY = 0.05  # residual of the weak form: larger ones need no fit
 FEWEST, CALLS = 20, 20  # samples of a window; trials of a fit
 FALL, SHORTEST = 0.3, 0.1  # g; s
-G = 9.81
 
 
 class NoMotionError(ValueError):
@@ -71,6 +70,7 @@ class Search:
     spin: Any
     model: Model
     priors: Priors
+    tried: dict[tuple[int, int], Solution | None] = field(default_factory=dict, repr=False, compare=False)
 
     def found(self) -> tuple[int, int, str]:
         """Return the samples of the longest motion, from `first` to before `last`, and how it was found.
@@ -105,6 +105,17 @@ class Search:
         speed = np.linalg.norm(self.rates[1:] + self.rates[:-1], axis=1) / 2
         return np.concatenate([[0.0], np.cumsum(speed * np.diff(self.time))])
 
+    @property
+    def many(self) -> float:
+        """How many times as many numbers as of a free body are fitted."""
+        fitted = self.model.basis.shape[1] + self.model.more + 3 * (self.model.pivot is not None)
+        return float(max(fitted / TRACELESS.shape[1], 1.0))
+
+    @property
+    def seed(self) -> float:
+        """How far the body turns in a window, rad."""
+        return self.many * float(np.clip(SHARE * self.angle[-1], *SEED))
+
     @cached_property
     def speed(self) -> Array | None:
         """The speed of the rotor at the samples as it was read; None without one."""
@@ -121,9 +132,10 @@ class Search:
         for fall in [] if acceleration is None or self.model.pivot is not None else falls(self.time, acceleration):
             if (grown := self.grown(*fall)) is not None:
                 return grown, "the accelerometer reads almost nothing"
-        is_likely = not self.model.is_free and self.weak(*every, SEED[0]) < LIKELY
-        if is_likely and self.grown(*every, EXPLAINED) is not None:
-            return every, "the whole recording is one motion"
+        if not self.model.is_free and self.weak(*every, SEED[0]) < LIKELY:
+            begun = self.grown(0, min(int(np.searchsorted(self.angle, self.seed)) + FEWEST, every[1]), EXPLAINED)
+            if begun == every or (begun is not None and self.grown(*every, EXPLAINED) is not None):
+                return every, "the whole recording is one motion"
         seeds = list(self.windows())
         for explained in (EXPLAINED, np.inf):
             if (longest := self.longest(seeds, explained)) is not None:
@@ -158,9 +170,7 @@ class Search:
 
     def windows(self) -> Iterator[tuple[int, int]]:
         """Yield windows of `SEED` rad, those first that look like a motion of the model."""
-        fitted = self.model.basis.shape[1] + self.model.more + 3 * (self.model.pivot is not None)
-        many = max(fitted / TRACELESS.shape[1], 1.0)
-        seed = many * float(np.clip(SHARE * self.angle[-1], *SEED))
+        seed = self.seed
         if self.angle[-1] <= seed:
             yield 0, len(self.time)
             return
@@ -170,7 +180,7 @@ class Search:
         last = np.minimum(np.maximum(np.searchsorted(self.angle, turned + seed) + 1, first + FEWEST), len(self.time))
         squares = np.concatenate([[0.0], np.cumsum((self.rates**2).sum(axis=1))])
         speeds = np.sqrt((squares[last] - squares[first]) / (last - first))
-        misfits = np.array([self.weak(a, b, seed / many / 4) for a, b in zip(first, last, strict=True)])
+        misfits = np.array([self.weak(a, b, seed / self.many / 4) for a, b in zip(first, last, strict=True)])
         good = misfits < LIKELY
         good &= speeds >= SLOW * speeds[good].max(initial=0.0)
         yield from ((int(first[k]), int(last[k])) for k in np.argsort(misfits, kind="stable") if good[k])
@@ -188,13 +198,10 @@ class Search:
         for _ in range(ROUNDS):
             speed = float(np.sqrt((self.rates[a:b] ** 2).sum(axis=1).mean()))
             noise = max(noise_of(self.rates[a:b]), FLOOR * speed)
-            spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
-            how: dict[str, Any] = {"known_noise": True, "starts": starts, "calls": CALLS, "model": self.model}
-            try:
-                fit = estimate([Stretch(self.time[a:b], self.rates[a:b], spun)], self.priors, noise, **how)
-            except RunawayError:
-                return found
-            if fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
+            if starts is None and (a, b) not in self.tried:
+                self.tried[a, b] = self.fitted(a, b, noise, None)
+            fit = self.tried[a, b] if starts is None else self.fitted(a, b, noise, starts)
+            if fit is None or fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
                 return found
             found, length, n = (a, b), b - a, len(self.time)
             before = 0 if shut_first else self.agreeing(fit, a, np.arange(a - 1, max(a - 1 - length, -1), -1), noise)
@@ -205,6 +212,15 @@ class Search:
             if before + after == 0:
                 break
         return found
+
+    def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None) -> Solution | None:
+        """Return the fit of samples `a` to before `b`; None where no start leads to a motion."""
+        spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
+        how: dict[str, Any] = {"known_noise": True, "starts": starts, "calls": CALLS, "model": self.model}
+        try:
+            return estimate([Stretch(self.time[a:b], self.rates[a:b], spun)], self.priors, noise, **how)
+        except RunawayError:
+            return None
 
     def guess(self, fit: Solution, first: int, at: int) -> Guess:
         """Return a fit that begins at one sample as a guess of a fit from another one before it."""

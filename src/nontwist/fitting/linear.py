@@ -36,7 +36,7 @@ from .bodies import TRACELESS, Model, entries, symmetric
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere
-FEWEST = 8  # samples in a window
+FEWEST, TOGETHER = 8, 8  # samples in a window; windows at once
 SPHERE = entries(np.eye(3) / 3)
 ANGLES = 360  # of a pencil
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
@@ -49,28 +49,35 @@ def weak_rows(
 
     `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors.
     """
-    acting = np.zeros((len(time), 3, 0)) if moments is None else moments
+    n = len(time)
+    acting = np.zeros((n, 3, 0)) if moments is None else moments
     speed = np.sqrt((rates**2).sum(axis=1).mean())
-    interval = np.median(np.diff(time))
+    steps = np.diff(time)
+    interval = np.median(steps)
     half = min(max(width / max(speed, 1e-300), FEWEST * interval), time[-1] - time[0]) / 2
     centres = np.arange(time[0] + half, time[-1] - half * (1 - 1e-9), half / 2)
-    rows = []
-    for centre in centres if len(centres) else [(time[0] + time[-1]) / 2]:
-        inside = np.flatnonzero(abs(time - centre) <= half)
-        if len(inside) < FEWEST or np.diff(time[inside]).max() > 3 * interval:
-            continue
-        s, W = (time[inside] - centre) / half, rates[inside]
-        weight = np.gradient(time[inside])
-        bump = (1 - s**2) ** 4 * weight
-        slope = -8 * s * (1 - s**2) ** 3 / half * weight
-        products = (W.T * bump) @ W
-        turning = (BASIS @ (slope @ W) + CROSS @ products.ravel()).T
-        more = np.tensordot(bump, acting[inside], 1)
+    centres = centres if len(centres) else np.array([(time[0] + time[-1]) / 2])
+    first, last = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half, "right")
+    gaps = steps > 3 * interval
+    lost = np.concatenate([[0], np.cumsum(gaps)])  # before each sample
+    whole = (last - first >= FEWEST) & (lost[last - 1] == lost[np.minimum(first, n - 1)])
+    weight = np.gradient(np.concatenate([[0.0], np.cumsum(np.where(gaps, interval, steps))]))
+    rows = [np.zeros((0, 3, 6 + acting.shape[2]))]
+    centres, first, last = centres[whole], first[whole], last[whole]
+    for group in (slice(k, k + TOGETHER) for k in range(0, len(centres), TOGETHER)):
+        inside = slice(first[group][0], last[group][-1])
+        s, W = (time[inside] - centres[group, None]) / half, rates[inside]
+        rest = np.maximum(1 - s**2, 0.0)
+        bump, slope = rest**4 * weight[inside], -8 * s * rest**3 / half * weight[inside]
+        products = np.einsum("mn,ni,nj->mij", bump, W, W).reshape(-1, 9)
+        turning = np.einsum("kij,mj->mik", BASIS, np.einsum("mn,nj->mj", slope, W)) + np.einsum(
+            "kia,ma->mik", CROSS, products
+        )
+        more = np.einsum("mn,niq->miq", bump, acting[inside])
         if momenta is not None:
-            more += np.tensordot(slope, momenta[inside], 1)
-        both = np.concatenate([turning, more], axis=1)
-        rows.append(both / (half * speed**2 + 1e-300))
-    return np.array(rows).reshape(-1, 3, 6 + acting.shape[2])
+            more += np.einsum("mn,niq->miq", slope, momenta[inside])
+        rows.append(np.concatenate([turning, more], axis=2) / (half * speed**2 + 1e-300))
+    return np.concatenate(rows)
 
 
 def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
@@ -106,11 +113,15 @@ def turns(time: Array, rates: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     steps = Rotation.from_rotvec((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None]).as_matrix()
-    found = np.empty((len(time), 3, 3))
-    found[0] = np.eye(3)
-    for k, step in enumerate(steps):
-        found[k + 1] = found[k] @ step
-    return found
+    n, size = len(time), int(np.sqrt(len(time))) + 1
+    found = np.broadcast_to(np.eye(3), (size * size, 3, 3)).copy()  # blocks of so many, each from its own beginning
+    found[1:n] = steps
+    blocks = found.reshape(size, size, 3, 3)
+    for k in range(1, size):
+        blocks[:, k] = blocks[:, k - 1] @ blocks[:, k]
+    for k in range(1, size):
+        blocks[k] = blocks[k - 1, -1] @ blocks[k]
+    return found[:n]
 
 
 @dataclass(frozen=True)

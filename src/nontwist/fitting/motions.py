@@ -43,7 +43,8 @@ from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .bodies import Kind, Model
 
 ORDER, EXACT = 20, 1e-11
-MOST_STEPS, LANES, TINY, HUGE = 100_000, 4, 1e-300, 1e300
+LANES, TINY, HUGE = 4, 1e-300, 1e300
+MOST_STEPS = 1000, 5  # of a lane; and for each sample: a body that is recorded needs about one for a radian
 
 
 class RunawayError(ArithmeticError):
@@ -178,6 +179,7 @@ class Run(NamedTuple):
     kicks: int
     times: Doubles  # (n,) ascending
     samples: int
+    most_steps: int
     unit: Doubles  # the unit matrix of as many rows as there are directions
     out: Doubles  # (n, d, 1 + directions) at samples
     ends: Doubles  # (k, d, 1 + directions) at kicks
@@ -257,7 +259,7 @@ def follow(kind: Kind, run: View) -> None:
             for _ in when(v.piece >= run.kicks):
                 ahead.border = HUGE
         v.steps = v.steps + 1
-        v.goes = (reach == reach) & (v.steps < MOST_STEPS)
+        v.goes = (reach == reach) & (v.steps < run.most_steps)
         for _ in when(logical_not(v.goes)):
             run.failed = 1
         for _ in whilst(lambda: v.goes & (v.sample < run.samples)):
@@ -336,6 +338,7 @@ def _response(motion: Motion, start: Array, times: Array, kicks: Kicks | None) -
     run.start, run.times, run.samples = np.ascontiguousarray(start, dtype=float), sorted_times, len(times)
     run.knots, run.kicks = np.append(at, times.max(initial=0.0)), len(at)
     run.jumps = np.zeros(0) if kicks is None else kicks.jumps
+    run.most_steps = MOST_STEPS[0] + MOST_STEPS[1] * len(times)
     run.unit, run.out, run.ends = np.eye(directions), out, ends
     kernel_of(model.kind)(run.address)
     if run.failed or not (np.isfinite(out).all() and np.isfinite(ends).all()):

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import without_jumps
@@ -29,10 +30,15 @@ ARC, FEWEST = 0.4, 4  # rad to each side of a sample, and samples, whose attitud
 FINE = 1e-9  # rad: noise at least
 
 
+def finite_rows(quaternions: Array) -> NDArray[np.intp]:
+    """Return the rows in which there is an attitude."""
+    return np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+
+
 def continuous(quaternions: Array) -> Array:
     """Return quaternions of either sign so that each is close to the one before."""
     found = np.array(quaternions)
-    good = np.isfinite(found).all(axis=1)
+    good = finite_rows(found)
     found[good] = without_jumps(found[good])
     return found
 
@@ -58,15 +64,14 @@ def derived_rates(time: Array, quaternions: Array) -> Array:
 
 def noise_of_attitudes(quaternions: Array) -> float:
     """Return the standard deviation of the noise of attitudes, rad: of a quaternion it is half as large."""
-    good = quaternions[np.isfinite(quaternions).all(axis=1)]
-    return max(2 * noise_of(good), FINE)
+    return max(2 * noise_of(quaternions[finite_rows(quaternions)]), FINE)
 
 
 def scatter_of_attitudes(part: Any) -> float:
     """Return the standard deviation of the attitudes of a part of a fit about a smooth motion, rad; 0 without."""
     if part.quaternions is None:
         return 0.0
-    good = np.isfinite(part.quaternions).all(axis=1)
+    good = finite_rows(part.quaternions)
     return 2 * scatter_of(part.time[good], part.quaternions[good], part.measured[good])
 
 

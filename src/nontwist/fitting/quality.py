@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 
@@ -70,7 +69,8 @@ def require_unsaturated(time: Array, rates: Array, where: str) -> None:
         for level in (column.max(), column.min()):
             at = np.flatnonzero(column == level)
             others = (np.diff(column) == 0) & (column[1:] != level)
-            if _longest_run(at) >= PLATEAU and others.mean() < EQUAL and abs(level) > 0.5 * speed.max():
+            borders = np.flatnonzero(np.concatenate([[True], np.diff(at) != 1, [True]]))
+            if np.diff(borders).max() >= PLATEAU and others.mean() < EQUAL and abs(level) > 0.5 * speed.max():
                 raise ValueError(
                     f"{where}: the gyroscope is saturated: {len(at)} samples of axis {axis} read {level:.6g} rad/s, "
                     f"the first at t = {time[at[0]]:.6g} s; turn the body more slowly, or give the sensor a larger "
@@ -78,15 +78,20 @@ def require_unsaturated(time: Array, rates: Array, where: str) -> None:
                 )
 
 
-def _longest_run(at: NDArray[np.intp]) -> int:
-    best = length = 1
-    for gap in np.diff(at):
-        length = length + 1 if gap == 1 else 1
-        best = max(best, length)
-    return best
-
-
-def correlation(residual: Array) -> float:
-    """Return the correlation of residuals with their neighbours, over all axes."""
+def correlation(residual: Array, lag: int = 1) -> float:
+    """Return the correlation of residuals with their neighbours, or with those `lag` samples before, over all axes."""
     r = residual - residual.mean(axis=0)
-    return float((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-300))
+    return float((r[lag:] * r[:-lag]).sum() / max((r * r).sum(), 1e-300))
+
+
+def new_of(residual: Array) -> float:
+    """Return which part of residuals is new at each sample where they are noise that goes on as φᵏ, else 1.
+
+    That is ``√(1 - φ²)``, and ``r_k - φ r_k-1`` are then white. What a wrong model leaves is smooth: beside white noise
+    it makes these correlated.
+    """
+    phi, chance = correlation(residual), WHITE / np.sqrt(residual.size)
+    new = residual[1:] - phi * residual[:-1]
+    if phi < chance or max(abs(correlation(new, lag)) for lag in (1, 2)) > chance:
+        return 1.0
+    return float(np.sqrt(1 - phi**2))

@@ -17,7 +17,7 @@ from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.rates import Rates, of_run, read_rates
 from ..recordings.reading import read_motion
 from ..recordings.rotations import Motion
-from .orienting import continuous, derived_rates
+from .orienting import continuous, derived_rates, finite_rows
 from .speeds import Speed, as_speed, constant
 
 SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well
@@ -77,8 +77,7 @@ def _quaternions(motion: Motion) -> Array:
     values = motion.values
     if hasattr(values, "as_quat"):
         return np.asarray(values.as_quat())
-    found = np.full((len(values), 4), np.nan)
-    rows = np.flatnonzero(np.isfinite(values).reshape(len(values), -1).all(axis=1))
+    found, rows = np.full((len(values), 4), np.nan), finite_rows(values.reshape(len(values), -1))
     found[rows] = measured_quaternions(motion, rows)
     return found
 

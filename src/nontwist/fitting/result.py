@@ -13,7 +13,7 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
 from .orienting import scatter_of_attitudes
-from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of
+from .quality import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of
 from .sensing import AXES, DELAY, SCALES
 from .shooting import Problem, Unknowns
 from .solving import Solution, solve
@@ -185,11 +185,7 @@ class Fit:
         well.
         """
         model, more = self.solution.problem.model, self.solution.unknowns.more
-        if model.pivot is None:
-            return np.full(3, np.nan), np.nan
-        if not model.points:
-            return model.direction(more), 0.0
-        return self._direction(model.directions_beside[0])
+        return self._direction(model.pivot, model.points, 0, model.direction(more))
 
     @cached_property
     def rotor_axis(self) -> tuple[Array, float]:
@@ -198,17 +194,16 @@ class Fit:
         The half-width is 0 if the axis is given; both are nan without a rotor. The rotor turns about it by the right
         hand where its speed is positive.
         """
-        model = self.solution.problem.model
-        if model.wheel is None:
-            return np.full(3, np.nan), np.nan
-        if not model.has_axis:
-            return model.axis(self.solution.unknowns.more), 0.0
-        return self._direction(model.directions_beside[-1])
+        model, more = self.solution.problem.model, self.solution.unknowns.more
+        return self._direction(model.wheel, model.has_axis, -1, model.axis(more))
 
-    def _direction(self, place: slice) -> tuple[Array, float]:
-        """Return a direction that is fitted beside J, and the half-width of its interval."""
-        n = self.solution.unknowns.more[place]
-        n = n / np.linalg.norm(n)
+    def _direction(self, of: Any, is_fitted: bool, k: int, n: Array) -> tuple[Array, float]:
+        """Return a direction beside J, the k-th of those that are fitted, and the half-width of its interval."""
+        if of is None:
+            return np.full(3, np.nan), np.nan
+        if not is_fitted:
+            return n, 0.0
+        place, n = self.solution.problem.model.directions_beside[k], n / np.linalg.norm(n)
         across = np.eye(3) - np.outer(n, n)
         widest = float(np.linalg.eigvalsh(across @ self.solution.beside[place, place] @ across)[-1])
         return n, quantile(self.solution) * float(np.sqrt(widest))
@@ -234,7 +229,7 @@ class Fit:
     @property
     def has_gyroscope(self) -> bool:
         """Whether angular velocities are fitted, not attitudes alone."""
-        return bool(self.solution.problem.read.any())
+        return self.solution.problem.has_gyroscope
 
     @property
     def noise(self) -> float:
@@ -310,11 +305,13 @@ class Fit:
     def misfit(self) -> float:
         """Ratio of the residuals to the noise, r.m.s.: as given, or the scatter of samples about a smooth motion.
 
-        About 1 where the model is right. Residuals below 0.01 % of the speed count as explained.
+        About 1 where the model is right. Slow noise, of which a smooth motion takes up all but what is new at each
+        sample, counts by that. Residuals below 0.01 % of the speed count as explained.
         """
         found = [self.solution.tilt / max(self._scatter(scatter_of_attitudes), EXACT)]
         if self.has_gyroscope:
-            least = max(self._scatter(lambda part: scatter_of(part.time, part.measured)), self.stated_noise)
+            scatter = self._scatter(lambda part: scatter_of(part.time, part.measured))
+            least = max(scatter / new_of(self.solution.left_over), self.stated_noise)
             found.append(self.noise / max(least, EXACT * self._speed))
         return max(found)
 

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.rotations import dexp, exp, hat
-from ..geometry.values import nearest, shown
-from .bodies import Model
+from ..geometry.values import shown
+from .bodies import Model, of_keys
 
 AXES, SCALES, DELAY = slice(0, 3), slice(3, 6), slice(6, 7)
 PLACES = {"misalignment": AXES, "axis_scales": SCALES, "delay": DELAY}
@@ -38,7 +38,6 @@ UNITS = {"misalignment": "rad", "axis_scales": "", "delay": "s"}
 NONE = np.array([0.0, 0, 0, 1, 1, 1, 0])
 WIDE = {"misalignment": 0.2, "axis_scales": 0.05, "delay": 0.05}  # standard deviations before anything is known
 TURN = 0.5  # rad: a delay that turns the body by more is none of a sensor
-KEYS = ("value", "error")
 
 
 class Sensor(NamedTuple):
@@ -57,6 +56,11 @@ class Sensor(NamedTuple):
         """Whether there is a delay, or may be one."""
         return bool(self.mean[DELAY] != 0 or self.deviation[DELAY] > 0)
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether there are none of these errors, nor may be."""
+        return np.array_equal(self.mean, NONE) and not self.deviation.any()
+
     def whole(self, errors: Array) -> Array:
         """Return θ, e and τ where those that are fitted have these values."""
         found = self.mean.copy()
@@ -65,6 +69,8 @@ class Sensor(NamedTuple):
 
     def reads(self, W: Array, rates: Array | None, errors: Array) -> tuple[Array, Array, Array]:
         """Return E Q W, (n, 3), and its derivatives by W, (3, 3), and by what is fitted, (n, 3, k)."""
+        if self.is_plain:
+            return W, np.eye(3), np.zeros((len(W), 3, 0))
         whole = self.whole(errors)
         theta, e = whole[AXES], whole[SCALES]
         Q = exp(theta).T
@@ -108,9 +114,7 @@ def as_sensor(given: Mapping[str, Any], model: Model, has_gyroscope: bool, has_s
         shape = (3,) if place.stop - place.start == 3 else ()
         error: Any = 0.0
         if isinstance(value, Mapping):
-            for key in value:
-                if key not in KEYS:
-                    raise ValueError(f"{name} has an unknown key {shown(key)}: {nearest(key, KEYS)}")
+            value = of_keys(value, ("value", "error"), name)
             if "error" not in value:
                 raise ValueError(f"{name} lacks error, its standard deviation; a value without one is given as numbers")
             error = float(as_positive(value["error"], f"{name}: error", (), UNITS[name]))

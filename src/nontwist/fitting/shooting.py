@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
 from .motions import Kicks, Motion, responses
-from .orienting import gaps, gaps_by
+from .orienting import finite_rows, gaps, gaps_by
 from .sensing import PLAIN, Sensor
 from .speeds import Speed, triangle
 
@@ -94,29 +94,13 @@ class Problem:
 
     @cached_property
     def data(self) -> Array:
-        """All angular velocities, (n, 3), lane after lane."""
-        return np.concatenate([self.stretches[one.stretch].rates[one.first : one.last] for one in self.lanes])
+        """All angular velocities, (n, 3), one recording after the other, as lanes are."""
+        return np.concatenate([one.rates for one in self.stretches])
 
-    @cached_property
-    def read(self) -> NDArray[np.bool_]:
-        """Which of these are readings of a gyroscope."""
-        return np.concatenate(
-            [np.full(one.last - one.first, self.stretches[one.stretch].has_gyroscope) for one in self.lanes]
-        )
-
-    @cached_property
-    def attitudes(self) -> Array:
-        """Recorded quaternions beside them, (n, 4), nan where there is none."""
-        found = []
-        for lane in self.lanes:
-            own = self.stretches[lane.stretch].quaternions
-            found.append(np.full((lane.last - lane.first, 4), np.nan) if own is None else own[lane.first : lane.last])
-        return np.concatenate(found)
-
-    @cached_property
-    def turned(self) -> NDArray[np.bool_]:
-        """Where there are attitudes."""
-        return np.asarray(np.isfinite(self.attitudes).all(axis=1))
+    @property
+    def has_gyroscope(self) -> bool:
+        """Whether these are readings of a gyroscope, in all recordings or in none."""
+        return self.stretches[0].has_gyroscope
 
     @cached_property
     def gap(self) -> Array:
@@ -160,7 +144,8 @@ class Problem:
         return 6 + self.model.more + self.common + self.model.size * len(self.lanes) + int(self.speed_columns[-1].stop)
 
     def __len__(self) -> int:
-        return 3 * int(self.read.sum() + self.turned.sum())
+        attitudes = [one.quaternions for one in self.stretches if one.quaternions is not None]
+        return 3 * (len(self.data) * self.has_gyroscope + sum(len(finite_rows(one)) for one in attitudes))
 
 
 @dataclass(frozen=True)
@@ -224,7 +209,7 @@ def residuals(problem: Problem, at: Unknowns) -> Residuals:
         ]
     motion = Motion(model, at.inertia, at.more)
     values, derivatives = responses(motion, begin, times, kicks)
-    body, size, common, first = 6 + model.more, begin.shape[1], problem.common, 0
+    body, size, common = 6 + model.more, begin.shape[1], problem.common
     spun = body + common + at.starts.size
     found = Residuals([], [], [])
     for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
@@ -242,12 +227,13 @@ def residuals(problem: Problem, at: Unknowns) -> Residuals:
             all_columns = np.concatenate([columns, np.arange(body, body + common)])
             found.rates.append(Rows(r.ravel(), A.reshape(3 * n, -1), all_columns))
         if model.oriented:
-            there = problem.turned[first : first + n]
-            q, Q = v[:n, d - 4 : d][there], D[:n, d - 4 :][there]
-            gap = gaps(problem.attitudes[first : first + n][there], q)
+            assert stretch.quaternions is not None
+            recorded = stretch.quaternions[lane.first : lane.last]
+            there = finite_rows(recorded)
+            q, Q = v[there, d - 4 : d], D[there, d - 4 :]
+            gap = gaps(recorded[there], q)
             A = gaps_by(gap, q, Q).reshape(-1, len(columns))
             found.attitudes.append(Rows(gap.ravel() / problem.tilt, A / problem.tilt, columns))
-        first += n
         if lane.joined:
             A = np.concatenate([D[n], -np.eye(d)], axis=1) / problem.gap[:, None]
             gap = (v[n, :d] - at.starts[k + 1]) / problem.gap

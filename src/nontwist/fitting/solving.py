@@ -94,7 +94,7 @@ class Solution:
     @property
     def misses(self) -> Array:
         """What it leaves of the angular velocities, or of the attitudes where there is no gyroscope, (n, 3)."""
-        return self.left_over if self.problem.read.any() else self.turned_by
+        return self.left_over if self.problem.has_gyroscope else self.turned_by
 
     @cached_property
     def weighted(self) -> tuple[Array, Array]:

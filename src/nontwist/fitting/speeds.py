@@ -23,6 +23,7 @@ from .motions import Kicks
 
 MOST, EXACT = 64, 1e-6  # intervals; of the largest speed: noise at least
 FEWEST, AHEAD = 4, 2  # readings; halvings of the intervals that the tachometer asks for
+BLOCK, PANEL = 6000, 8  # numbers, and columns, that BLAS leaves to one thread
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Speed:
 
     def at(self, time: Array) -> Array:
         """Return the speed at times by the values at the knots, (n, k)."""
-        return np.stack([np.interp(time, self.knots, unit) for unit in np.eye(len(self.knots))], axis=1)
+        return hats(self.knots, time)
 
     @cached_property
     def rows(self) -> tuple[Array, Array]:
@@ -57,10 +58,26 @@ class Speed:
         )
 
 
+def hats(knots: Array, time: Array) -> Array:
+    """Return the functions that are linear between knots, 1 at one and 0 at all others, at times, (n, k)."""
+    return np.stack([np.interp(time, knots, unit) for unit in np.eye(len(knots))], axis=1)
+
+
 def triangle(A: Array) -> Array:
-    """Return R of a product QR of a matrix; a matrix of few rows as it is."""
-    found: Array = A if len(A) <= A.shape[1] else np.asarray(np.linalg.qr(A, mode="r"))
-    return found
+    """Return R of a product QR of a matrix; a matrix of few rows as it is.
+
+    R takes up one block of rows after the other: BLAS would share a larger one among threads, which on a busy machine
+    wait for each other a hundred times as long as they work.
+    """
+    from scipy.linalg.lapack import dtpqrt
+
+    columns = A.shape[1]
+    if len(A) <= columns:
+        return A
+    R = np.zeros((columns, columns), order="F")
+    for rows in np.array_split(A, -(-A.size // BLOCK)):
+        R = dtpqrt(0, min(PANEL, columns), R, rows)[0]
+    return np.asarray(np.triu(R))
 
 
 def as_speed(time: Array, readings: Array) -> Speed:
@@ -86,9 +103,9 @@ def refined(speed: Speed) -> Speed | None:
 
 
 def _with(time: Array, readings: Array, knots: Array) -> Speed:
-    hats = Speed(time, readings, knots, knots, 1.0).at(time)
-    values = np.asarray(np.linalg.lstsq(hats, readings, rcond=1e-8)[0], dtype=float)
-    rss = float(((readings - hats @ values) ** 2).sum())
+    R = triangle(np.column_stack([hats(knots, time), readings]))
+    values = np.asarray(np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=1e-8)[0], dtype=float)
+    rss = float(((R[:, -1] - R[:, :-1] @ values) ** 2).sum())
     least = EXACT * max(float(abs(readings).max()), 1e-300)
     return Speed(time, readings, knots, values, max(float(np.sqrt(rss / max(len(time) - len(knots), 1))), least))
 

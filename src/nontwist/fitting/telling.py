@@ -1,4 +1,16 @@
-"""What a solution tells of the inertia: directions, principal moments and axes, with their intervals."""
+r"""What a solution tells of the inertia: directions, principal moments and axes, with their intervals.
+
+**At the wall** of flat bodies intervals are those of the profile likelihood of the linear problem among bodies. At a
+solution the cost is ``c = ½ (w - ŵ)ᵀ I (w - ŵ)`` of the inertia ``J = J_0 + Σ w_n B_n`` to second order, with the
+information I and the step ŵ that data without a wall ask for. A body has ``E - m c cᵀ = L Lᵀ`` (`chart`), so w is
+quadratic in the six entries of L. A moment is ``λ + b·w``; the least cost at each of its values follows from the
+least of ``c + μ b·w`` for each multiplier μ, and the interval ends where the root of twice the rise of c equals the
+quantile. As L is square, a local minimum is a global one, though the problem in L is not convex (Burer and Monteiro,
+Mathematical Programming 103, 2005, 427-444); the trust region leaves saddles, which L has on the wall.
+
+At the solution the slope of c is not negative towards any body, so the rise is at least that without a wall: these
+intervals are within those of the linear problem.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +22,8 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from .bodies import entries, symmetric
+from .chart import LOWER, inertia_of, lower
+from .estimating import INSIDE
 from .motions import RunawayError
 from .solving import Solution, nearest_body, solve
 
@@ -20,10 +34,11 @@ LEAST = 1e-4  # information of a direction that is not told, as inertias of trac
 THIN = 0.005  # of the trace: a smallest moment that may be the choice of the noise
 LINEAR = 0.02  # of the trace: a standard error up to which the problem is linear
 LEVEL = 0.95
+TWICE = np.array([1, 1, 1, 2, 2, 2])  # as often are entries in the product of two symmetric matrices
 APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
 WALL = 0.5  # of the trace: the largest moment of a flat body
 FEWEST = 10.0  # effective samples of each number of the inertia
-SEARCH, ACCURACY = 20, 0.01  # of a profile: trials, and how well it finds its level
+SEARCH, ACCURACY, CLOSE = 30, 0.01, 1e-3  # of a profile: trials, and how well it finds its level, and a multiplier
 
 
 class Direction(NamedTuple):
@@ -105,7 +120,7 @@ def told(solution: Solution, white: bool = False) -> Told:
 
 def _rise(solution: Solution, w: Array) -> float:
     """Return the root of twice the rise of the cost where the inertia is moved along w, on the side that costs less."""
-    by, J, model = w * [1, 1, 1, 2, 2, 2], solution.unknowns.inertia, solution.problem.model
+    by, J, model = w * TWICE, solution.unknowns.inertia, solution.problem.model
     at = float(by @ entries(J))
     rises = []
     for sign in (-1, 1):
@@ -186,8 +201,6 @@ def principal(solution: Solution, C: Array) -> Principal:
     if not solution.problem.model.is_absolute and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
         intervals[2] = to_the_wall(solution, wide, C)
     if _has_a_wall(solution):
-        from .walled import walled
-
         for k in range(3):
             if meets_the_wall(solution, by[k, k], errors[k], C):
                 intervals[k] = [values[k] + walled(solution, by[k, k], sign, wide) for sign in (-1.0, 1.0)]
@@ -279,3 +292,57 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
             value, high = trial, rise(trial)
         ends.append(value)
     return np.array(ends)
+
+
+def _squares() -> Array:
+    """Return K, (6, 6, 6), with the six entries of J = K(ℓ, ℓ), of the second moments L Lᵀ and the entries ℓ of L."""
+    E = np.einsum("pia,qja->pqij", *[lower(np.eye(6))] * 2)
+    return np.asarray(entries(inertia_of((E + np.swapaxes(E, 2, 3)) / 2)).T)
+
+
+def walled(solution: Solution, by: Array, sign: float, wide: float) -> float:
+    """Return how far below or above its value a moment of derivative `by`, (6,), may be; see the module."""
+    from scipy.optimize import brentq, minimize
+
+    model, J = solution.problem.model, solution.unknowns.inertia
+    centred, information, asked = model.centred(solution.unknowns.more), solution.information, solution.newton
+    onto = model.basis.T * TWICE
+    K = np.einsum("ij,jpq->ipq", onto, _squares())
+    still = onto @ (entries(inertia_of(centred)) - entries(J))
+    b = model.basis.T @ by
+    inside = nearest_body(model, J, solution.unknowns.more, INSIDE)
+    begin = np.linalg.cholesky(np.trace(inside) / 2 * np.eye(3) - inside - centred)[LOWER]
+
+    def least(multiplier: float) -> tuple[float, float]:
+        """Return the cost and the change of the moment where the cost and a part of that change are least."""
+
+        def at(x: Array) -> tuple[Array, Array]:
+            w = K @ x @ x + still
+            return w, information @ (w - asked) + multiplier * b
+
+        def value(x: Array) -> float:
+            w, _ = at(x)
+            return float((w - asked) @ information @ (w - asked) / 2 + multiplier * (b @ w))
+
+        def slope(x: Array) -> Array:
+            return np.asarray(2 * (K @ x).T @ at(x)[1])
+
+        def bend(x: Array) -> Array:
+            return np.asarray(2 * np.einsum("i,ipq->pq", at(x)[1], K) + 4 * (K @ x).T @ information @ (K @ x))
+
+        x = minimize(value, begin, jac=slope, hess=bend, method="trust-exact", options={"gtol": 1e-7}).x
+        w = at(x)[0]
+        return float((w - asked) @ information @ (w - asked) / 2), float(b @ w)
+
+    lowest, _ = least(0.0)
+
+    def beyond(multiplier: float) -> float:
+        return float(np.sqrt(max(2 * (least(-sign * multiplier)[0] - lowest), 0.0))) - wide
+
+    high = wide / float(np.sqrt(b @ np.linalg.solve(information, b)))
+    for _ in range(SEARCH):
+        if beyond(high) > 0:
+            high = brentq(beyond, 0.0, high, xtol=CLOSE * high, rtol=CLOSE)
+            break
+        high *= 2
+    return least(-sign * high)[1]

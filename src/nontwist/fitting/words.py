@@ -222,7 +222,8 @@ def worth(fit: Fit) -> list[str]:
     elif not fit.is_white:
         said.append(
             f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals "
-            f"{_wide(fit)}; something moves in the body, the air acts (--damping, damping=), or the sensor filters"
+            f"{_wide(fit)}; its noise is slow, the sensor filters, something moves in the body, or the air acts "
+            "(--damping, damping=)"
         )
     return said
 

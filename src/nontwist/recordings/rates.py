@@ -114,12 +114,11 @@ def read_rates(
     spun = None
     if speed is not None:
         table.require(speed)
-        stated = rate_unit(speed) if speed_unit is None else known(speed_unit, RATE)
-        if stated is None:
-            code = "no-speed-unit" if speed_unit is None else "speed-unit"
-            raise InputError(code, column=speed, unit=speed_unit, units="|".join(RATE))
-        spun = table.numbers(speed) * RATE[stated]
-        notes += (f"speed of the rotor: {speed}, {stated}",)
+        turning = _agreed(speed_unit, rate_unit(speed), "speed-unit", speed)
+        if turning is None:
+            raise InputError("no-speed-unit", column=speed, units="|".join(RATE))
+        spun = table.numbers(speed) * RATE[turning]
+        notes += (f"speed of the rotor: {speed}, {turning}",)
     acceleration, _ = sensor(table, spellings.ACCELEROMETER)
     return Rates(time.time, values * RATE[symbol], name, notes, acceleration, spun, quaternions).cleaned(table.lines)
 
@@ -143,15 +142,20 @@ def _one(table: Table, body: str | None) -> tuple[str, ...]:
     return found[0]
 
 
-def _unit(three: Sequence[str], unit: str | None, values: Array, above: str) -> str:
-    """Return the unit, as told or as all headers state it."""
-    stated, names = stated_rate(three), ", ".join(three)
+def _agreed(unit: str | None, stated: str | None, code: str, names: str) -> str | None:
+    """Return the unit of rates, as told or as headers state it; an InputError where it is unknown, or these differ."""
     found = stated if unit is None else known(unit, RATE)
     if unit is not None and found is None:
-        raise InputError("unit", unit=unit, units=", ".join(RATE))
+        raise InputError(code, unit=unit, units=", ".join(RATE))
     if stated not in (None, found):
-        raise InputError("unit-stated", names=names, stated=stated, unit=unit)
-    if found is None:
+        raise InputError(f"{code}-stated", names=names, stated=stated, unit=unit)
+    return found
+
+
+def _unit(three: Sequence[str], unit: str | None, values: Array, above: str) -> str:
+    """Return the unit, as told or as all headers state it."""
+    names = ", ".join(three)
+    if (found := _agreed(unit, stated_rate(three), "unit", names)) is None:
         largest = abs(values).max(where=np.isfinite(values), initial=0.0)
         hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
         raise InputError("no-unit", names=names, hint=hint + above)

@@ -131,7 +131,9 @@ SENTENCES |= {
     "unit-stated": "the columns {names} state {stated}, but {option[unit]} is {unit}" + OMIT,
     "no-unit": "the columns {names} do not state their unit: {option[unit]} is rad/s or deg/s{hint}",
     "no-speed-unit": "the column {column!r} does not state its unit: unit={units} among the settings of the rotor",
-    "speed-unit": "unknown unit of speed {unit!r}: unit={units} among the settings of the rotor",
+    "speed-unit": "unknown unit of speed {unit!r}: unit= among the settings of the rotor is one of {units}",
+    "speed-unit-stated": "the column {names!r} states {stated}, but unit={unit} is among the settings of the rotor"
+    + OMIT,
     "no-speed": "a run has no column {speed!r}; give the speed of the rotor as a number, rad/s",
     "missing-rates": "dropped {rows} without finite numbers, the first is {place}",
     "fast": "angular velocities of up to {fastest:.4g} rad/s exceed those of common gyroscopes: is the unit right?",

@@ -1,4 +1,4 @@
-"""Readers of recordings, one file each; `READERS` maps each suffix to its reader.
+"""Readers of recordings; `READERS` maps each suffix to its reader.
 
 A reader takes a path and the options of the caller (`ReadOptions`), and returns a `Content`. To add one, add a file
 here and its line in `READERS`, or set ``READERS[".suffix"]`` in a module of your own.
@@ -10,18 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..options import ReadOptions
-from .apart import readable
-from .arrays import read_numpy
+from .apart import read_c3d, read_matlab, readable
+from .arrays import read_numpy, read_run
 from .bvh import read_bvh
-from .c3d import read_c3d
 from .content import Content
-from .matlab import read_matlab
 from .mvnx import read_mvnx
-from .opensim import read_opensim
 from .ros import read_ros
-from .runs import read_run
 from .spice import read_spice
-from .text import read_gyroflow, read_text
+from .text import read_gyroflow, read_opensim, read_text
 
 READERS: dict[str, Callable[[Path, ReadOptions], Content]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".log"), read_text),

@@ -1,4 +1,4 @@
-"""Arrays by name: attitudes, or columns; and the files of NumPy (.npy, .npz) that hold them.
+"""Arrays by name: attitudes, or columns; the files of NumPy (.npy, .npz) that hold them, and runs of this package.
 
 Taken are quaternions (n, 4), matrices (n, 3, 3), homogeneous transforms (n, 4, 4), those of several bodies (n, k, 4)
 and (n, k, 3, 3), rotation vectors of joints (n, 3 k) named as those of SMPL, columns (n,), and (n, 3), as ``gyr``,
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...io.results import open_run
 from ..options import ReadOptions
 from ..table import Table
 from .content import Content
@@ -78,3 +79,12 @@ def of_arrays(arrays: Mapping[str, Any]) -> Content:
     time = np.arange(count) / known if known > 0 and count else None
     table = Table(columns, headless=headless)
     return Content(table, bodies, loose, time=time, notes=tuple(notes), directed=False)
+
+
+def read_run(path: Path, how: ReadOptions) -> Content:
+    """Read the attitudes of a run."""
+    from ..motions import raw_motion
+
+    run = open_run(path)
+    found = raw_motion(run, how.scalar_first)
+    return Content(bodies={path.stem: found.values}, time=found.time, notes=("orientation: a run of this package",))

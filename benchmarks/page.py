@@ -29,10 +29,10 @@ integrators of nontwist; diamonds are methods that are exact to round-off at any
 ABOUT = """
 All numbers are from one run of `make bench`. Tools are compared by ratios of median times within one process, with
 passes in shuffled order. A range covers as many figures as the number behind it says.
-[measured.csv](performance/measured.csv) has each of them, and those of outputs, single steps, sweeps, frames, files and
-pages.
+[measured.csv](performance/measured.csv) has each of them, and those of start-up, outputs, single steps, sweeps, frames,
+files and pages.
 """
-ON_THE_PAGE = ("workprecision", "defaults", "ensembles", "derivatives", "longruns", "startup")
+ON_THE_PAGE = ("workprecision", "defaults", "ensembles", "derivatives", "longruns")
 
 
 def page_of(found: dict[str, Measured]) -> str:

@@ -67,7 +67,8 @@ def shown(topic: str, about: Measured) -> Table:
         return Table("", about.tables[0].header, about.tables[0].cells)
     found: dict[tuple[str, str], list[Row]] = {}
     for row in about.rows:
-        if row.measured is not None and (row.goal is not None or not row.name.startswith(" ")):  # not: beneath another
+        is_beneath = row.goal is None and row.name.startswith(" ")
+        if row.measured is not None and not is_beneath and row.unit != "MB":
             what = row.name.rpartition(": ")[2].partition(", grows like")[0]
             found.setdefault((what, row.unit), []).append(row)
     return Table("", ["what", "measured"], [together(what, rows) for (what, _), rows in found.items()])

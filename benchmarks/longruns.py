@@ -1,4 +1,4 @@
-"""The drift of the invariants over 10⁶ steps of 0.005 s, and the memory that such a run needs.
+"""The drift of the invariants over 10⁶ steps of 0.005 s.
 
 Drifts are relative to the kinetic energy at the start and to the first momentum; that of the attitude is the largest
 entry of ``q qᵀ - I``. The integrator `split` of orders 2 and 4 conserves the energy of a heavy top to its order only.

@@ -27,10 +27,12 @@ integrators of nontwist; diamonds are methods that are exact to round-off at any
 [work-precision.csv](performance/work-precision.csv).
 """
 ABOUT = """
-All numbers are from one run of `make bench`. Times vary from run to run and from machine to machine. Tools are thus
-compared by ratios of median times within one process, with passes in shuffled order. A range covers as many figures as
-the number behind it says; [measured.csv](performance/measured.csv) has each of them, and more.
+All numbers are from one run of `make bench`. Tools are compared by ratios of median times within one process, with
+passes in shuffled order. A range covers as many figures as the number behind it says.
+[measured.csv](performance/measured.csv) has each of them, and those of start-up, outputs, single steps, sweeps, frames,
+files and pages.
 """
+ON_THE_PAGE = ("workprecision", "defaults", "ensembles", "derivatives", "longruns")
 
 
 def page_of(found: dict[str, Measured]) -> str:
@@ -46,7 +48,8 @@ def page_of(found: dict[str, Measured]) -> str:
         ABOUT,
         words(),
     ]
-    for topic, about in found.items():
+    for topic in ON_THE_PAGE:
+        about = found[topic]
         lines += ["", f"## {TOPICS[topic]}", "", about.about, *markdown(shown(topic, about))]
     return "\n".join(lines) + "\n"
 
@@ -64,7 +67,8 @@ def shown(topic: str, about: Measured) -> Table:
         return Table("", about.tables[0].header, about.tables[0].cells)
     found: dict[tuple[str, str], list[Row]] = {}
     for row in about.rows:
-        if row.measured is not None and (row.goal is not None or not row.name.startswith(" ")):  # not: beneath another
+        is_beneath = row.goal is None and row.name.startswith(" ")
+        if row.measured is not None and not is_beneath and row.unit != "MB":
             what = row.name.rpartition(": ")[2].partition(", grows like")[0]
             found.setdefault((what, row.unit), []).append(row)
     return Table("", ["what", "measured"], [together(what, rows) for (what, _), rows in found.items()])

@@ -144,8 +144,7 @@ The last figures use these curves:
 
 ## Figures for slides
 
-Letters are 8 pt high in print, too small for a projector. Settings of `matplotlib.rcParams` take precedence. On a slide
-33 cm wide, a figure of two columns with 16 pt has letters of 29 pt; `height=4.05` gives it the shape of 16:9.
+Settings of `matplotlib.rcParams` take precedence; `height=4.05` gives a figure of two columns the shape of 16:9.
 
 ```python
 import matplotlib
@@ -162,7 +161,7 @@ SECTION = """
 
 {caption}
 
-![{alt}](gallery/{name}.png)
+![plot.{name}](gallery/{name}.png)
 
 ```python
 {code}
@@ -186,8 +185,7 @@ def main(folder):
         Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)
         body = inspect.getsource(function).partition('"""\n')[2]
         code = textwrap.dedent(body).replace("return ", "").removesuffix("ax\n").strip()
-        alt = f"plot.{name}: {function.__doc__.partition(':')[0].rstrip('.')}"
-        page += SECTION.format(name=name, caption=function.__doc__, alt=alt, code=code)
+        page += SECTION.format(name=name, caption=function.__doc__, code=code)
     (folder / "gallery.md").write_text(page, encoding="utf-8")
 
 

@@ -114,6 +114,15 @@ def test_python_runs(name, place):
         exec(compile(code, name, "exec"), space)
 
 
+@pytest.mark.parametrize("name", ["README.md", "docs/index.md"])
+def test_the_first_pages_state_what_is_printed(name, place, capsys):
+    exec(compile(blocks(name, "python")[0], name, "exec"), {})
+    assert f"`{capsys.readouterr().out.strip()}`" in TEXTS[name]
+    result = CliRunner().invoke(app, shlex.split("twist examples/imu/quaternion.csv --inverse --degrees --no-figure"))
+    stated = re.search(r"−(\S+°), (sampling ± \S+°), (noise ± \S+°)", TEXTS[name])
+    assert all(number in result.output for number in (f"-{stated[1]}", *stated.groups()[1:]))
+
+
 @pytest.mark.parametrize("name", [name for name in TEXTS if blocks(name, "toml")])
 def test_run_files_are_in_order(name, place):
     for code in blocks(name, "toml"):

@@ -41,7 +41,8 @@ def public(module: str) -> set[str]:
 
 def comment(namespace: Any, name: str) -> list[str]:
     """Return the string that stands below a constant where it is defined."""
-    analyzer = ModuleAnalyzer.for_module(namespace._HOME[name])
+    home = getattr(namespace, "_HOME", {}).get(name, namespace.__name__)
+    analyzer = ModuleAnalyzer.for_module(home)
     return [f"   {line}" for line in analyzer.find_attr_docs()["", name]]
 
 

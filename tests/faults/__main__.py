@@ -17,22 +17,19 @@ from . import FAULTS, MODULES
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 HEAD = """# Fault injection
 
-`make faults` injects each fault and prints what happened; tests assert it (`tests/faults/`). A damaged or foreign file
-is refused with a message that names it, an interrupted run saves its completed part, and a file is written completely
-or not at all.
-"""
+`make faults` injects each fault and prints what was done and what happened; tests assert it (`tests/faults/`). A
+damaged or foreign file is refused with a message that names it, an interrupted run saves its completed part, and a file
+is written completely or not at all.
+
+| faults | number |
+| --- | ---: |"""
 
 
 def page() -> str:
-    """Return the page: what is done, by the modules of the faults."""
-    lines = [HEAD]
-    for module in MODULES:
-        lines += [
-            f"**{(inspect.getdoc(module) or '').partition(chr(10))[0].removeprefix('Faults of ').rstrip('.')}**",
-            "",
-        ]
-        lines += [*(f"- {done_by(fault)}" for fault in module.FAULTS), ""]
-    return "\n".join(lines)
+    """Return the page: how many faults there are of each kind."""
+    kinds = [(inspect.getdoc(module) or "").partition("\n")[0].removeprefix("Faults of ") for module in MODULES]
+    rows = [f"| {kind.rstrip('.')} | {len(module.FAULTS)} |" for kind, module in zip(kinds, MODULES, strict=True)]
+    return "\n".join([HEAD, *rows]) + "\n"
 
 
 def done_by(fault: Callable[[Path], str]) -> str:

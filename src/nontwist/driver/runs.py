@@ -37,27 +37,21 @@ def simulate(
     t_end : float, s
         Optional where `times` are given.
     step : float, s, optional
-        Must divide the span. None: the body turns by at most 0.05 rad per step, the load is resolved, and its
-        breakpoints are nodes, with equal steps between neighbouring breakpoints. `gauss` of an order above 2 meets
-        a tolerance of 1e-8; the states that it stores are 0.05 rad apart, and show a swing under gravity or a
-        potential by 30 states at least. Its steps are longer unless the load is a function of the state. The longest
-        step is recorded in the run, with `stretches`.
+        Must divide the span. None: the breakpoints of the load are nodes, with equal steps between neighbouring
+        breakpoints. `gauss` of an order above 2 meets a tolerance of 1e-8, and stores states that are 0.05 rad apart;
+        with other integrators the body turns by at most 0.05 rad per step. The longest step is recorded in the run,
+        with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,
-        and that of W relative to its largest magnitude, are below the tolerance at all stored states. (A body at rest
-        has a W of round-off; there its error counts relative to one radian in the length of the run.) The run is
-        computed on two grids, and their difference is recorded as `error_estimate`. The body may turn far in one step:
-        request more states with `times` for smooth curves.
+        and that of W relative to its largest magnitude (for a body at rest: to 1 rad per run), are below the tolerance
+        at all stored states. `error_estimate` is the difference of two runs.
     t_start : float, s, optional
         By default 0, or the end of `start`.
     start : Dataset or Trajectory, optional
         Continue from the last state of a run, including the director velocities. A motion without velocities (see
         `rotation`) provides only its last attitude. If whole steps of that run lead to `t_end`, its time grid is
-        continued as well: the step is the same floating-point number, and loads are sampled at the nodes of a single
-        run from the first start to `t_end`. With lie-midpoint and energy-momentum the states are then, bit for bit,
-        those of this single run, provided that it has the same step. This is so after every interrupt, with the same
-        step or none given, and from T to 2 T after a run from 0 to T. Otherwise, and for other integrators, they agree
-        to round-off, or to the tolerance where steps are chosen for one.
+        continued as well: with lie-midpoint and energy-momentum the states are then, bit for bit, those of a single
+        run; otherwise they agree to round-off, or to the tolerance where steps are chosen for one.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
         Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms; Euler angles
         are ``Rotation.from_euler("ZXZ", angles)`` of SciPy, modified Rodrigues parameters ``Rotation.from_mrp(p)``.
@@ -76,20 +70,16 @@ def simulate(
         least cost.
     times : (k,) array, s, optional
         Increasing times at which to output, instead of at every step. Not together with `store`, nor, with "exact" and
-        "continuous", with `step`. The run takes the same steps as without them. A state between two nodes has the order
-        and the invariants of the integrator: with `gauss` it results from power series at both, otherwise, and where
-        the load is a function of the state, from one more step from the node before. What is on `midtime` belongs to
-        the intervals between the output times.
+        "continuous", with `step`. The steps are those of the run without them, and a state between two nodes has the
+        order and the invariants of the integrator. What is on `midtime` belongs to the intervals between these times.
     store : int or "end"
         Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores only
         the ends by default.
     events : callable or list of callables, optional
-        Functions ``event(t, state)`` of the time and a `BodyState`, as in SciPy's `solve_ivp`: an event occurs where a
-        function crosses zero. If it has an attribute `direction` > 0 (< 0), only crossings from negative to positive
-        (from positive to negative) count. If it has an attribute `terminal` that is True, or a number n, the first or
-        n-th event ends the run. Roots are found to 1e-12 h + 4 eps |t|. The function is evaluated at least every
-        quarter of a radian that the body turns; if it crosses zero twice in between, or only touches zero, the event is
-        missed.
+        Functions ``event(t, state)`` of the time and a `BodyState`, with the attributes `direction` and `terminal` of
+        SciPy's `solve_ivp`: an event occurs where a function crosses zero. Roots are found to 1e-12 h + 4 eps |t|. The
+        function is evaluated at least every quarter of a radian that the body turns; if it crosses zero twice in
+        between, or only touches zero, the event is missed.
     project : bool
         Remove an initial spin about the constrained axis instead of refusing it.
     progress : bool

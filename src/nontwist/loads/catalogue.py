@@ -115,11 +115,10 @@ def moment(
     breakpoints : sequence of float, s
         Times at which the function or its derivatives jump.
     compiled : bool
-        Compile the function, once, in some 30 ms; the kernels are not recompiled. It may use functions of NumPy and
-        `math`, arrays, and loops over ranges, but cannot branch on the time or the state: ``np.where(condition, a, b)``
-        does, and ``np.interp`` reads a table. The values of globals and closures are fixed at this point. Without
-        compilation a run with this load proceeds at the speed of Python, and warns once. A C function needs no
-        compilation.
+        Compile the function, once. It may use functions of NumPy and `math`, arrays, and loops over ranges, but cannot
+        branch on the time or the state: ``np.where(condition, a, b)`` does, and ``np.interp`` reads a table. The values
+        of globals and closures are fixed at this point. Without compilation a run with this load proceeds at the speed
+        of Python, and warns once.
     derivative : callable, optional
         Used by `nontwist.sensitivities` and `nontwist.gradient`. Without it the function is differentiated exactly, by
         dual numbers, or, where it does not take them, by central differences. ``derivative(t, directors,

@@ -100,14 +100,11 @@ def view(
 ) -> View:
     """Show a run or a recording, or two side by side, on an interactive page.
 
-    The page animates the path of the axis on the unit sphere, a box with the inertia of the body, the triad of the
-    body, and a ring fixed in the non-twisting frame: the angle between triad and ring is the twist. A dial shows the
-    twist as seen along the axis. Three wedges show that the swing-twist angle less the twist is the solid angle of the
-    path, which is filled. A rotor is drawn as a wheel with an arrow, its momentum. Of a body under gravity the vertical
-    is dashed, an arrow g points down, and a line leads from the pivot to the centre of mass: the box hangs there if the
-    run has the attributes `mass` and `centre_of_mass`, as those of run files have; other runs record the direction of
-    this line only. Curves of twist, reaction moment, momenta and energy are below. Controls and keys play, pause and
-    scrub the motion and set its speed; dragging turns the view.
+    The page animates the path of the axis on the unit sphere, a box with the inertia of the body, its triad, and a ring
+    fixed in the non-twisting frame: the angle between triad and ring is the twist, which a dial shows along the axis.
+    The swing-twist angle less the twist is the solid angle of the path, which is filled. A rotor is drawn as a wheel
+    with an arrow, its momentum, gravity as an arrow g, with a line from the pivot to the centre of mass; the box hangs
+    there if the run has the attributes `mass` and `centre_of_mass`, as those of run files have.
 
     Parameters
     ----------

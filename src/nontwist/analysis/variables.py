@@ -26,6 +26,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
 from ..geometry.values import among, as_list, shown
 from ..loads import Load
+from ..loads.friction import ROUND_OFF
 from ..loads.wheels import columns_of
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -206,6 +207,7 @@ class Wheels(NamedTuple):
     inertia: Array  # (k,)
     columns: NDArray[np.int64]  # (k,) of h among the internal states
     have_friction: NDArray[np.bool_]  # (k,) whether work and loss are internal states
+    are_dry: NDArray[np.bool_]  # (k,) whether they may stand, at a speed of round-off
 
     @classmethod
     def of(cls, records: Sequence[Mapping[str, Any]]) -> Wheels | None:
@@ -223,7 +225,9 @@ class Wheels(NamedTuple):
     def states(self, velocity: Array, internal: Array) -> tuple[dict[str, Array], Array, Array]:
         """Return their variables, Σ I Ω n, (m, k, 3), and ``Σ I Ω (n·W + Ω/2)``, (m, k)."""
         h, axial = internal[..., self.columns], velocity @ self.axes.T
-        speed = h / self.inertia - axial
+        turning = h / self.inertia
+        speed = turning - axial
+        speed = np.where(self.are_dry & (abs(speed) <= ROUND_OFF * (abs(turning) + abs(axial))), 0.0, speed)
         work, loss = (
             np.where(self.have_friction, internal[..., self.columns + k * self.have_friction], other)
             for k, other in ((1, np.nan), (2, 0.0))

@@ -48,7 +48,7 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    if problem.load.frictions:
+    if problem.load.is_dry:
         from . import friction  # it marches the parts of a run by this function
 
         outcome = friction.march(scheme, problem, threads)

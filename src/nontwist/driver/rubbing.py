@@ -173,10 +173,10 @@ class Rubbed(InPieces):
         place, sliding, known = stuck.index(k), self.sliding(self.modes), dict[Any, float]()
 
         def held(t: float, s: Any) -> float:
-            if s._numbers not in known:  # both functions ask for it
+            if (key := (t, s._numbers)) not in known:  # both functions ask for it
                 M = self.torque(t, s.directors, np.array(s.material_angular_velocity)) + sliding
-                known[s._numbers] = float(self.acceleration(M, stuck)[1][place])
-            return known[s._numbers]
+                known[key] = float(self.acceleration(M, stuck)[1][place])
+            return known[key]
 
         return [Change(k, 1, lambda t, s: c - held(t, s)), Change(k, -1, lambda t, s: c + held(t, s))]
 

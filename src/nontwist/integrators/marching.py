@@ -75,6 +75,7 @@ def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool =
         _observed(todo) if problem.observed else None,
         todo.arrays["states"] * todo.factors,
         end,
+        arrays["intervals"][..., first:, SUMS.turned : SUMS.twist] if todo.parts.turns else None,
     )
 
 

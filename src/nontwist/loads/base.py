@@ -175,6 +175,11 @@ class Load:
         return tuple(term for term in self.terms if isinstance(term, Momentum))
 
     @property
+    def drives(self) -> bool:
+        """Whether motors of wheels, of momenta that are known beforehand, do work."""
+        return any(isinstance(one, Driven) and one.of.works for one in self.terms)
+
+    @property
     def wheels(self) -> tuple[Wheel, ...]:
         """The terms that are wheels."""
         return tuple(term for term in self.terms if isinstance(term, Wheel))

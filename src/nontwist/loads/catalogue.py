@@ -451,8 +451,8 @@ def wheel(
     viscous : float, N m s
         Friction in the bearing per unit of Ω.
     coulomb : float, N m
-        Dry friction in the bearing: of this size against Ω while the wheel turns. Where Ω is zero the wheel stands in
-        the body, Ω = 0 exactly, as long as it takes no larger torque to hold it there.
+        Dry friction in the bearing: of this size against Ω while the wheel turns. Where Ω is zero the wheel sticks,
+        Ω = 0 exactly, as long as no larger torque is needed to hold it.
     friction : function ``f(speed) -> float``, N m, optional
         Friction of the sign of Ω, which is taken off the torque.
     compiled : bool

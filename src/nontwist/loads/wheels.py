@@ -81,6 +81,11 @@ class Wheel(Memory):
         return not (self.viscous or self.coulomb) and self.friction is None and self.motor is None
 
     @property
+    def works(self) -> bool:
+        """Whether a motor is given by a number or a table."""
+        return bool(self.torque or self.times.size)
+
+    @property
     def is_dry(self) -> bool:
         """Whether its friction jumps with the state, so that a run is taken apart."""
         return self.coulomb > 0
@@ -102,8 +107,8 @@ class Wheel(Memory):
 
     @property
     def state0(self) -> Array:  # type: ignore[override]
-        """The internal states of a body at rest: h, and where it is not known beforehand, the work and the loss."""
-        return np.array([self.inertia * self.speed, 0.0, 0.0][: 1 if self.is_driven else 3])
+        """The internal states of a body at rest: h, the work of a motor, and where h is not known, the loss."""
+        return np.array([self.inertia * self.speed, 0.0, 0.0][: 1 + self.works if self.is_driven else 3])
 
     @property
     def state_scale(self) -> Array:  # type: ignore[override]
@@ -136,6 +141,11 @@ class Wheel(Memory):
         sums = np.append(0.0, np.cumsum(np.diff(T) * (y[1:] + y[:-1]) / 2))
         found = found + sums[k] + (t - T[k]) * (y[k] + np.interp(t, T, y)) / 2
         return found
+
+    def torque_at(self, times: Array) -> Array:
+        """Return the torque at (n,) times, without the factor, but for what depends on the speed."""
+        table: Array = within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
+        return self.torque + table
 
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
         """Return the moment, and h', A', D'."""
@@ -191,6 +201,11 @@ class Slipping(Wheel):
     slips: int = 1
 
     @property
+    def works(self) -> bool:
+        """Whether a motor is given by a number or a table."""
+        return bool(self.torque or self.times.size)
+
+    @property
     def is_dry(self) -> bool:
         """Whether its friction jumps: it does not."""
         return False
@@ -223,8 +238,7 @@ class Driven(Momentum):
         """Return h and h' at (n,) times."""
         of = self.of
         momentum: Array = self.h + (of.impulse(times) - of.impulse(np.array([self.begin])))
-        table = within(of.times, of.values[:, None], times)[0] if of.times.size else 0.0 * times
-        return momentum, of.torque + table
+        return momentum, of.torque_at(times)
 
 
 class Column(NamedTuple):
@@ -233,7 +247,8 @@ class Column(NamedTuple):
     axis: Array  # (3,)
     inertia: float
     place: int  # of h among the internal states
-    has_friction: bool  # whether work and loss are behind it: h is not known beforehand
+    has_motor: bool  # whether its work is behind it
+    has_loss: bool  # whether what friction takes is behind that: h is not known beforehand
     is_dry: bool
 
 
@@ -242,9 +257,10 @@ def columns_of(records: Sequence[Record]) -> list[Column]:
     found, place = list[Column](), 0
     for one in records:
         if "wheel" in one:
-            rubs, is_dry = _rubs(one) or "motor" in one, bool(one.get("coulomb"))
-            found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs, is_dry))
-            place += 3 if rubs else 1
+            rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
+            is_dry = bool(one.get("coulomb"))
+            found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
+            place += 3 if rubs else 1 + works
     return found
 
 

@@ -333,7 +333,7 @@ def test_variables_of_wheels_that_are_not_there_are_refused():
 def test_wheels_with_friction_are_refused_by_name_where_they_cannot_be():
     for make, words in (
         (lambda: simulate(standard(J), t_end=1, load=RUBBING, integrator="lie-midpoint"), "use gauss"),
-        (lambda: sensitivities(standard(J), t_end=1, load=RUBBING), "no derivatives"),
+        (lambda: lyapunov(standard(J), t_end=1, load=RUBBING), "only sensitivities, gradient and propagators"),
         (lambda: stepper(standard(J), 0.1, load=RUBBING, integrator="gauss"), "take friction off wheel_torque"),
         (lambda: wheel("x", 1, friction=lambda speed: -speed), "friction must slow the wheel down"),
         (lambda: wheel("x", 1, viscous=-1), "viscous must not be negative"),

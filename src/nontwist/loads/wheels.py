@@ -103,7 +103,7 @@ class Wheel(Memory):
     @property
     def varying(self) -> list[str]:
         """The names of the fields that are parameters of derivatives."""
-        return ["speed", "torque"] if self.is_driven else []
+        return ["speed", "torque"] if self.is_driven else ["speed", "torque", "viscous"]
 
     @property
     def state0(self) -> Array:  # type: ignore[override]

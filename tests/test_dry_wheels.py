@@ -1,5 +1,7 @@
 """Wheels with dry friction in their bearings: closed forms, SciPy mode after mode, balances, refusals."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -19,6 +21,12 @@ from nontwist import (
     suslov,
     wheel,
 )
+from nontwist.driver.planning import planned
+from nontwist.driver.starts import start_of_one
+from nontwist.driver.wheel_friction import Bearings
+from nontwist.runfile.folder import Folder
+from nontwist.runfile.problems import RunFileError
+from nontwist.runfile.reading import checked
 
 J = np.diag([3.0, 4.0, 5.0])
 W0 = np.array([0.3, 0.1, 0.35])
@@ -180,8 +188,47 @@ def test_beside_another_load_with_memory_what_holds_a_wheel_is_found():
     locked = simulate(standard(J), load=beside, **how)
     assert held.quaternion.values == pytest.approx(locked.quaternion.values, abs=1e-14)
     assert held.internal_state.values[:, 3] == pytest.approx(locked.internal_state.values[:, 0], abs=1e-14)
-    slips = simulate(standard(J), load=wheel("z", 0.2, coulomb=1e-3) + beside, **how)
-    assert abs(slips.wheel_speed.values[-1, 0]) > 1e-3
+
+
+def test_what_holds_a_wheel_beside_memory_is_the_rate_of_its_momentum():
+    """λ = -I n·W' of the locked body: a limit above the largest holds the wheel, one below lets it slip."""
+    beside = memory_load(fading, remembered, [0.3], scale=[1.0], compiled=True)
+    how = {"t_end": 4, "step": 0.01, "material_angular_velocity": W0}
+    W = simulate(standard(J), load=beside, **how).material_angular_velocity.values[:, 0]
+    largest = 0.2 * abs(np.gradient(W, 0.01)).max()
+    for factor, slips in ((1.001, False), (0.999, True)):
+        run = simulate(standard(J), load=wheel("x", 0.2, coulomb=factor * largest) + beside, **how)
+        assert run.wheel_speed.values.any() == slips
+
+
+def test_a_wheel_is_stopped_by_an_impulse_that_keeps_the_momentum():
+    load = wheel("z", 0.2, coulomb=10) + wheel((1, 1, 0), 0.3, 5, coulomb=0.1)
+    plan = planned(standard(J), load, "gauss", 8, None, 1, None, 0.1, 1)
+    problem = plan.problem(start_of_one(standard(J), None, None, None, W0, None, False), plan.grid)
+    problem.internal[0, 0] += 0.5  # 2.5 rad/s
+    march = Bearings(plan.scheme, problem)
+    rest = [J @ W0 + 0.2 * 2.5 * np.eye(3)[2] + 0.3 * 5 * np.array([1, 1, 0]) / np.sqrt(2)]
+    march.settle([0], {})
+    W, z = march.state.velocity, march.state.internal
+    speeds = z[[0, 3]] / [0.2, 0.3] - [W[2], (W[0] + W[1]) / np.sqrt(2)]
+    total = J @ W + 0.2 * speeds[0] * np.eye(3)[2] + 0.3 * speeds[1] * np.array([1, 1, 0]) / np.sqrt(2)
+    assert speeds[0] == pytest.approx(0, abs=1e-15)
+    assert total == pytest.approx(rest[0], abs=1e-15)
+
+
+def test_a_run_file_says_the_same():
+    data = {
+        "body": {"kind": "standard", "inertia": [3, 4, 5]},
+        "start": {"angular_velocity": {"space": [0, 0, 0.3]}},
+        "time": {"t_end": 8, "step": 0.05},
+        "load": [{"kind": "wheel", "axis": "z", "inertia": 0.2, "speed": 3, "viscous": 0.1, "coulomb": 0.05}],
+    }
+    run = checked("wheel.toml", data, Folder(Path())).simulate()
+    assert run.wheel_speed.values[-1, 0] == 0
+    assert run.wheel_loss.values[-1, 0] == pytest.approx(0.864, rel=1e-12)
+    data["load"][0]["coulomb"] = -1
+    with pytest.raises(RunFileError, match=r"load\.0\.coulomb"):
+        checked("wheel.toml", data, Folder(Path()))
 
 
 def test_output_times_events_and_continued_runs_are_of_one_motion():

@@ -67,7 +67,7 @@ def loaded(beside="wheels", speed=3.0, torque=0.1, viscous=0.05):
         others = damping(0.1) + sine((0.1, 0.2, 0.3), 0.4, frame="space") + rotor("y", 0.7)
         table = body_moment([0, 3], [[0, 0, 0], [0.3, 0.1, 0.2]])
         return own + 2 * memory_load(fading, pulling, [0.3, 0.1], scale=[1, 1], compiled=True) + others + table
-    return own + memory_load(branching, holding, [0.3], scale=[1], frame="body")
+    return 0.5 * (own + memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 
 def ends(body, how, **changed):

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import (
     SimulationError,
+    SimulationInterrupt,
     Status,
     drifts,
     heavy_top,
@@ -147,6 +148,31 @@ def test_works_of_motors_do_not_depend_on_what_is_stored(how):
     until = {"t_end": 5} if step else {"times": [0, 5]}
     found = simulate(standard(J), events=passed, material_angular_velocity=W0, **until, **step, **own)
     assert found.wheel_work.values[-1] == pytest.approx(right[2], **near)
+
+
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+@pytest.mark.parametrize("store", [12, "end"])
+def test_an_interrupted_run_ends_with_the_momenta_and_works_of_its_last_state(store):
+    """It ends at a node that is no output, and is continued from there."""
+
+    def interrupting(t, directors, w):
+        if t > 9.234:
+            raise KeyboardInterrupt
+        return 0, 0, 0
+
+    how = {"t_end": 12, "step": 0.01, "integrator": "lie-midpoint"}
+    start = {"material_angular_velocity": W0}
+    whole = simulate(standard(J), load=SKEW, **start, **how)
+    with pytest.raises(SimulationInterrupt) as stopped:
+        simulate(standard(J), load=SKEW + moment(interrupting), store=store, **start, **how)
+    partial = stopped.value.partial
+    at = whole.sel(time=partial.time[-1], method="nearest")
+    assert partial.time[-1] == pytest.approx(at.time.item(), abs=1e-12)
+    found = partial.to_dataset() if hasattr(partial, "to_dataset") else partial
+    for name in ("wheel_momentum", "wheel_work", "quaternion"):
+        assert found[name].values[-1] == pytest.approx(at[name].values, abs=1e-11)
+    rest = simulate(standard(J), start=partial, load=SKEW, **how)
+    assert rest.quaternion.values[-1] == pytest.approx(whole.quaternion.values[-1], abs=1e-13)
 
 
 def test_free_wheel_is_a_rotor_of_constant_momentum_on_its_carrier():

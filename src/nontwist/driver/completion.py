@@ -87,7 +87,7 @@ def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
     found = of_locked(whole, one_by_one(lambda one: scheme.march(as_gyrostat(one)), whole, threads))
     if len(whole.output) == len(problem.output):
         return found if problem.intervals else found._replace(intervals=None)
-    return found.at(whole.output, problem)
+    return found.at(whole, problem)
 
 
 def between(scheme: Integrator, problem: Problem, states: States) -> States | None:
@@ -97,7 +97,7 @@ def between(scheme: Integrator, problem: Problem, states: States) -> States | No
     one = as_gyrostat(problem)
     if (found := scheme.between(one, states)) is None:
         return None
-    whole = with_wheels(problem, found)
+    whole = with_wheels(problem, found, problem.output)
 
     def velocities(times: Array) -> Array:
         between = scheme.between(replace(one, asked=times), states)

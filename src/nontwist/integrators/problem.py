@@ -219,9 +219,16 @@ class Outcome(NamedTuple):
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
     turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt over intervals, for the work of motors (`wheels`)
 
-    def at(self, times: Array, problem: Problem) -> Outcome:
-        """Return the outcome at the outputs of a problem, which are some of its own, `times`."""
-        places, k = np.searchsorted(times, problem.output), len(problem.output)
+    def times(self, problem: Problem) -> Array:
+        """Return the times of the states: of a run that was stopped the last one is that of no output."""
+        found = problem.output.copy()
+        if self.end is not None:
+            found[self.good[0] - 1] = problem.times(self.end)
+        return found
+
+    def at(self, whole: Problem, problem: Problem) -> Outcome:
+        """Return the outcome of a problem at the outputs of another one, which are some of its own."""
+        places, k, times = np.searchsorted(whole.output, problem.output), len(problem.output), self.times(whole)
         if self.end is None:
             good = np.searchsorted(places, self.good)
         else:  # the last state is that of no output
@@ -234,7 +241,7 @@ class Outcome(NamedTuple):
         sums = np.add.reduceat(own.integrals(np.diff(times))[:, : places[-1]], places[:-1], axis=1)
         used = own.newton_iterations
         most = None if used is None else np.stack([used[:, a:b].max(axis=1) for a, b in pairwise(places)], axis=1)
-        means = own.of_integrals(sums, np.diff(problem.output), most)
+        means = own.of_integrals(sums, np.diff(times[places]), most)
         return found._replace(intervals=means)
 
     def failure(self, i: int = 0) -> Failure | None:

@@ -273,6 +273,8 @@ class StackMarch:
             self._leave(self.groups[0], (0, 1), last, done)
             if stack.intervals:
                 self.arrays["intervals"][0, done, : SUMS.work] *= length / passed
+            if self.outputs is not None and self.outputs.is_at(last):
+                end = None
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 
     def _open(self) -> Array:

@@ -81,10 +81,10 @@ def as_gyrostat(problem: Problem) -> Problem:
     return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, internal=internal)
 
 
-def with_wheels(problem: Problem, states: States) -> States:
-    """Return the states of `as_gyrostat` at the times of output, with all internal states of the problem but works."""
+def with_wheels(problem: Problem, states: States, times: Array) -> States:
+    """Return the states of `as_gyrostat` at times, with all internal states of the problem but works."""
     assert problem.internal is not None
-    at, driven, first = np.append(problem.t_start, problem.output), driven_columns(problem.load), problem.internal
+    at, driven, first = np.append(problem.t_start, times), driven_columns(problem.load), problem.internal
     shape = states.velocity.shape[:-1]  # of one body, or of several
     internal = np.full((*shape, first.shape[1]), np.nan)
     if states.internal is not None:
@@ -99,13 +99,14 @@ def with_wheels(problem: Problem, states: States) -> States:
 
 def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
     """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
-    outcome = outcome._replace(states=with_wheels(problem, outcome.states))
+    times = outcome.times(problem)
+    outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
     if outcome.turned is not None:
-        _put_works(problem, outcome)
+        _put_works(problem, outcome, times)
     if outcome.intervals is None:
         return outcome
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
-    z, kept, length = W @ locked, outcome.intervals, np.diff(problem.output)
+    z, kept, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
         moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
     work = np.diff((W * z).sum(axis=-1), axis=1) / 2
@@ -126,9 +127,9 @@ def with_works(problem: Problem) -> Problem:
     return replace(problem, intervals=True, asked=asked)
 
 
-def _put_works(problem: Problem, outcome: Outcome) -> None:
+def _put_works(problem: Problem, outcome: Outcome, times: Array) -> None:
     """Put the works of driven wheels to the states: ``∫ τ Ω dt = Δh²/2I - n·∫ τ W dt``, τ linear between outputs."""
-    z, first, times, turned = outcome.states.internal, problem.internal, problem.output, outcome.turned
+    z, first, turned = outcome.states.internal, problem.internal, outcome.turned
     assert z is not None
     assert first is not None
     assert turned is not None

@@ -467,6 +467,7 @@ VALUES = {
     "moment.function": one_of(spring),
     "wheel.inertia": number(0.01, 0.05),
     "wheel.torque": lambda r, given: (None, 0.2, (TIMES, r.normal(size=N)))[r.integers(3)],
+    "wheel.coulomb": one_of(0.0, 0.0, 0.05),
     "wheel.friction": one_of(None, np.arctan),
     "wheel_torque": one_of((), []),
     "memory_load.derivative": one_of(fading),

@@ -121,6 +121,23 @@ def test_an_interrupt_in_a_load_in_python(monkeypatch):
     assert whole.time.size == 101
 
 
+def test_a_run_that_is_stopped_at_an_output_has_it_once(monkeypatch):
+    monkeypatch.setattr(stack_march, "CALLED_NODES", 10)
+
+    def load(t, d, w):
+        if t > 0.55:
+            raise KeyboardInterrupt
+        return [0.0, 0.0, t]
+
+    how = {"integrator": "lie-midpoint", "times": np.linspace(0, 1, 21)} | HOW | {"step": 0.01}
+    with pytest.raises(SimulationInterrupt) as info:
+        integrate(BODIES["standard"](), load=moment(load), **how)
+    partial, whole = info.value.partial, integrate(BODIES["standard"](), load=moment(lambda t, d, w: [0, 0, t]), **how)
+    assert partial.time.tolist() == whole.time[:11].tolist()
+    assert np.array_equal(partial.quaternion, whole.quaternion[:11])
+    assert partial.moment == pytest.approx(whole.moment[:10], abs=1e-14)
+
+
 @pytest.mark.parametrize("form", ["step", "times"])
 def test_continuous_keeps_what_its_solver_has_passed(form):
     def load(t, d, w):

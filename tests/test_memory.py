@@ -282,8 +282,8 @@ def test_tolerance_resolves_a_fast_state_of_a_slow_body(how):
         (lambda: simulate(standard(J), **RUN, load=load(), integrator="exact"), "exact does not take .*; use gauss"),
         (lambda: simulate(standard(J), **RUN, load=load(), integrator="continuous"), "continuous does not take"),
         (lambda: nt.stepper(standard(J), 0.1, load=load()), "lie-midpoint does not take loads with memory; use gauss"),
-        (lambda: nt.sensitivities(standard(J), wrt="load_scale", **RUN, load=load()), "memory have no derivatives"),
-        (lambda: nt.lyapunov(standard(J), **HOW, load=load()), "memory have no derivatives"),
+        (lambda: nt.sensitivities(standard(J), wrt="load_scale", **RUN, load=load()), "load_scale is none of them"),
+        (lambda: nt.lyapunov(standard(J), **HOW, load=load()), "only sensitivities, gradient and propagators have"),
         (
             lambda: simulate(standard(J), start=simulate(standard(J), **HOW, load=WHEEL), t_end=5, load=load()),
             "start= ends with 1 internal states, and the load has 2",

@@ -25,10 +25,9 @@ from nontwist import (
     suslov,
     wheel,
 )
-from nontwist.errors import SimulationError, Status
+from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile.document import checked
 from nontwist.runfile.folder import Folder
-from nontwist.runfile.section import RunFileError
 
 RPM = 2 * np.pi / 60
 J = np.diag([3.0, 4.0, 5.0])
@@ -57,18 +56,18 @@ def test_motor_slows_the_hub_by_its_impulse(scheme):
 
 
 def reference(times):
-    """Return W, the attitude and the momenta of the wheels of `SKEW` by SciPy, from the equations of the carrier."""
+    """Return W, attitude, momenta of the wheels of `SKEW` and works of motors by SciPy, as the carrier moves."""
     carrier = J - sum(i * np.outer(n, n) for i, n in zip(INERTIAS, AXES, strict=True))
 
     def rates(t, y, begin, end):
-        W, vector, s, h = y[:3], y[3:6], y[6], y[7:]
+        W, vector, s, h = y[:3], y[3:6], y[6], y[7:9]
         is_on = KINKS[0][0] <= begin and end <= KINKS[0][-1]
         torque = np.array([0.1, np.interp(t, *KINKS) if is_on else 0.0])
         inner = np.cross(carrier @ W + h @ AXES, W) - torque @ AXES
         p = 0.5 * np.append(s * W + np.cross(vector, W), -vector @ W)
-        return np.concatenate([np.linalg.solve(carrier, inner), p, torque])
+        return np.concatenate([np.linalg.solve(carrier, inner), p, torque, torque * (h / INERTIAS - AXES @ W)])
 
-    y, found = np.concatenate([W0, [0, 0, 0, 1], INERTIAS * ([30, -10] + AXES @ W0)]), {}
+    y, found = np.concatenate([W0, [0, 0, 0, 1], INERTIAS * ([30, -10] + AXES @ W0), np.zeros(2)]), {}
     for span in pairwise([0.0, 1.0, 2.0, 4.0, 5.0]):
         inner = {t for t in times if span[0] < t <= span[1]}
         how = {"rtol": 1e-13, "atol": 1e-13, "t_eval": sorted({*inner, span[1]}), "args": span}
@@ -83,7 +82,8 @@ def test_skew_wheels_move_the_body_as_scipy_finds():
     expected = reference(times)
     run = integrate(standard(J), times=times, material_angular_velocity=W0, load=SKEW, tolerance=1e-11)
     assert run.material_angular_velocity == pytest.approx(expected[:, :3], abs=2e-11)
-    assert run.wheel_momentum == pytest.approx(expected[:, 7:], abs=1e-12)
+    assert run.wheel_momentum == pytest.approx(expected[:, 7:9], abs=1e-12)
+    assert run.to_dataset().wheel_work.values == pytest.approx(expected[:, 9:], abs=1e-9)
     apart = Rotation.from_quat(expected[:, 3:7]).inv() * run.rotation
     assert apart.magnitude().max() < 2e-11
 
@@ -97,18 +97,79 @@ def test_total_momentum_changes_by_nothing_and_balances_hold(scheme, order):
     assert abs(run.total_momentum - run.total_momentum[0]).max() < 1e-14 * size * len(run.time)
     assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-14)
     assert np.diff(run.spatial_momentum, axis=0) / 0.05 == pytest.approx(run.moment.values, abs=1e-12)
+    balance = run.total_kinetic_energy - run.wheel_work.sum("wheel")
+    assert np.ptp(balance.values) < 2e-13
     drift = drifts(run)
     assert drift["total_momentum"].relative < 1e-14 * len(run.time)
 
 
 @pytest.mark.parametrize(("scheme", "order"), SCHEMES)
 def test_order_under_a_torque_that_changes(scheme, order):
-    expected = reference([5.0])[0, :3]
+    expected = reference([5.0])[0]
     how = {"t_end": 5, "material_angular_velocity": W0, "load": SKEW, "integrator": scheme, "order": order}
     h = 0.5 if order == 8 else 0.05
-    ends = (integrate(standard(J), step=s, **how).material_angular_velocity[-1] for s in (h, h / 2))
-    errors = [abs(end - expected).max() for end in ends]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
+    runs = [simulate(standard(J), step=s, **how) for s in (h, h / 2)]
+    for name, column in (("material_angular_velocity", slice(3)), ("wheel_work", slice(9, 11))):
+        errors = [abs(run[name].values[-1] - expected[column]).max() for run in runs]
+        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
+
+
+@pytest.mark.parametrize(
+    "how", [*({"integrator": name, "order": k} for name, k in SCHEMES), {"integrator": "continuous"}]
+)
+def test_works_of_motors_do_not_depend_on_what_is_stored(how):
+    """Between nodes, without the start, over kinks of the torque, in ensembles, and as continued runs have them."""
+    times = [0.533, 1.707, 3.133, 5]
+    own = {"material_angular_velocity": W0, "load": SKEW} | how
+    step = {} if how["integrator"] == "continuous" else {"step": 0.01}
+    near = {"gauss2": 2e-5, "lie-midpoint2": 2e-5, "energy-momentum2": 2e-5, "gauss8": 1e-12}
+    right = reference(times)[:, 9:]
+    near = {"abs": near.get(how["integrator"] + str(how.get("order", "")), 1e-11)}
+    assert simulate(standard(J), times=times, **step, **own).wheel_work.values == pytest.approx(right, **near)
+    first = simulate(standard(J), **({"t_end": 3} | step if step else {"times": [0, 3]}), **own)
+    own.pop("material_angular_velocity")
+    rest = simulate(standard(J), start=first, **({"t_end": 5} | step if step else {"times": [3, 5]}), **own)
+    assert rest.wheel_work.values[-1] == pytest.approx(right[-1], **near)
+    if step:
+        ends = simulate_ensemble(
+            standard(J), t_end=5, material_angular_velocity=[W0, -W0], variables="all", **step, **own
+        )
+        whole = simulate(standard(J), t_end=5, material_angular_velocity=W0, **step, **own)
+        assert ends.wheel_work.values[0, -1] == pytest.approx(right[-1], **near)
+        assert resample(whole, times).wheel_work.values == pytest.approx(right, **near)
+
+    def passed(t, state):
+        return t - 3.133
+
+    passed.terminal = True
+    until = {"t_end": 5} if step else {"times": [0, 5]}
+    found = simulate(standard(J), events=passed, material_angular_velocity=W0, **until, **step, **own)
+    assert found.wheel_work.values[-1] == pytest.approx(right[2], **near)
+
+
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+@pytest.mark.parametrize("store", [12, "end"])
+def test_an_interrupted_run_ends_with_the_momenta_and_works_of_its_last_state(store):
+    """It ends at a node that is no output, and is continued from there."""
+
+    def interrupting(t, directors, w):
+        if t > 9.234:
+            raise KeyboardInterrupt
+        return 0, 0, 0
+
+    how = {"t_end": 12, "step": 0.01, "integrator": "lie-midpoint"}
+    start = {"material_angular_velocity": W0}
+    whole = simulate(standard(J), load=SKEW, **start, **how)
+    with pytest.raises(SimulationInterrupt) as stopped:
+        simulate(standard(J), load=SKEW + moment(interrupting), store=store, **start, **how)
+    partial = stopped.value.partial
+    at = whole.sel(time=partial.time[-1], method="nearest")
+    assert partial.time[-1] == pytest.approx(at.time.item(), abs=1e-12)
+    found = partial.to_dataset() if hasattr(partial, "to_dataset") else partial
+    for name in ("wheel_momentum", "wheel_work", "quaternion"):
+        assert found[name].values[-1] == pytest.approx(at[name].values, abs=1e-11)
+    rest = simulate(standard(J), start=partial, load=SKEW, **how)
+    assert rest.quaternion.values[-1] == pytest.approx(whole.quaternion.values[-1], abs=1e-13)
 
 
 def test_free_wheel_is_a_rotor_of_constant_momentum_on_its_carrier():
@@ -295,7 +356,7 @@ def test_variables_of_wheels_that_are_not_there_are_refused():
 def test_wheels_with_friction_are_refused_by_name_where_they_cannot_be():
     for make, words in (
         (lambda: simulate(standard(J), t_end=1, load=RUBBING, integrator="lie-midpoint"), "use gauss"),
-        (lambda: sensitivities(standard(J), t_end=1, load=RUBBING), "no derivatives"),
+        (lambda: lyapunov(standard(J), t_end=1, load=RUBBING), "only sensitivities, gradient and propagators"),
         (lambda: stepper(standard(J), 0.1, load=RUBBING, integrator="gauss"), "take friction off wheel_torque"),
         (lambda: wheel("x", 1, friction=lambda speed: -speed), "friction must slow the wheel down"),
         (lambda: wheel("x", 1, viscous=-1), "viscous must not be negative"),

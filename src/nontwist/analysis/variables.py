@@ -26,6 +26,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
 from ..geometry.values import among, as_list, shown
 from ..loads import Load
+from ..loads.friction import ROUND_OFF
 from ..loads.wheels import columns_of
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -85,7 +86,7 @@ NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time
 WHEELS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have wheels
     "wheel_momentum": (("time", "wheel"), "kg m2 s-1", "axial momentum of the wheel in space", "h"),
     "wheel_speed": (("time", "wheel"), "rad s-1", "speed of the wheel relative to the body", "Ω"),
-    "wheel_work": (("time", "wheel"), "J", "work of the motor since the start, of wheels with friction", "A"),
+    "wheel_work": (("time", "wheel"), "J", "work of the motor since the start", "A"),
     "wheel_loss": (("time", "wheel"), "J", "energy that friction has taken since the start", "D"),
     "total_kinetic_energy": (_NODE, "J", "kinetic energy of body and wheels", "T"),
 }
@@ -205,7 +206,9 @@ class Wheels(NamedTuple):
     axes: Array  # (k, 3)
     inertia: Array  # (k,)
     columns: NDArray[np.int64]  # (k,) of h among the internal states
-    have_friction: NDArray[np.bool_]  # (k,) whether work and loss are internal states
+    have_motors: NDArray[np.bool_]  # (k,) whether their works are internal states
+    have_losses: NDArray[np.bool_]  # (k,) whether what friction takes is
+    are_dry: NDArray[np.bool_]  # (k,) whether they may stand, at a speed of round-off
 
     @classmethod
     def of(cls, records: Sequence[Mapping[str, Any]]) -> Wheels | None:
@@ -223,10 +226,12 @@ class Wheels(NamedTuple):
     def states(self, velocity: Array, internal: Array) -> tuple[dict[str, Array], Array, Array]:
         """Return their variables, Σ I Ω n, (m, k, 3), and ``Σ I Ω (n·W + Ω/2)``, (m, k)."""
         h, axial = internal[..., self.columns], velocity @ self.axes.T
-        speed = h / self.inertia - axial
+        turning = h / self.inertia
+        speed = turning - axial
+        speed = np.where(self.are_dry & (abs(speed) <= ROUND_OFF * (abs(turning) + abs(axial))), 0.0, speed)
         work, loss = (
-            np.where(self.have_friction, internal[..., self.columns + k * self.have_friction], other)
-            for k, other in ((1, np.nan), (2, 0.0))
+            np.where(have, internal[..., self.columns + k * have], 0.0)
+            for k, have in ((1, self.have_motors), (2, self.have_losses))
         )
         energy = (self.inertia * speed * (axial + speed / 2)).sum(axis=-1)
         found = {"wheel_momentum": h, "wheel_speed": speed, "wheel_work": work, "wheel_loss": loss}

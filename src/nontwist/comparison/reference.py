@@ -295,7 +295,7 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     moves = bars(coarse, run_on(system, pair[0], stored[0], Gauss(order=8), _moved(system, arguments)))
     lags = bars(coarse, run_on(system, late, stored[0], Gauss(order=8), arguments))
     name, beside = "gauss 8 at h/8, beside h/4", [run, run]
-    if not arguments["load"].frictions:
+    if not arguments["load"].is_dry:
         name += " and continuous DOP853"
         beside = [
             integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)

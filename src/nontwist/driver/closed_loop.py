@@ -16,6 +16,7 @@ from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Sta
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
+from ..integrators.wheels import places
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import stacked
@@ -114,7 +115,7 @@ class Kind(NamedTuple):
     step: float
     inertia: bytes
     axis: bytes | None
-    internal: int  # internal states of the load
+    internal: int  # internal states of the load but for wheels
 
 
 def _takes_steps(kind: type[Integrator]) -> bool:
@@ -158,7 +159,7 @@ class StepperState(BodyState):
     @property
     def internal_state(self) -> tuple[float, ...]:
         """The internal states z of loads with memory but for wheels, one behind the other; none: ()."""
-        k, end = self._kind.internal - len(self._momenta), len(self._numbers) - 1
+        k, end = self._kind.internal, len(self._numbers) - 1
         return self._numbers[end - 2 * k : end - k]  # the carried numbers end with z and its round-off
 
     @property
@@ -237,8 +238,11 @@ class Stepper:
                 "a stepper has wheels without friction, and motors whose torque is no function: take friction off "
                 "wheel_torque, by state.wheel_speed"
             )
-        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, load.internal_state.size)
         self._single, self._wheels = SingleStep(system, load, step, integrator), load.wheels
+        self._places = [place for _, place in places(load)]  # of the momenta
+        own = sum(one.state0.size for one in load.wheels)
+        self._own, count = own, load.internal_state.size - own
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count)
         self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
         self.reset()
 
@@ -287,10 +291,10 @@ class Stepper:
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
         problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
-        internal, count = internal_states(systems, self.load, begin, t), len(self._wheels)
-        rest = None if internal is None or internal.shape[1] == count else internal[:, count:]
+        internal = internal_states(systems, self.load, begin, t)
+        rest = None if internal is None or internal.shape[1] == self._own else internal[:, self._own :]
         numbers = self._single.begin(replace(problem, internal=rest))
-        self._state = self._made(numbers, t, 0, internal[0, :count].tolist() if count and internal is not None else ())
+        self._state = self._made(numbers, t, 0, [] if internal is None else internal[0, self._places].tolist())
         return self._state
 
     def step(

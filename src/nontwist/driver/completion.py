@@ -7,6 +7,7 @@ the states, and every quaternion of unit length. A run that fails the check is a
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..integrators import Integrator, Status
 from ..integrators.base import Failure, Outcome, Problem
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
-from ..integrators.wheels import as_gyrostat, of_locked, with_wheels
+from ..integrators.wheels import as_gyrostat, of_locked, put_works_between, with_wheels, with_works
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
@@ -48,7 +49,7 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    if problem.load.frictions:
+    if problem.load.is_dry:
         from . import friction  # it marches the parts of a run by this function
 
         outcome = friction.march(scheme, problem, threads)
@@ -82,16 +83,30 @@ def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
         return scheme.march(problem, threads)
     if problem.observed:
         raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
-    found = one_by_one(lambda one: scheme.march(as_gyrostat(one)), problem, threads)
-    return of_locked(problem, found)
+    whole = with_works(problem)
+    found = of_locked(whole, one_by_one(lambda one: scheme.march(as_gyrostat(one)), whole, threads))
+    if len(whole.output) == len(problem.output):
+        return found if problem.intervals else found._replace(intervals=None)
+    return found.at(whole, problem)
 
 
 def between(scheme: Integrator, problem: Problem, states: States) -> States | None:
     """Return the states of one body at the times asked for, as `Integrator.between`."""
     if not problem.load.wheels:
         return scheme.between(problem, states)
-    found = scheme.between(as_gyrostat(problem), states)
-    return None if found is None else with_wheels(problem, found)
+    one = as_gyrostat(problem)
+    if (found := scheme.between(one, states)) is None:
+        return None
+    whole = with_wheels(problem, found, problem.output)
+
+    def velocities(times: Array) -> Array:
+        between = scheme.between(replace(one, asked=times), states)
+        assert between is not None
+        return between.velocity
+
+    if any(wheel.is_driven and wheel.works for wheel in problem.load.wheels):
+        put_works_between(problem, whole, states, velocities)
+    return whole
 
 
 def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:

@@ -16,6 +16,7 @@ from ..geometry.arrays import Array, as_array
 from ..integrators import Problem
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
+from ..integrators.memory_tangents import RememberingSteps, require_derivatives
 from ..integrators.tangents import ForwardTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..models.system import DirectorSystem
@@ -66,10 +67,12 @@ def sensitivities(
         of the grid is lengthened with the same number of steps; "load_scale"; and the parameters of the terms of the
         load: "pulse" and "sine", their peaks; "frequency"; "phase"; "values" of tables and of momenta of rotors;
         "rotor", the axis of one; "damping", the entries of its matrix; "linear" and "quadratic", the coefficients of a
-        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; fields of loads of
-        your own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. For a
-        body with a constrained axis only the admissible part of a change counts: the part of a velocity orthogonal to
-        the axis, and the part of a change of the axis orthogonal to the axis.
+        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; "speed", "torque" and
+        "viscous" of wheels; fields of loads of your own. ``"load[1].values"`` selects those of the second term alone,
+        ``"load[1].scale"`` its factor. For a body with a constrained axis only the admissible part of a change counts:
+        the part of a velocity orthogonal to the axis, and the part of a change of the axis orthogonal to the axis.
+        Under loads with memory, friction of wheels among them, only the start and these fields of wheels count, and
+        beside them there may be moments of time, `damping`, gravity and rotors.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project
@@ -207,16 +210,24 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
     linearised_by(plan)
-    return plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
+    problem = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
+    if plan.load.memories:
+        require_derivatives(problem)
+    return problem
 
 
 def linearised_by(plan: Plan) -> Compiled:
     """Return what linearises the steps of a plan."""
-    return scheme_of(plan.scheme, plan.load)
+    return scheme_of(plan.scheme, plan.load, True)
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
     """Return the derivatives of the stored states by the parameters, or along `directions` (count, d); (n, 6, d)."""
+    if solved.problem.load.memories:
+        remembering, first = _remembering(solved, parameters)
+        along = np.eye(parameters.count) if directions is None else directions
+        ends = remembering.forward(solved.run.states, first @ along, along, solved.kept)
+        return np.concatenate([(first @ along)[None, :6], ends])
     steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     first, entries = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed), parameters.entries
     if directions is not None:
@@ -227,13 +238,25 @@ def changes_of(solved: Solved, parameters: Parameters, directions: Array | None 
 
 def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
     """Return the derivatives of f by the parameters, (count,), from those by the stored states, (n, 6)."""
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     ends = np.ascontiguousarray(slopes[1:])
+    if solved.problem.load.memories:
+        remembering, first = _remembering(solved, parameters)
+        at_start, found = remembering.back(solved.run.states, ends, solved.kept)
+        at_start[:6] += slopes[0]
+        of_start: Array = found + first.T @ at_start
+        return of_start
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
     at_start[:6] += slopes[0]
     first = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed)
     total: Array = found + first.T @ at_start
     return total
+
+
+def _remembering(solved: Solved, parameters: Parameters) -> tuple[RememberingSteps, Array]:
+    """Return the steps of a run with memory, and the changes of the first state by the parameters."""
+    steps = RememberingSteps(solved.problem, solved.run.integrator, parameters.of_wheels)  # type: ignore[arg-type]
+    return steps, steps.start(parameters.start(6, solved.problem.velocity[0], solved.removed))
 
 
 def jacobian_of(plan: Plan, begin: Starts, wrt: Any) -> Array:

@@ -16,14 +16,14 @@ from ..geometry.values import as_whole
 from ..integrators import Integrator, Problem, SimulationError, Status
 from ..integrators.base import Outcome
 from ..integrators.growing import Growth
-from ..integrators.linearised import Linearised
+from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.members import in_threads
 from ..integrators.members import progress as counted
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
 from .costs import cores, members_cost
-from .derivatives import differentiable, linearised_by, solved_with
+from .derivatives import differentiable, solved_with
 from .ensembles import with_messages
 from .grid import automatic_grid
 from .notices import announce, progress_bar, warn_of_grid, warn_of_step
@@ -104,7 +104,7 @@ def lyapunov(system: DirectorSystem | Posed, **keywords: Unpack[OfMotion]) -> xa
 
 
 def _warn_of_hidden(plan: Plan) -> None:
-    if linearised_by(plan).is_director_scheme:
+    if scheme_of(plan.scheme, plan.load).is_director_scheme:
         text = "energy-momentum hides exponents below zero; use gauss or lie-midpoint for these"
         warn(text)
 

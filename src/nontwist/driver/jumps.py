@@ -19,7 +19,7 @@ from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.terms import Term
 from ..models.system import DirectorSystem
-from .friction import torque
+from .rubbing import torque
 
 PIECES, HALVINGS = 64, 40
 LEFT = 0.5  # of the change between two of the times: what a jump leaves of it

@@ -17,6 +17,7 @@ from ..integrators.compiled import Compiled
 from ..integrators.linear_inputs import Entries, Nodes
 from ..integrators.linearised import Changes, is_seen_from_orbit
 from ..integrators.load_samples import as_marched
+from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import Problem
 from ..loads.base import is_called, with_moments
 from ..loads.derivatives import (
@@ -96,6 +97,8 @@ class Parameters:
                     self.all.append(Parameter(name, tuple(labels), unit, first, term, field))
                     first += len(labels)
         self.count = first
+        if problem.load.memories and (bad := next((one.name for one in self.all if not self._is_of_memory(one)), None)):
+            raise ValueError(f"runs with memory have derivatives by {NAMES}; {bad} is none of them")
         if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
             raise ValueError(
                 "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
@@ -129,6 +132,20 @@ class Parameters:
     def _drawn(self) -> list[GravityGradient]:
         """The terms that know the inertia."""
         return [term for term in self.terms if isinstance(term, GravityGradient)]
+
+    def _is_of_memory(self, one: Parameter) -> bool:
+        """Whether runs with memory have derivatives by a parameter."""
+        return (
+            one.name in EVERY if one.term is None else isinstance(self.terms[one.term], Wheel) and one.field in FIELDS
+        )
+
+    @property
+    def of_wheels(self) -> list[tuple[int, str] | None]:
+        """The number of a wheel and the name of its field, for each number; None: another parameter."""
+        numbers = [k for k, term in enumerate(self.terms) if isinstance(term, Wheel)]
+        return [
+            None if one.term is None else (numbers.index(one.term), one.field) for one in self.all for _ in one.labels
+        ]
 
     @property
     def labels(self) -> list[str]:

@@ -159,7 +159,7 @@ def require_possible(scheme: Integrator, systems: SystemStack, load: Load) -> No
     if load.frictions and load.remembering:
         raise ValueError(
             "dry_friction does not act beside wheels and loads with memory; friction of a wheel is "
-            "wheel(viscous=..., friction=...)"
+            "wheel(viscous=..., coulomb=..., friction=...)"
         )
     for k in range(len(systems)) if load.wheels else ():
         carrier(systems[k], load)

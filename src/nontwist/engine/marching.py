@@ -39,6 +39,7 @@ from .records import NODAL, Block, Parts, State, Work
 from .sampling import Nodes
 from .workspace import NAN, NOW, OK, gather, note, remember, scatter, write
 
+TOTALS = "twist", "work", "turned", "late"  # what is no mean
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
@@ -61,6 +62,8 @@ class Step(NamedTuple):
     moment: Any = None  # of the moment of the load, of that of dead forces, in space
     dead: Any = None
     work: Any = None
+    turned: Any = None  # integrals of W, and of W times the time
+    late: Any = None
 
 
 # Of a state: what gives, of a time, the state after it, and the mask of bodies that turn too far.
@@ -240,10 +243,10 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:
     """Take what a step gives, a part of the interval, into means and sums, and into what is observed."""
-    for name in ("mu", "lam", "moment", "dead", "twist", "work"):
+    for name in ("mu", "lam", "moment", "dead", *TOTALS):
         if (value := getattr(found, name)) is not None and (parts.reports or name != "lam"):
             own = getattr(x.sums, name)
-            setattr(x.sums, name, own + (value if name in ("twist", "work") else part * value))
+            setattr(x.sums, name, own + (value if name in TOTALS else part * value))
     if parts.reports:
         x.sums.iterations = larger(found.used, x.sums.iterations)
     if parts.observes:

@@ -91,6 +91,8 @@ class Sums(NamedTuple):
     moment: Vector  # in space
     dead: Vector  # moment of dead forces on held bodies, in space
     work: float
+    turned: Vector  # ∫ W dt, and with the time of the caller ∫ t W dt
+    late: Vector
     twist: float
     iterations: float
 
@@ -229,6 +231,7 @@ class Parts(NamedTuple):
     damping: bool = False
     dead: bool = False
     rotor: bool = False
+    turns: bool = False  # whether W is summed: motors of wheels do work
     spin: bool = False  # one that changes
     function: bool = False
     memory: int = 0  # internal states of loads with memory
@@ -263,6 +266,11 @@ class Parts(NamedTuple):
     def calls(self) -> bool:
         """Whether functions of the state are called."""
         return self.function or self.generalised or self.memory > 0
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether times of nodes are taken."""
+        return self.calls or self.turns
 
     @property
     def room(self) -> int:

@@ -10,7 +10,7 @@ from .records import FORCES, Body, Parts, Work
 from .state_moments import Functions
 from .workspace import internal
 
-ARRAYS = {"times": "calls", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
+ARRAYS = {"times": "is_timed", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
 STATE_CALL = fields(Work)["state_call"].place
 
 
@@ -91,6 +91,10 @@ class Nodes:
         """Return the momentum of the rotors at a node of the step and its rate, in b."""
         place = 6 * (self.node + j)
         return self._along("rotor", place), self._along("rotor", place + 3)
+
+    def time(self, j: Any = 0) -> Any:
+        """Return the time of a node of the step, that of the caller."""
+        return self._arrays["times"][self.node + j]
 
     def spin(self, j: Any = 0) -> Any:
         """Return the change of the prescribed spin in the step."""

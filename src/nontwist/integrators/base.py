@@ -157,6 +157,8 @@ class Integrator:
         """Raise what `refusal` returns as a ValueError; it takes dry friction nowhere but in a run."""
         if problem.load.frictions:
             raise ValueError("dry_friction acts in runs and ensembles alone; use simulate, or simulate_ensemble")
+        if problem.load.is_dry:
+            raise ValueError("coulomb= of a wheel acts in runs and ensembles alone; use simulate, or simulate_ensemble")
         if (reason := self.refusal(problem)) is not None:
             raise ValueError(reason)
 

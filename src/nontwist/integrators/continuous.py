@@ -38,6 +38,7 @@ from .costs import Cost, largest_velocity
 
 MOST = 1e6  # steps of the solver in a run, half an hour
 CHECK_EVERY, PATIENCE = 1000, 1e5  # steps between checks of the progress; steps by which a fast start is over
+TURNED = 6  # integrals of W and of t W, for the work of motors
 DIVERGED = 1e3  # component of a director
 STATE_NS, STEP_NS, STARTS = 100_000, 2_000_000, 2  # of an output, of a step of the solver; steps of its start
 SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step is NaN, which it shortens for ever
@@ -128,7 +129,7 @@ class Continuous(Integrator):
             form = _Spun(system, problem.t_start)
         state = form.start(problem.directors, problem.velocities)
         size, c = len(state), form.multipliers
-        y = np.concatenate([state, np.zeros(4 + c)])
+        y = np.concatenate([state, np.zeros(4 + c + TURNED * problem.load.drives)])
         how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
         if self.method in STABLE and 0 < (rate := _damping_rate(problem)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
@@ -222,7 +223,7 @@ class _Split:
         total = moment if forces is NO_FORCES else moment + products(q, forces)
         directors, dy[9:12], dy[12], mu = split_rates(self.system, q, y[9:12], float(y[12]), total, w)
         dy[:9] = directors.ravel()
-        dy[self.size + 4 :] = mu
+        dy[self.size + 4 : self.size + 4 + self.multipliers] = mu
 
 
 class _Spun(_Split):
@@ -256,7 +257,7 @@ class _Spun(_Split):
             total = total + products(q, forces)
         free = np.linalg.solve(J, np.cross(J @ W, W) + q @ total)
         dy[:9], dy[9:12] = (q @ hat(w).T).ravel(), free + (self.rate - n @ free) * n
-        dy[self.size + 4 :] = (n @ free - self.rate) * (n @ J @ n)  # n is principal
+        dy[self.size + 4 : self.size + 5] = (n @ free - self.rate) * (n @ J @ n)  # n is principal
 
 
 class _Director:
@@ -278,7 +279,9 @@ class _Director:
         return q, products(q, v) / 2
 
     def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
-        v_dot, dy[self.size + 4 :] = director_rates(self.system, q, y[9:18].reshape(3, 3), moment, forces)
+        v_dot, dy[self.size + 4 : self.size + 4 + self.multipliers] = director_rates(
+            self.system, q, y[9:18].reshape(3, 3), moment, forces
+        )
         dy[:9], dy[9:18] = y[9:18], v_dot.ravel()
 
 
@@ -288,7 +291,7 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
         form.begin(first, last)
     forces, moments = parted(problem.load.without_potentials)
     potentials = Load(problem.load.potentials)
-    has_forces, size = bool(forces.terms or potentials.terms), form.size
+    has_forces, size, drives = bool(forces.terms or potentials.terms), form.size, problem.load.drives
 
     def rates(t: float, y: Array) -> Array:
         if may_reject and not abs(y[:9]).max() < DIVERGED:
@@ -303,6 +306,8 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
         else:
             form.put_rates(dy, y, q, w, m, NO_FORCES)
         dy[size : size + 3], dy[size + 3] = m, 0.0 if m is NO_MOMENT else m @ w
+        if drives:
+            dy[-6:-3], dy[-3:] = q @ w, at * (q @ w)
         return dy
 
     return rates
@@ -316,7 +321,7 @@ def parted(load: Load) -> tuple[Load, Load]:
 
 
 def _sizes(problem: Problem, form: Any) -> Array:
-    """Return the size of every part of the state: directors, momenta or velocities, the four integrals, multipliers."""
+    """Return the size of every part of the state: directors, momenta or velocities, integrals, multipliers."""
     q, v = problem.directors, problem.velocities
     J, T = problem.system.convected_inertia, problem.t_end - problem.t_start
     W = q @ np.cross(q, v).sum(0) / 2
@@ -327,7 +332,8 @@ def _sizes(problem: Problem, form: Any) -> Array:
     if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
     moving = [momentum] * 4 if type(form) is _Split else [speed] * (form.size - 9)
-    return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers)
+    turned = ([1.0] * 3 + [max(abs(problem.t_start), abs(problem.t_end))] * 3) * problem.load.drives
+    return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + turned)
 
 
 def _damping_rate(problem: Problem) -> float:
@@ -356,4 +362,5 @@ def _march(problem: Problem, form: Any, y: Array, size: int, failure: Failure | 
     pairs = [form.velocities(row) for row in y]
     q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
     sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.output[: len(y)])[:, None]
-    return March(q, v, sums[:, 4:] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure)
+    ends, turned = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
+    return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, turned)

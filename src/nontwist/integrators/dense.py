@@ -73,6 +73,7 @@ class Dense:
             "spans": march.lengths,
             "begin": np.searchsorted(nodes, step),
             "lengths": length / unit,
+            "times": np.stack([self._steps[0], self._steps[0] + length], axis=1),
             "outputs": np.append(first, len(number)),
             "places": np.flatnonzero(is_inside)[first],
             "parts": np.append(t / length[np.searchsorted(step, number)], np.ones(machine_code.lanes())),

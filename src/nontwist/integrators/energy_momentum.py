@@ -359,6 +359,8 @@ def multipliers(
     lam = symmetric_part(L)
     if parts.generalised:
         lam = lam + loads.functions.rest
+    if parts.turns:
+        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
     return found._replace(mu=L[0][1] - L[1][0], lam=lam, twist=2.0 * (body.axis @ a))
 
 

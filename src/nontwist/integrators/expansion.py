@@ -35,7 +35,7 @@ from .gauss_stages import VECTORS, Equations, Now, StageLoads
 FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
 LAST, APART, TINY = 2e-12, 1e-7, 1e-300
 STATE = 7  # numbers of P and p
-UNTIMED = SUMS.work, SUMS.twist  # of which a sum is no mean
+UNTIMED = tuple(range(SUMS.work, SUMS.iterations))  # of which a sum is no mean
 
 
 class Run(NamedTuple):
@@ -60,6 +60,7 @@ class Run(NamedTuple):
     parts: Doubles  # τ of the outputs inside
     polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
+    times: Doubles  # (steps, 2) of both ends, those of the caller
     taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
     kept: int  # rows of an output, the start the first one
@@ -89,8 +90,16 @@ def vectors_of(parts: Parts) -> int:
 
 def summed(parts: Parts) -> list[str]:
     """Return what is summed, and is not 0."""
-    has_moment, is_held = parts.moving or parts.space or parts.rotor or parts.damping, parts.is_constrained
-    is_made = {"mu": is_held, "moment": has_moment, "dead": is_held and parts.dead, "work": has_moment, "twist": True}
+    has_moment = parts.moving or parts.space or parts.rotor or parts.damping
+    is_made = {
+        "mu": parts.is_constrained,
+        "moment": has_moment,
+        "dead": parts.is_constrained and parts.dead,
+        "work": has_moment,
+        "turned": parts.turns,
+        "late": parts.turns,
+        "twist": True,
+    }
     return [name for name, is_there in is_made.items() if is_there and parts.reports]
 
 
@@ -163,12 +172,13 @@ class Expansion:
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
         self.polynomials = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
+        self.clock = room(MOST * lanes if parts.turns else 0)
         self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
 
     def gather(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
-        for memory in self.polynomials:
+        for memory in (*self.polynomials, *[self.clock][: self.parts.turns]):
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
@@ -181,6 +191,9 @@ class Expansion:
             for c, x in enumerate([*numbers, *(select(self.side == 0, 0.0, x) for x in sums)]):
                 start[c * lanes + l] = x
             self.length[l] = select(self.side == 0, length, -length)
+            if self.parts.turns:
+                second = self.length[l] / run.rate[0]
+                self.clock[l], self.clock[lanes + l] = run.times[2 * step + self.side], second
             for c, memory in enumerate(self.polynomials):
                 numbers = run.polynomials.shifted(((2 * step + self.side) * len(self.polynomials) + c) * run.degree)
                 for n in loop(run.degree):
@@ -230,7 +243,7 @@ class Expansion:
         return moving, space, rotor
 
     def sum_rates(self, now: Now, p: Quaternion, space: Any) -> list[Any]:
-        """Return the rates of the sums: μ, the moment and that of dead forces in space, work and twist."""
+        """Return the rates of the sums: μ, the moment and that of dead forces in space, work, W, t W and twist."""
         body, parts, found, names = self.body, self.parts, list[Any](), summed(self.parts)
         (b0, b1), k = body.off, body.k
         if "mu" in names:
@@ -241,7 +254,11 @@ class Expansion:
             found += turned(p, now.still)
         if "work" in names:
             found.append(sum_of(*(None if x is None else now.W @ x for x in (now.own, now.push))))
-        return [*(body.unit * x for x in found), body.axis @ now.W] if parts.reports else []
+        if not parts.reports:
+            return []
+        turning = body.basis @ now.W if parts.turns else ()
+        late = [Stored(self.recurrence, self.clock) * x for x in turning]
+        return [*(body.unit * x for x in found), *turning, *late, body.axis @ now.W]
 
 
 def fill(parts: Parts, run: View, i: Any, first: Any) -> None:

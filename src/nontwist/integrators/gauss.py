@@ -296,7 +296,11 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
         mu = mu - (body.off[0] * k[0] * dP[0] + body.off[1] * k[1] * dP[1])
     if parts.spin:
         mu = mu - dP[2]
-    return with_means(e, y, alive, motion, found._replace(mu=mu / h, twist=body.axis @ turn), work)
+    found = found._replace(mu=mu / h, twist=body.axis @ turn)
+    if parts.turns:
+        late = sum_of(*(nodes.time(j) * y.one(j).angle for j in range(s)))
+        found = found._replace(turned=turn, late=late)
+    return with_means(e, y, alive, motion, found, work)
 
 
 def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:

@@ -238,6 +238,8 @@ def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vec
         found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
     if parts.dead and parts.is_constrained:
         found = found._replace(dead=R @ mean_moment_of_dead(loads.dead, s, a))
+    if parts.turns:
+        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
     return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
 
 

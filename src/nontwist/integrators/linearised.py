@@ -51,8 +51,11 @@ def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bo
     return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
-def scheme_of(integrator: Integrator, load: Load) -> Compiled:
-    """Return an integrator that has derivatives; a ValueError where it has none, or its runs under a load."""
+def scheme_of(integrator: Integrator, load: Load, with_memory: bool = False) -> Compiled:
+    """Return an integrator that has derivatives; a ValueError where it has none, or its runs under a load.
+
+    `with_memory`: whether loads may have memory (`memory_tangents`).
+    """
     from . import INTEGRATORS
 
     if load.frictions:
@@ -60,12 +63,18 @@ def scheme_of(integrator: Integrator, load: Load) -> Compiled:
             "runs under dry_friction have no derivatives: they jump where a body begins to stick; leave it out, or "
             "difference two runs"
         )
+    if load.is_dry:
+        raise ValueError(
+            "runs with coulomb= of a wheel have no derivatives: they jump where a wheel begins to stand; leave it out, "
+            "or difference two runs"
+        )
     if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
-    if load.memories:
+    if load.memories and not with_memory:
         raise ValueError(
-            "runs under loads with memory have no derivatives: take differences of runs, or a load without memory"
+            "with loads with memory, friction of wheels among them, only sensitivities, gradient and propagators have "
+            "derivatives; take differences of runs, or a load without memory"
         )
     return integrator
 

@@ -68,7 +68,8 @@ def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool =
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end)
+    turned = arrays["intervals"][..., first:, SUMS.turned : SUMS.twist] if todo.parts.turns else None
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned)
 
 
 def tangent(problem: Problem) -> Problem:

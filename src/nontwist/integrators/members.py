@@ -86,7 +86,9 @@ def one_by_one(march: Callable[[Problem], Outcome], problem: Problem, threads: i
     good, failures = (np.concatenate([getattr(one, name) for one in members]) for name in ("good", "failures"))
     reasons = {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons}
     means = zip(*(one.intervals for one in members if one.intervals), strict=True)
-    return Outcome(states, good, failures, reasons, Intervals(*map(_joined, means)) if problem.intervals else None)
+    intervals = Intervals(*map(_joined, means)) if problem.intervals else None
+    turned = _joined(tuple(one.turned for one in members))
+    return Outcome(states, good, failures, reasons, intervals, turned=turned)
 
 
 def outcome_of(problem: Problem, march: March) -> Outcome:
@@ -97,12 +99,13 @@ def outcome_of(problem: Problem, march: March) -> Outcome:
     carried = np.stack([march.directors, march.velocities], axis=1)
     states = States(*(_padded(array, k, np.nan) for array in (p, W, N, carried)))
     multipliers, moment, work = (_padded(array, k - 1, 0) for array in march[2:5])
+    turned = None if march.turned is None else _padded(march.turned, k - 1, 0)
     iterations = None if march.newton_iterations is None else _padded(march.newton_iterations, k - 1, 0)
     is_known = problem.systems.axis is None or not (problem.load.potentials or problem.systems.has_dead_force)
     intervals = Intervals(multipliers, moment, work, iterations, np.zeros(moment.shape) if is_known else None)
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}
-    return Outcome(states, np.array([n]), failures, reasons, intervals)
+    return Outcome(states, np.array([n]), failures, reasons, intervals, turned=turned)
 
 
 def _padded(array: Any, length: int, value: float) -> NDArray[Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -139,6 +140,7 @@ class March(NamedTuple):
     load_work: Array  # (n,)
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
+    turned: Array | None = None  # (n, 6) as in `Outcome`
 
     @property
     def means(self) -> Intervals:
@@ -192,6 +194,32 @@ class Outcome(NamedTuple):
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
     memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
+    turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt over intervals, for the work of motors (`wheels`)
+
+    def times(self, problem: Problem) -> Array:
+        """Return the times of the states: of a run that was stopped the last one is that of no output."""
+        found = problem.output.copy()
+        if self.end is not None:
+            found[self.good[0] - 1] = problem.times(self.end)
+        return found
+
+    def at(self, whole: Problem, problem: Problem) -> Outcome:
+        """Return the outcome of a problem at the outputs of another one, which are some of its own."""
+        places, k, times = np.searchsorted(whole.output, problem.output), len(problem.output), self.times(whole)
+        if self.end is None:
+            good = np.searchsorted(places, self.good)
+        else:  # the last state is that of no output
+            good = np.searchsorted(places, self.good - 1) + 1
+            places[good[0] - 1] = self.good[0] - 1
+        states = States(*(None if array is None else array[:, places] for array in self.states))  # type: ignore[arg-type]
+        found, own = self._replace(states=states, good=good, intervals=None, turned=None), self.intervals
+        if not problem.intervals or own is None or k < 2:
+            return found
+        sums = np.add.reduceat(own.integrals(np.diff(times))[:, : places[-1]], places[:-1], axis=1)
+        used = own.newton_iterations
+        most = None if used is None else np.stack([used[:, a:b].max(axis=1) for a, b in pairwise(places)], axis=1)
+        means = own.of_integrals(sums, np.diff(times[places]), most)
+        return found._replace(intervals=means)
 
     def failure(self, i: int = 0) -> Failure | None:
         """Return how a member failed, None where it did not."""

@@ -74,6 +74,7 @@ class StackMarch:
         known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
         z = self.load.internal_state
         known["memory"] = z.size
+        known["turns"] = stack.intervals and self.load.drives
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
         self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
         self.group = np.broadcast_to(group, m)
@@ -293,6 +294,8 @@ class StackMarch:
             self._leave(self.groups[0], (0, 1), last, done)
             if stack.intervals:
                 self.arrays["intervals"][0, done, : SUMS.work] *= length / passed
+            if self.outputs is not None and self.outputs.is_at(last):
+                end = None
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 
     def _open(self) -> Array:

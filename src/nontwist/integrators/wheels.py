@@ -4,22 +4,30 @@ A problem with wheels becomes that of what carries them, of inertia J_c, with ro
 h. Its constraints and their multipliers are the same. What is said of its intervals becomes again what is said of the
 body with its wheels locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the
 mean moment of the load has beside that on the carrier the change of Λz, its work that of ½ W·z.
+
+The work of a motor whose torque is known beforehand, ``A = ∫ τ Ω dt = Δh²/2I - n·∫ τ W dt``, follows from the integrals
+of W and of t W over the stages of each step, and has its order. The energy of the whole changes by these works and by
+those of other loads, to round-off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes
 from ..loads import Load
+from ..loads.terms import chord
 from ..loads.wheels import Driven, Wheel
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, euler_inertia
 from .problem import Outcome, Problem
+
+X, WEIGHTS = (leggauss(8)[0] + 1) / 2, leggauss(8)[1] / 2
 
 
 def internal_states(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
@@ -40,8 +48,8 @@ def places(load: Load) -> Iterator[tuple[Wheel, int]]:
 
 
 def driven_columns(load: Load) -> list[int]:
-    """Return the columns of h of the wheels of which it is known beforehand."""
-    return [column for wheel, column in places(load) if wheel.is_driven]
+    """Return the columns of the wheels of which h is known beforehand."""
+    return [column + k for wheel, column in places(load) if wheel.is_driven for k in range(wheel.state0.size)]
 
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
@@ -73,12 +81,12 @@ def as_gyrostat(problem: Problem) -> Problem:
     return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, internal=internal)
 
 
-def with_wheels(problem: Problem, states: States) -> States:
-    """Return the states of `as_gyrostat` at the times of output, with all internal states of the problem."""
+def with_wheels(problem: Problem, states: States, times: Array) -> States:
+    """Return the states of `as_gyrostat` at times, with all internal states of the problem but works."""
     assert problem.internal is not None
-    at, driven, first = np.append(problem.t_start, problem.output), driven_columns(problem.load), problem.internal
+    at, driven, first = np.append(problem.t_start, times), driven_columns(problem.load), problem.internal
     shape = states.velocity.shape[:-1]  # of one body, or of several
-    internal = np.empty((*shape, first.shape[1]))
+    internal = np.full((*shape, first.shape[1]), np.nan)
     if states.internal is not None:
         internal[..., np.delete(np.arange(first.shape[1]), driven)] = states.internal
     for wheel, column in places(problem.load):
@@ -91,12 +99,67 @@ def with_wheels(problem: Problem, states: States) -> States:
 
 def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
     """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
-    outcome = outcome._replace(states=with_wheels(problem, outcome.states))
+    times = outcome.times(problem)
+    outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
+    if outcome.turned is not None:
+        _put_works(problem, outcome, times)
     if outcome.intervals is None:
         return outcome
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
-    z, kept, length = W @ locked, outcome.intervals, np.diff(problem.output)
+    z, kept, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
         moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
     work = np.diff((W * z).sum(axis=-1), axis=1) / 2
     return outcome._replace(intervals=kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work))
+
+
+# ---- the work of motors whose torques are known beforehand
+
+
+def with_works(problem: Problem) -> Problem:
+    """Return a problem with the outputs of which works are made: also the start, and kinks of torques."""
+    kinks = {t for one in problem.load.wheels if one.is_driven for t in one.breakpoints}
+    if not any(one.is_driven and one.works for one in problem.load.wheels):
+        return problem
+    inner = [t for t in kinks if problem.t_start < t < problem.output[-1]]
+    times = np.union1d(problem.output, [problem.t_start, *inner])
+    asked = problem.asked if len(times) == len(problem.output) else times
+    return replace(problem, intervals=True, asked=asked)
+
+
+def _put_works(problem: Problem, outcome: Outcome, times: Array) -> None:
+    """Put the works of driven wheels to the states: ``∫ τ Ω dt = Δh²/2I - n·∫ τ W dt``, τ linear between outputs."""
+    z, first, turned = outcome.states.internal, problem.internal, outcome.turned
+    assert z is not None
+    assert first is not None
+    assert turned is not None
+    middles, length = (times[1:] + times[:-1]) / 2, np.diff(times)
+    for wheel, column in places(problem.load):
+        if wheel.is_driven and wheel.works:
+            factor = wheel.scale * problem.load_scale[:, None]
+            slope = chord(wheel.times, wheel.values, middles) if wheel.times.size else 0.0 * middles
+            torque, h = np.diff(wheel.impulse(times)) / length - slope * middles, z[..., column]
+            taken = (torque[:, None] * turned[..., :3] + slope[:, None] * turned[..., 3:]) @ wheel.direction
+            works = np.diff(h) * (h[:, 1:] + h[:, :-1]) / (2 * wheel.inertia) - factor * taken
+            z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
+
+
+def put_works_between(problem: Problem, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
+    """Put the works of driven wheels to the states at the times asked for, given those at all nodes of the grid.
+
+    They are quadratures of τ Ω since the node before; `velocities` gives W at increasing times.
+    """
+    times, grid = problem.output, problem.times(np.arange(problem.steps + 1))
+    number = np.searchsorted(grid, times, side="right") - 1
+    since = times - grid[number]
+    at, place = np.unique(grid[number, None] + since[:, None] * X, return_inverse=True)
+    W, first = velocities(at), problem.internal
+    assert states.internal is not None
+    assert nodes.internal is not None
+    assert first is not None
+    for wheel, column in places(problem.load):
+        if wheel.is_driven and wheel.works:
+            change = wheel.impulse(at) - wheel.impulse(np.array([problem.t_start]))
+            speed = (first[0, column] + wheel.scale * change) / wheel.inertia - W @ wheel.direction
+            power = (wheel.scale * wheel.torque_at(at) * speed)[place].reshape(len(times), -1)
+            states.internal[:, column + 1] = nodes.internal[number, column + 1] + since * (power @ WEIGHTS)

@@ -175,9 +175,19 @@ class Load:
         return tuple(term for term in self.terms if isinstance(term, Momentum))
 
     @property
+    def drives(self) -> bool:
+        """Whether motors of wheels, of momenta that are known beforehand, do work."""
+        return any(isinstance(one, Driven) and one.of.works for one in self.terms)
+
+    @property
     def wheels(self) -> tuple[Wheel, ...]:
         """The terms that are wheels."""
         return tuple(term for term in self.terms if isinstance(term, Wheel))
+
+    @property
+    def is_dry(self) -> bool:
+        """Whether friction jumps with the state, of the body or of a wheel, so that runs are taken apart."""
+        return bool(self.frictions) or any(one.is_dry for one in self.wheels)
 
     def rotor_momentum(self, times: ArrayLike) -> Array:
         """Return the momentum of the rotors relative to the body, in body components: the sum of h a over all rotors.

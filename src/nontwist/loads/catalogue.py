@@ -425,6 +425,7 @@ def wheel(
     speed: float = 0.0,
     torque: Any = None,
     viscous: float = 0.0,
+    coulomb: float = 0.0,
     friction: Callable[[float], float] | None = None,
     *,
     compiled: bool = True,
@@ -448,6 +449,9 @@ def wheel(
         Torque of the motor on the wheel, about its axis; of a table linear between the times and zero outside.
     viscous : float, N m s
         Friction in the bearing per unit of Ω.
+    coulomb : float, N m
+        Dry friction in the bearing: of this size against Ω while the wheel turns. Where Ω is zero the wheel sticks,
+        Ω = 0 exactly, as long as no larger torque is needed to hold it.
     friction : function ``f(speed) -> float``, N m, optional
         Friction of the sign of Ω, which is taken off the torque.
     compiled : bool
@@ -486,7 +490,17 @@ def wheel(
         raise ValueError(f"torque must be a number, (times, values) or a function, got {shown(torque)}")
     number, motor = (0.0, torque) if callable(torque) else (torque, None)
     table = torque if is_table else ((), ())
-    given = axis, inertia, speed, 0.0 if is_table or number is None else number, *table, viscous, friction, motor
+    given = (
+        axis,
+        inertia,
+        speed,
+        0.0 if is_table or number is None else number,
+        *table,
+        viscous,
+        coulomb,
+        friction,
+        motor,
+    )
     return of_function(Wheel, *given, compiled=compiled and bool(motor or friction))
 
 

@@ -89,6 +89,7 @@ def c_function(parts: Parts, count: int = 3) -> Any:
     return _made(total, tuple(part for part, _ in parts))
 
 
+@lru_cache(maxsize=256)
 def response_of(parts: tuple[tuple[Any, float, int], ...]) -> Any:
     """Return the C functions of terms with memory as one: moments times their factors, then z' of one and the other.
 

@@ -53,7 +53,7 @@ class Memory(Term):
 
     @property
     def varying(self) -> list[str]:
-        """None: there are no derivatives."""
+        """None: what such a term says are functions."""
         return []
 
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:

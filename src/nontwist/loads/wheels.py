@@ -4,9 +4,10 @@ A wheel is symmetric about its axis n, which passes through its centre of mass, 
 it. J is that of the body with all wheels locked, W its angular velocity, Ω the speed of a wheel relative to the body.
 The axial momentum of a wheel in space is
 
-    h = I (Ω + n·W),        h' = τ - f(Ω),
+    h = I (Ω + n·W),        h' = τ - f(Ω) - λ,        λ in c Sgn(Ω),
 
-τ the torque of the motor on the wheel, f friction in its bearing. What carries the wheels has J_c = J - Σ I n nᵀ, and
+τ the torque of the motor on the wheel, f smooth and c dry friction in its bearing, Sgn(Ω) = {sign Ω}, and [-1, 1] where
+the wheel stands in the body, Ω = 0 (`driver.wheel_friction`). What carries the wheels has J_c = J - Σ I n nᵀ, and
 with Σ h n in place of a rotor's momentum it is a gyrostat:
 
     J_c W' = (J_c W + Σ h n) × W + M - Σ h' n.
@@ -17,14 +18,14 @@ locked body, rotors of momentum I Ω.
 
 Without friction, and under torques of time, h is known beforehand, whatever the body does: such a wheel is `Driven`.
 Else h is an internal state z of a load with memory (`memory`), of moment ``h n × W - h' n`` along the moving frame; so
-are then the work of the motor and what friction takes, ``A' = τ Ω`` and ``D' = f Ω``.
+are then the work of the motor and what friction takes, ``A' = τ Ω`` and ``D' = (f + λ) Ω``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from .calls import Call, checked
 from .memory import Memory
 from .terms import Momentum, Record, smoothness, within
 
-ONE, SPEEDS = np.ones(1), np.logspace(-3, 4, 29)  # rad/s, at which friction is looked at
+SPEEDS = np.logspace(-3, 4, 29)  # rad/s, at which friction is looked at
 Function = Callable[..., Any]
 
 
@@ -45,7 +46,7 @@ class Wheel(Memory):
     """A wheel with a motor and friction.
 
     The torque is a number, or a table that is linear between its times and zero outside, and a function of time and
-    speed. Friction is viscous, or a function of the speed.
+    speed. Friction is viscous, dry, or a function of the speed.
     """
 
     kind = "memory"
@@ -57,6 +58,7 @@ class Wheel(Memory):
     times: Annotated[Array, Spec("", unit="s", shape=(None,), is_fixed=True)] = ()  # type: ignore[assignment]
     values: Annotated[Array, Spec("the torque", unit="N m", shape=("times",), is_fixed=True)] = ()  # type: ignore[assignment]
     viscous: Annotated[float, Spec("friction", unit="N m s", rule="not negative", is_fixed=True)] = 0.0
+    coulomb: Annotated[float, Spec("dry friction", unit="N m", rule="not negative", is_fixed=True)] = 0.0
     friction: Function | None = None
     motor: Function | None = None
 
@@ -76,7 +78,22 @@ class Wheel(Memory):
     @property
     def is_driven(self) -> bool:
         """Whether h is known beforehand."""
-        return not self.viscous and self.friction is None and self.motor is None
+        return not (self.viscous or self.coulomb) and self.friction is None and self.motor is None
+
+    @property
+    def works(self) -> bool:
+        """Whether a motor is given by a number or a table."""
+        return bool(self.torque or self.times.size)
+
+    @property
+    def is_dry(self) -> bool:
+        """Whether its friction jumps with the state, so that a run is taken apart."""
+        return self.coulomb > 0
+
+    @property
+    def slips(self) -> int:
+        """The direction in which dry friction lets it turn, 0: it has none, or its mode is open."""
+        return 0
 
     @property
     def direction(self) -> Array:
@@ -86,12 +103,12 @@ class Wheel(Memory):
     @property
     def varying(self) -> list[str]:
         """The names of the fields that are parameters of derivatives."""
-        return ["speed", "torque"] if self.is_driven else []
+        return ["speed", "torque"] if self.is_driven else ["speed", "torque", "viscous"]
 
     @property
     def state0(self) -> Array:  # type: ignore[override]
-        """The internal states of a body at rest: h, and where it is not known beforehand, the work and the loss."""
-        return np.array([self.inertia * self.speed, 0.0, 0.0][: 1 if self.is_driven else 3])
+        """The internal states of a body at rest: h, the work of a motor, and where h is not known, the loss."""
+        return np.array([self.inertia * self.speed, 0.0, 0.0][: 1 + self.works if self.is_driven else 3])
 
     @property
     def state_scale(self) -> Array:  # type: ignore[override]
@@ -107,6 +124,8 @@ class Wheel(Memory):
     @property
     def unscaled(self) -> Wheel:
         """The wheel of the factor 1 whose speed and torques are those of this one times its factor."""
+        if self.scale == 1:
+            return self  # what is compiled is kept
         c, motor = self.scale, self.motor
         driven = motor if motor is None or c == 1 else (lambda t, speed: c * motor(t, speed))
         return self._copy(scale=1.0, speed=c * self.speed, torque=c * self.torque, values=c * self.values, motor=driven)
@@ -123,6 +142,11 @@ class Wheel(Memory):
         found = found + sums[k] + (t - T[k]) * (y[k] + np.interp(t, T, y)) / 2
         return found
 
+    def torque_at(self, times: Array) -> Array:
+        """Return the torque at (n,) times, without the factor, but for what depends on the speed."""
+        table: Array = within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
+        return self.torque + table
+
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
         """Return the moment, and h', A', D'."""
         t, (h, *_), _, W = given
@@ -134,7 +158,7 @@ class Wheel(Memory):
             torque = torque + select((t >= a) & (t < b), y + (z - y) / (b - a) * (t - a), 0.0)
         if self.motor is not None:
             torque = torque + call(self.motor, (t, speed), ())[0]
-        drag = self.viscous * speed
+        drag = self.viscous * speed + self.slips * self.coulomb
         if self.friction is not None:
             drag = drag + call(self.friction, (speed,), ())[0]
         rate, c = torque - drag, [h * x for x in n]
@@ -165,9 +189,31 @@ class Wheel(Memory):
         """Return inertia, axis and speed."""
         about, speed = f"about {vector_text(record['wheel'])}", record["scale"] * record["speed"]
         has_motor = record["torque"] or len(record["times"]) or "motor" in record
-        parts = ["a motor"] * bool(has_motor) + ["friction"] * bool(record["viscous"] or "friction" in record)
+        parts = ["a motor"] * bool(has_motor) + ["friction"] * _rubs(record)
         more = f", with {' and '.join(parts)}" if parts else ""
         return f"wheel of {record['inertia']:.6g} kg m² {about}, at first {speed:.6g} rad/s{more}"
+
+
+@dataclass(frozen=True, eq=False)
+class Slipping(Wheel):
+    """A wheel while it turns in one direction under dry friction, a constant moment."""
+
+    slips: int = 1
+
+    @property
+    def works(self) -> bool:
+        """Whether a motor is given by a number or a table."""
+        return bool(self.torque or self.times.size)
+
+    @property
+    def is_dry(self) -> bool:
+        """Whether its friction jumps: it does not."""
+        return False
+
+    @classmethod
+    def of(cls, wheel: Wheel, sign: int) -> Slipping:
+        """Return a wheel that turns in the direction of a sign."""
+        return cls(**{**wheel.__getstate__(), "slips": sign})
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,19 +238,31 @@ class Driven(Momentum):
         """Return h and h' at (n,) times."""
         of = self.of
         momentum: Array = self.h + (of.impulse(times) - of.impulse(np.array([self.begin])))
-        table = within(of.times, of.values[:, None], times)[0] if of.times.size else 0.0 * times
-        return momentum, of.torque + table
+        return momentum, of.torque_at(times)
 
 
-def columns_of(records: Sequence[Record]) -> list[tuple[Array, float, int, bool]]:
-    """Return, of each wheel: axis, inertia, the column of h among the internal states, whether it is not driven.
+class Column(NamedTuple):
+    """A wheel in the states of a run."""
 
-    The internal states of wheels come before those of other loads.
-    """
-    found, column = list[tuple[Array, float, int, bool]](), 0
+    axis: Array  # (3,)
+    inertia: float
+    place: int  # of h among the internal states
+    has_motor: bool  # whether its work is behind it
+    has_loss: bool  # whether what friction takes is behind that: h is not known beforehand
+    is_dry: bool
+
+
+def columns_of(records: Sequence[Record]) -> list[Column]:
+    """Return the wheels of the load of these records, whose internal states come before those of other loads."""
+    found, place = list[Column](), 0
     for one in records:
         if "wheel" in one:
-            has_friction = bool(one["viscous"] or "friction" in one or "motor" in one)
-            found.append((np.array(one["wheel"]), float(one["inertia"]), column, has_friction))
-            column += 3 if has_friction else 1
+            rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
+            is_dry = bool(one.get("coulomb"))
+            found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
+            place += 3 if rubs else 1 + works
     return found
+
+
+def _rubs(record: Record) -> bool:
+    return bool(record["viscous"] or record.get("coulomb") or "friction" in record)

@@ -27,7 +27,7 @@ from ..analysis.trajectory import Trajectory
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine
+from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine, wheel
 from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import CASES
@@ -37,7 +37,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentu
 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.orbits"
-FRICTION = "nontwist.driver.friction"
+FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.wheel_friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -165,4 +165,18 @@ def friction() -> Iterator[Check]:
         yield error(f"pendulum under dry friction {about}: W and angle at rest", gaps, 1e-12, FRICTION, "closed form")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction)
+def bearing() -> Iterator[Check]:
+    """Let a wheel run down by viscous and dry friction: ``Ω' = -(b Ω + c) (1/I + 1/(J - I))``, until Ω = 0."""
+    inertia, b, c, first = 0.2, 0.1, 0.05, 3.0
+    rate = b * (1 / inertia + 1 / (5 - inertia))
+    load = wheel("z", inertia, speed=first, viscous=b, coulomb=c)
+    run = integrate(standard(PAPER_J), t_end=8, step=0.05, load=load, angular_velocity=(0, 0, 0.3)).to_dataset()
+    speed = np.maximum((first + c / b) * np.exp(-rate * run.time.values) - c / b, 0.0)
+    total, lost = run.total_momentum.values, run.total_kinetic_energy.values[0] - run.total_kinetic_energy.values
+    name = "wheel that runs down by dry friction, and stands"
+    yield error(f"{name}: Ω", run.wheel_speed.values[:, 0] - speed, 1e-13, BEARING, "closed form")
+    gaps = np.append(total - total[0], lost - run.wheel_loss.values[:, 0])
+    yield error(f"{name}: momentum of both, energy less loss", gaps, 1e-13, BEARING, "invariant")
+
+
+CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction, bearing)

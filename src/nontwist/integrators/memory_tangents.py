@@ -1,0 +1,286 @@
+"""Derivatives of steps of `gauss` under loads with memory: the variational equation, collocated at the known stages.
+
+With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.wheels`, `loads.memory`),
+and Q the inverse of the carrier's inertia, across a constrained axis, the equations of `gauss` are x' = G(t, x, u):
+
+    R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),
+
+u parameters of wheels. A step from x_n has stages ``X_i = x_n + k Σ a_ij G(X_j)``, k its length, and the end
+``x_n + k Σ b_j G(X_j)``. Derivatives of both obey the same equations, linear, with ∂G/∂x and ∂G/∂u at the stages:
+
+    dX_i = dx_n + k Σ a_ij (G_x dX_j + G_u du),        dx_{n+1} = dx_n + k Σ b_j (G_x dX_j + G_u du).
+
+They are the derivatives of the computed step, not those of the motion. As stages are not stored, they are found again
+by Newton's iteration with the same matrix, many steps at a time. At nodes R is a rotation, and dR = R δ̂. All wheels are
+states here, also those whose momentum is known beforehand: h is then a polynomial that is collocated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States, attitudes
+from ..kernels.dual import Dual, plain
+from ..kernels.vectors import Vector, cross
+from ..loads import Load
+from ..loads.base import with_moments
+from ..loads.calls import checked, differentiated, name_of
+from ..loads.memory import MOMENTS, Memory
+from ..loads.terms import Damping, OfTime, Rotor
+from ..loads.wheels import Wheel
+from .base import SimulationError, Status
+from .compiled import Compiled
+from .gauss_coefficients import TABLE, WIDTH, table
+from .linearised import ranged
+from .load_samples import as_marched
+from .problem import Problem
+from .rotors import at_nodes
+from .wheels import carrier, places
+
+AXES = np.eye(3)
+MOST = 2**20  # numbers of the matrices that are made at a time
+ITERATIONS, CLOSE, NEAR = 30, 1e-11, 1e-6  # of Newton's; the last change; how near an end is to the one that is known
+ROWS, ATTITUDE = 12, 9  # numbers of R and W, of R
+FIELDS = ("speed", "torque", "viscous")  # of wheels
+NAMES = "material_angular_velocity, rotation, and speed, torque and viscous of wheels"
+
+
+def require_derivatives(problem: Problem) -> None:
+    """Raise a ValueError where a problem with memory has no derivatives."""
+    if problem.systems.spin is not None:
+        raise ValueError("runs with memory have no derivatives where a spin is prescribed; leave spin= out")
+    _, load = as_marched(problem, False)
+    for term in load.terms:
+        if not isinstance(term, Memory | OfTime | Damping | Rotor):
+            raise ValueError(
+                f"runs with memory have no derivatives beside {type(term).words(term.description)}: leave it out, or "
+                "take differences of runs"
+            )
+
+
+class RememberingSteps:
+    """The steps of a run with memory, linearised.
+
+    Parameters
+    ----------
+    problem : Problem
+    scheme : `gauss`
+    parameters : pairs of a wheel's number and the name of a field, None: of the start
+
+    Attributes
+    ----------
+    rows : int
+        Numbers of a change: δ, W, z.
+    """
+
+    def __init__(self, problem: Problem, scheme: Compiled, parameters: list[tuple[int, str] | None]) -> None:
+        require_derivatives(problem)
+        self.problem, self.parameters = problem.member(0), parameters
+        systems, load = as_marched(self.problem, False)
+        load, known = with_moments(load), table(scheme.order)
+        s = self.s = scheme.order // 2
+        self.c, self.b = known[TABLE.nodes : TABLE.nodes + s], known[TABLE.weights : TABLE.weights + s]
+        self.a = known[TABLE.a : TABLE.a + WIDTH * WIDTH].reshape(WIDTH, WIDTH)[:s, :s].T
+        found = list(places(load))
+        self.wheels = [one.unscaled for one, _ in found]
+        self.rest = [term for term in load.remembering if not isinstance(term, Wheel)]
+        count = load.internal_state.size - sum(term.state0.size for term in self.rest)
+        self.columns = [place for _, place in found] + list(range(count, load.internal_state.size))
+        self.load = Load(tuple(term for term in load.terms if not isinstance(term, Memory)))
+        self.damping, self.dead = load.damping, systems.dead_force[0] if systems.dead_force is not None else None
+        body = carrier(systems[0], load) if self.wheels else systems[0]
+        self.J, self.Q = body.convected_inertia, np.linalg.inv(body.convected_inertia)
+        if (n := body.axis) is not None:
+            self.Q = self.Q - np.outer(self.Q @ n, self.Q @ n) / (n @ self.Q @ n)
+        self.size, self.rows = ROWS + len(self.columns), 6 + len(self.columns)
+        self.sizes = load.internal_scale[self.columns]
+        self.scales = [one.scale for one, _ in found]
+
+    # ---- the equations
+
+    def rates(self, t: Array, x: Array, given: dict[str, Array]) -> tuple[Array, Array]:
+        """Return G at (N,) times and states (N, size), and its derivatives by states and parameters."""
+        count = self.size + len(self.parameters)
+        y = [Dual(x[:, i], [float(i == j) for j in range(count)]) for i in range(self.size)]
+        R, W, z = [Vector(*y[3 * k : 3 * k + 3]) for k in range(3)], Vector(*y[ATTITUDE:ROWS]), y[ROWS:]
+        time, *known = (Dual(x, [0.0] * count) for x in (t, *np.concatenate([*given.values()], axis=1).T))
+        moving, push, rotor = (Vector(*known[3 * k : 3 * k + 3]) for k in range(3))
+        total, rates = Vector(*(row @ W for row in map(_vector, self.J))) + rotor, list[Any]()
+        torque = moving - Vector(*(row @ W for row in map(_vector, self.damping)))
+        for k, (wheel, h) in enumerate(zip(self.wheels, z, strict=False)):
+            own, n = wheel._copy(**self._seeded(k, wheel, 0.0 * t, count)), _vector(wheel.direction)
+            (rate, *_) = own.responses(_called, time, (h,), None, W)[1]
+            total, torque, rates = total + h * n, torque - rate * n, [*rates, rate]
+        first = len(self.wheels)
+        for term in self.rest:
+            own_z = z[first : first + term.state0.size]
+            first += len(own_z)
+            w = [row @ W for row in R]
+            found = term.text(_called, [*(R[i][k] for k in range(3) for i in range(3)), *w, *W, *own_z, time])
+            push, torque = push + term.scale * Vector(*found[:3]), torque + term.scale * Vector(*found[3:MOMENTS])
+            rates += found[MOMENTS:]
+        torque = torque + cross(total, W)
+        for axis, force in zip(AXES, self.dead if self.dead is not None else (), strict=False):
+            torque = torque + cross(_vector(axis), sum((f * row for f, row in zip(force, R, strict=True)), 0.0 * W))
+        inverse = 1.0 / (R[0] @ cross(R[1], R[2]))
+        torque = torque + inverse * (
+            push[0] * cross(R[1], R[2]) + push[1] * cross(R[2], R[0]) + push[2] * cross(R[0], R[1])
+        )
+        turning = [c for row in R for c in cross(row, W)]
+        made = [*turning, *(_vector(row) @ torque for row in self.Q), *rates]
+        values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
+        slopes = np.zeros((len(t), self.size, count))
+        for i, one in enumerate(made):
+            for j, d in enumerate(one.tangents if isinstance(one, Dual) else ()):
+                slopes[:, i, j] = d
+        return values, slopes
+
+    def _seeded(self, number: int, wheel: Wheel, zeros: Array, count: int) -> dict[str, Dual]:
+        """Return the fields of a wheel that are parameters, as duals."""
+        found = dict[str, Dual]()
+        for j, one in enumerate(self.parameters):
+            if one is not None and one[0] == number and one[1] != "speed":
+                factor = self.scales[number] if one[1] == "torque" else 1.0
+                unit = [factor * (self.size + j == k) for k in range(count)]
+                found[one[1]] = Dual(zeros + getattr(wheel, one[1]), unit)
+        return found
+
+    # ---- steps
+
+    def matrices(self, states: States, back: bool = False) -> Iterator[tuple[slice, Array, Array]]:
+        """Yield steps, the derivatives of their ends by their beginnings, and by parameters, given all nodes."""
+        n = max(MOST // (self.s * self.size) ** 2, 1)
+        for first, last in ranged(0, self.problem.steps, n, back):
+            yield self._part(states, first, last)
+
+    def _part(self, states: States, first: int, last: int) -> tuple[slice, Array, Array]:
+        problem, s, q, n = self.problem, self.s, self.size, last - first
+        k = np.arange(first, last)
+        h = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(n)
+        times, nodes = problem.nodes(k, self.c), slice(first, last + 1)
+        given = {name: np.zeros((n * s, 3)) for name in ("moving", "space", "rotor")}
+        for name, kind in (("moving", "body"), ("space", "space")):
+            given[name] = given[name] + self.load.sample(times, kind)  # type: ignore[arg-type]
+        if self.load.rotors:
+            both = at_nodes(self.load, problem.times(k), problem.times(k + 1), h, self.c, 1.0)
+            given["rotor"], given["moving"] = both[:, :3], given["moving"] - both[:, 3:]
+        R, z = attitudes(states.quaternion[nodes]), states.internal
+        assert z is not None
+        known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[nodes], z[nodes][:, self.columns]], axis=1)
+        X = known[:-1, None] + self.c[:, None] * np.diff(known, axis=0)[:, None]
+        ah = h[:, None, None] * self.a
+        speed = max(abs(states.velocity).max(), 1 / float(problem.t_end - problem.t_start))
+        size = np.concatenate(
+            [np.ones(ATTITUDE), np.full(3, speed), np.maximum(self.sizes, abs(known[:, ROWS:]).max(0))]
+        )
+        for _ in range(ITERATIONS):
+            G, slopes = self._at(times, X, given)
+            A = np.eye(s * q) - np.einsum("nij,njkl->nikjl", ah, slopes[..., :q]).reshape(n, s * q, s * q)
+            left = known[:-1, None] + np.einsum("nij,njk->nik", ah, G) - X
+            d = np.linalg.solve(A, left.reshape(n, s * q, 1)).reshape(n, s, q)
+            X, change = X + d, (abs(d) / size).max()
+            if change <= CLOSE:
+                break
+        ends = known[:-1] + h[:, None] * np.einsum("j,njk->nk", self.b, G)
+        near = abs(ends - known[1:]) <= NEAR * size
+        if not (change <= CLOSE and near.all()):
+            bad = first + int(np.argmin(near.all(axis=1)))
+            t, step = float(problem.times(bad)), problem.step_at(bad)
+            message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
+            raise SimulationError(message, int(Status.STALLED), t, step, np.nan)
+        p = len(self.parameters)
+        start = np.zeros((n, q, self.rows + p))  # δ, W, z, parameters
+        for j, axis in enumerate(AXES):
+            start[:, :ATTITUDE, j] = np.cross(R[:-1], axis).reshape(n, ATTITUDE)
+        start[:, ATTITUDE:, 3 : self.rows] = np.eye(q - ATTITUDE)
+        own = np.zeros((n, s, q, self.rows + p))
+        own[..., self.rows :] = slopes[..., q:]
+        right = start[:, None] + np.einsum("nij,njkl->nikl", ah, own)
+        dX = np.linalg.solve(A, right.reshape(n, s * q, -1)).reshape(right.shape)
+        change_of_rates = np.einsum("njkl,njlm->njkm", slopes[..., :q], dX) + own
+        end = start + h[:, None, None] * np.einsum("j,njkm->nkm", self.b, change_of_rates)
+        turns = np.einsum("nxi,nxjm->nijm", R[1:], end[:, :ATTITUDE].reshape(n, 3, 3, -1))
+        turn = np.stack([turns[:, i, j] - turns[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
+        found = np.concatenate([turn, end[:, ATTITUDE:]], axis=1)
+        return slice(first, last), found[..., : self.rows], found[..., self.rows :]
+
+    def _at(self, times: Array, X: Array, given: dict[str, Array]) -> tuple[Array, Array]:
+        n, s, q = X.shape
+        G, slopes = self.rates(times, X.reshape(n * s, q), given)
+        return G.reshape(n, s, q), slopes.reshape(n, s, q, -1)
+
+    # ---- runs
+
+    def start(self, first: Array) -> Array:
+        """Return the changes of the first state, given those of attitude and W, (6, count): speeds are given."""
+        found = np.zeros((self.rows, first.shape[1]))
+        found[:6] = first
+        for k, wheel in enumerate(self.wheels):
+            found[6 + k] = wheel.inertia * (wheel.direction @ first[3:6])
+            for j, one in enumerate(self.parameters):
+                if one == (k, "speed"):
+                    found[6 + k, j] += wheel.inertia * self.scales[k]
+        return found
+
+    def forward(self, states: States, start: Array, directions: Array, kept: NDArray[np.int64]) -> Array:
+        """Return the changes of attitude and W at the ends of the kept steps, (kept, 6, count)."""
+        x, found = start, list[Array]()
+        for steps, by_state, by_parameter in self.matrices(states):
+            for k, (A, B) in enumerate(zip(by_state, by_parameter @ directions, strict=True)):
+                x = A @ x + B
+                if kept[steps.start + k]:
+                    found.append(x[:6])
+        return np.array(found).reshape(-1, 6, start.shape[1])
+
+    def back(self, states: States, slopes: Array, kept: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the derivatives of f by the first state and by parameters, from those at the ends of kept steps."""
+        x, found, left = np.zeros(self.rows), np.zeros(len(self.parameters)), len(slopes)
+        for steps, by_state, by_parameter in self.matrices(states, True):
+            for k in reversed(range(len(by_state))):
+                if kept[steps.start + k]:
+                    left -= 1
+                    x[:6] += slopes[left]
+                found += by_parameter[k].T @ x
+                x = by_state[k].T @ x
+        return x, found
+
+
+def _vector(x: Any) -> Vector:
+    return Vector(*x)
+
+
+def _called(function: Callable[..., Any], given: tuple[Any, ...], shape: tuple[int, ...]) -> list[Any]:
+    """Call a function with duals of arrays, or, where it does not take them, with one number after the other."""
+    numbers = [one for x in given for one in np.ravel(np.array(x, dtype=object)).tolist()]
+    count = len(plain(numbers[0]))
+    try:
+        found = differentiated(function, given, shape)
+        for k in (0, count - 1):
+            at = checked(function, tuple(_at_one(x, k, False) for x in given), shape)
+            if not np.allclose([np.broadcast_to(plain(y), count)[k] for y in found], at, 1e-9, 1e-12):
+                raise ValueError(f"{name_of(function)} is not the same of many numbers at once")
+        return found
+    except ValueError:
+        each = [differentiated(function, tuple(_at_one(x, k, True) for x in given), shape) for k in range(count)]
+    return [_joined([one[i] for one in each], numbers[0]) for i in range(len(each[0]))]
+
+
+def _at_one(x: Any, k: int, is_dual: bool) -> Any:
+    """Return the number k of duals of arrays, as floats or as duals."""
+    if isinstance(x, np.ndarray):
+        found = np.array([_at_one(y, k, is_dual) for y in x.ravel()], dtype=object if is_dual else np.float64)
+        return found.reshape(x.shape)
+    value = float(x.value[k])
+    return Dual(value, [d if isinstance(d, float) else float(d[k]) for d in x.tangents]) if is_dual else value
+
+
+def _joined(each: list[Any], like: Dual) -> Dual:
+    """Return duals of numbers as one of arrays."""
+    count = len(like.tangents)
+    tangents = [np.array([y.tangents[j] if isinstance(y, Dual) else 0.0 for y in each]) for j in range(count)]
+    return Dual(np.array([float(plain(y)) for y in each]), tangents)

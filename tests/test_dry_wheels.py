@@ -1,0 +1,272 @@
+"""Wheels with dry friction in their bearings: closed forms, SciPy mode after mode, balances, refusals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from nontwist import (
+    heavy_top,
+    memory_load,
+    nontwisting,
+    propagator,
+    resample,
+    sensitivities,
+    simulate,
+    simulate_ensemble,
+    spin_below,
+    standard,
+    stepper,
+    suslov,
+    wheel,
+)
+from nontwist.driver.planning import planned
+from nontwist.driver.starts import start_of_one
+from nontwist.driver.wheel_friction import Bearings
+from nontwist.runfile.document import checked
+from nontwist.runfile.folder import Folder
+from nontwist.runfile.section import RunFileError
+
+J = np.diag([3.0, 4.0, 5.0])
+W0 = np.array([0.3, 0.1, 0.35])
+AXES = np.array([[1, 1, 0] / np.sqrt(2), [1, -1, 1] / np.sqrt(3)])
+INERTIAS, LIMITS, VISCOUS = np.array([0.2, 0.3]), np.array([0.05, 0.08]), np.array([0.03, 0.0])
+BODIES = {
+    "standard": standard(J),
+    "nontwisting": nontwisting(J),
+    "suslov": suslov(J + 0.1, (1, 0, 1)),
+    "top": heavy_top(J, 1, (0, 0, 0.5)),
+}
+
+
+def swing(t, speed):
+    return 0.08 * np.sin(1.3 * t)
+
+
+def lean(t, speed):
+    return 0.12 * np.cos(0.9 * t)
+
+
+PAIR = wheel(AXES[0], 0.2, 2.0, swing, viscous=0.03, coulomb=0.05) + wheel(AXES[1], 0.3, torque=lean, coulomb=0.08)
+
+
+def test_a_wheel_runs_down_and_stands():
+    """Ω' = -(b Ω + c)(1/I + 1/(J - I)) about one axis: Ω = (Ω_0 + c/b) e^{-kt} - c/b until it is zero."""
+    inertia, b, c = 0.2, 0.1, 0.05
+    k = b * (1 / inertia + 1 / (5 - inertia))
+    end = np.log(1 + 3 * b / c) / k
+    load = wheel("z", inertia, speed=3, viscous=b, coulomb=c)
+    run = simulate(standard(J), t_end=8, step=0.05, load=load, angular_velocity=(0, 0, 0.3))
+    t, speed = run.time.values, run.wheel_speed.values[:, 0]
+    assert speed == pytest.approx(np.where(t < end, (3 + c / b) * np.exp(-k * t) - c / b, 0), abs=1e-14)
+    assert (speed[t > end] == 0).all()
+    assert (speed[t < end] > 0).all()
+    energy = run.total_kinetic_energy.values
+    assert np.diff(energy).max() <= 1e-15
+    assert energy[0] - energy[-1] == pytest.approx(run.wheel_loss.values[-1, 0], rel=1e-14)
+    assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
+
+
+@pytest.mark.parametrize("torque", [0.05, 0.0499, -0.03, ([0, 5], [-0.05, 0.05])])
+def test_a_torque_up_to_the_limit_does_not_move_it(torque):
+    run = simulate(standard(J), t_end=5, step=0.1, load=wheel("z", 0.2, torque=torque, coulomb=0.05))
+    assert (run.wheel_speed.values == 0).all()
+    assert (run.angular_velocity.values == 0).all()
+    assert (run.wheel_work.values == 0).all()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_ramp_moves_it_where_it_exceeds_the_limit(sign):
+    """The torque 0.02 t is at the limit 0.05 at t = 2.5; then Ω' = (0.02 t - 0.05)(1/I + 1/(J - I))."""
+    load = wheel("z", 0.2, torque=([0, 5], [0, sign * 0.1]), coulomb=0.05)
+    run = simulate(standard(J), t_end=5, step=0.1, load=load)
+    t, k = run.time.values, 1 / 0.2 + 1 / 4.8
+    expected = np.where(t > 2.5, sign * 0.01 * (t - 2.5) ** 2 * k, 0)
+    assert run.wheel_speed.values[:, 0] == pytest.approx(expected, abs=1e-13)
+    assert (run.wheel_speed.values[t <= 2.5] == 0).all()
+    assert run.total_kinetic_energy.values == pytest.approx((run.wheel_work - run.wheel_loss).values[:, 0], abs=1e-15)
+
+
+def by_scipy(times):
+    """W, momenta and losses of `PAIR`, from the momenta of body and wheels, mode after mode, with SciPy's events.
+
+    The unknowns are W and the speeds; a wheel that stands has the speed 0, and what holds it is the rest of its
+    equation.
+    """
+    mass = np.block([[J, INERTIAS * AXES.T], [(INERTIAS * AXES.T).T, np.diag(INERTIAS)]])
+
+    def rates(t, y, modes):
+        W, speeds = y[:3], y[3:5]
+        force = np.array([swing(t, 0), lean(t, 0)]) - VISCOUS * speeds - modes * LIMITS
+        total = J @ W + (INERTIAS * speeds) @ AXES
+        right = np.concatenate([np.cross(total, W), force])
+        moves = np.concatenate([np.ones(3, bool), modes != 0])
+        found = np.zeros(5)
+        found[moves] = np.linalg.solve(mass[np.ix_(moves, moves)], right[moves])
+        return found, right[3:] - (mass @ found)[3:]
+
+    y, t = np.concatenate([W0, [2.0, 0.0], np.zeros(2)]), 0.0
+    modes, found, seen = np.array([1, 1]), {0.0: y}, []
+    while t < times[-1]:
+        begin, own = t, modes.copy()
+
+        def ends(t, y, own=own, begin=begin):
+            if t < begin + 1e-9:
+                return 1.0
+            held = rates(t, y, own)[1]
+            return min(own[k] * y[3 + k] if own[k] else LIMITS[k] - abs(held[k]) for k in range(2))
+
+        def slope(t, y, own=own):
+            loss = (VISCOUS * y[3:5] + own * LIMITS) * y[3:5]
+            return np.concatenate([rates(t, y[:5], own)[0], loss])
+
+        ends.terminal = True
+        until = times[times > t][0]  # as the interpolant is less exact than steps
+        part = solve_ivp(slope, (t, until), y, "DOP853", events=ends, rtol=1e-13, atol=1e-14, max_step=0.05)
+        t, y = part.t[-1], part.y[:, -1].copy()
+        if part.status == 0:
+            found[t] = y.copy()
+            continue
+        held = rates(t, y, own)[1]
+        for k in range(2):
+            if own[k] and abs(y[3 + k]) < 1e-9:
+                y[3 + k], modes[k] = 0.0, 0
+                holds = rates(t, y, modes)[1][k]
+                modes[k] = 0 if abs(holds) <= LIMITS[k] else np.sign(holds)
+            elif not own[k] and LIMITS[k] - abs(held[k]) < 1e-9:
+                modes[k] = np.sign(held[k])
+        seen.append(tuple(modes))
+    return np.array([found[x] for x in times]), seen
+
+
+def test_skew_wheels_stand_and_slip_as_scipy_finds():
+    times = np.linspace(0, 15, 61)
+    expected, modes = by_scipy(times)
+    assert {(0, 0), (1, 0), (0, -1)} <= set(modes)
+    assert len(modes) > 6
+    run = simulate(standard(J), times=times, step=0.025, material_angular_velocity=W0, load=PAIR)
+    assert run.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-11)
+    assert run.wheel_speed.values == pytest.approx(expected[:, 3:5], abs=1e-11)
+    assert run.wheel_loss.values == pytest.approx(expected[:, 5:], abs=1e-11)
+    assert ((run.wheel_speed.values == 0) == (abs(expected[:, 3:5]) < 1e-12)).all()
+    assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
+    balance = run.total_kinetic_energy - (run.wheel_work - run.wheel_loss).sum("wheel")
+    assert np.ptp(balance.values) < 1e-12
+    chosen = simulate(standard(J), times=times, tolerance=1e-9, material_angular_velocity=W0, load=PAIR)
+    assert chosen.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-8)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_energy_never_rises_and_momentum_stays(body):
+    load = wheel((1, 0, 0), 0.2, 5, coulomb=0.1) + wheel((1, 1, 1), 0.3, -4, viscous=0.01, coulomb=0.3)
+    start = {"material_angular_velocity": (0.3, 0.1, 0), "project": True}
+    run = simulate(BODIES[body], t_end=12, step=0.05, load=load, **start)
+    energy = (run.total_kinetic_energy + run.potential_energy).values
+    assert np.diff(energy).max() < 1e-13
+    assert energy[0] - energy[-1] == pytest.approx(run.wheel_loss.values[-1].sum(), rel=1e-11)
+    assert (run.wheel_speed.values == 0).any()
+    assert (np.diff(run.wheel_loss.values, axis=0) >= -1e-15).all()
+    assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-12) or body == "top"
+    if body == "standard":
+        assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
+
+
+def fading(t, z, directors, w):
+    return [0.5 * w[0] - z[0]]
+
+
+def remembered(t, z, directors, w):
+    return np.array([-0.2 * z[0], 0.1 * z[0] * w[2], 0.0])
+
+
+def test_beside_another_load_with_memory_what_holds_a_wheel_is_found():
+    """The same motion with the friction of a standing wheel left out, as a part of the body."""
+    beside = memory_load(fading, remembered, [0.3], scale=[1.0], compiled=True)
+    how = {"t_end": 4, "step": 0.05, "material_angular_velocity": W0}
+    held = simulate(standard(J), load=wheel("z", 0.2, coulomb=10) + beside, **how)
+    locked = simulate(standard(J), load=beside, **how)
+    assert held.quaternion.values == pytest.approx(locked.quaternion.values, abs=1e-14)
+    assert held.internal_state.values[:, 3] == pytest.approx(locked.internal_state.values[:, 0], abs=1e-14)
+
+
+def test_what_holds_a_wheel_beside_memory_is_the_rate_of_its_momentum():
+    """λ = -I n·W' of the locked body: a limit above the largest holds the wheel, one below lets it slip."""
+    beside = memory_load(fading, remembered, [0.3], scale=[1.0], compiled=True)
+    how = {"t_end": 4, "step": 0.01, "material_angular_velocity": W0}
+    W = simulate(standard(J), load=beside, **how).material_angular_velocity.values[:, 0]
+    largest = 0.2 * abs(np.gradient(W, 0.01)).max()
+    for factor, slips in ((1.001, False), (0.999, True)):
+        run = simulate(standard(J), load=wheel("x", 0.2, coulomb=factor * largest) + beside, **how)
+        assert run.wheel_speed.values.any() == slips
+
+
+def test_a_wheel_is_stopped_by_an_impulse_that_keeps_the_momentum():
+    load = wheel("z", 0.2, coulomb=10) + wheel((1, 1, 0), 0.3, 5, coulomb=0.1)
+    plan = planned(standard(J), load, "gauss", 8, None, 1, None, 0.1, 1)
+    problem = plan.problem(start_of_one(standard(J), None, None, None, W0, None, False), plan.grid)
+    problem.internal[0, 0] += 0.5  # 2.5 rad/s
+    march = Bearings(plan.scheme, problem)
+    rest = [J @ W0 + 0.2 * 2.5 * np.eye(3)[2] + 0.3 * 5 * np.array([1, 1, 0]) / np.sqrt(2)]
+    march.settle([0], {})
+    W, z = march.state.velocity, march.state.internal
+    speeds = z[[0, 3]] / [0.2, 0.3] - [W[2], (W[0] + W[1]) / np.sqrt(2)]
+    total = J @ W + 0.2 * speeds[0] * np.eye(3)[2] + 0.3 * speeds[1] * np.array([1, 1, 0]) / np.sqrt(2)
+    assert speeds[0] == pytest.approx(0, abs=1e-15)
+    assert total == pytest.approx(rest[0], abs=1e-15)
+
+
+def test_a_run_file_says_the_same():
+    data = {
+        "body": {"kind": "standard", "inertia": [3, 4, 5]},
+        "start": {"angular_velocity": {"space": [0, 0, 0.3]}},
+        "time": {"t_end": 8, "step": 0.05},
+        "load": [{"kind": "wheel", "axis": "z", "inertia": 0.2, "speed": 3, "viscous": 0.1, "coulomb": 0.05}],
+    }
+    run = checked("wheel.toml", data, Folder(Path())).simulate()
+    assert run.wheel_speed.values[-1, 0] == 0
+    assert run.wheel_loss.values[-1, 0] == pytest.approx(0.864, rel=1e-12)
+    data["load"][0]["coulomb"] = -1
+    with pytest.raises(RunFileError, match=r"load\.0\.coulomb"):
+        checked("wheel.toml", data, Folder(Path()))
+
+
+def test_output_times_events_and_continued_runs_are_of_one_motion():
+    how = {"step": 0.05, "load": PAIR}
+    whole = simulate(standard(J), t_end=6, material_angular_velocity=W0, **how)
+    at = np.array([0.123, 1.5, 3.041, 5.3])
+    asked = simulate(standard(J), times=at, material_angular_velocity=W0, **how)
+    assert abs(resample(whole, at, load=PAIR).wheel_speed - asked.wheel_speed).max() < 1e-12
+    found = simulate(standard(J), t_end=6, material_angular_velocity=W0, events=[spin_below(0.4)], **how)
+    assert abs(found.quaternion - whole.quaternion).max() < 1e-13
+    first = simulate(standard(J), t_end=3, material_angular_velocity=W0, **how)
+    rest = simulate(standard(J), t_end=6, start=first, **how)
+    assert abs(rest.internal_state.values[-1] - whole.internal_state.values[-1]).max() < 1e-13
+    run = propagator(standard(J), t_end=6, store=1, **how)
+    assert (run(material_angular_velocity=W0).quaternion == whole.quaternion.values).all()
+    many = simulate_ensemble(standard(J), t_end=6, material_angular_velocity=[-W0, W0], variables="all", **how)
+    assert (many.wheel_speed[1, -1].values == whole.wheel_speed[-1].values).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: wheel("x", 1, coulomb=-1), "coulomb must not be negative, got -1 N m"),
+        (lambda: under(standard(J), integrator="lie-midpoint"), "use gauss"),
+        (lambda: under(standard(J), integrator="continuous"), "use gauss"),
+        (lambda: under(nontwisting(J, spin=1)), "coulomb= of a wheel does not act on a body whose spin"),
+        (lambda: stepper(standard(J), 0.1, load=wheel("z", 0.2, coulomb=1), integrator="gauss"), "take friction off"),
+        (lambda: sensitivities(standard(J), t_end=1, load=wheel("z", 0.2, coulomb=1)), "have no derivatives"),
+        (
+            lambda: simulate_ensemble(standard(J), t_end=1, load=wheel("z", 0.2, coulomb=1), reduce="drift"),
+            "reduce=",
+        ),
+    ],
+)
+def test_what_is_refused_by_name(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def under(body, **how):
+    return simulate(body, t_end=1, load=wheel("z", 0.2, coulomb=1), **how)

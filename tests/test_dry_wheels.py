@@ -24,9 +24,9 @@ from nontwist import (
 from nontwist.driver.planning import planned
 from nontwist.driver.starts import start_of_one
 from nontwist.driver.wheel_friction import Bearings
+from nontwist.errors import RunFileError
 from nontwist.runfile.document import checked
 from nontwist.runfile.folder import Folder
-from nontwist.runfile.section import RunFileError
 
 J = np.diag([3.0, 4.0, 5.0])
 W0 = np.array([0.3, 0.1, 0.35])
@@ -252,7 +252,7 @@ def test_output_times_events_and_continued_runs_are_of_one_motion():
     ("call", "words"),
     [
         (lambda: wheel("x", 1, coulomb=-1), "coulomb must not be negative, got -1 N m"),
-        (lambda: under(standard(J), integrator="lie-midpoint"), "use gauss"),
+        (lambda: under(standard(J), integrator="lie-midpoint"), "does not take wheels with friction, .*; use gauss"),
         (lambda: under(standard(J), integrator="continuous"), "use gauss"),
         (lambda: under(nontwisting(J, spin=1)), "coulomb= of a wheel does not act on a body whose spin"),
         (lambda: stepper(standard(J), 0.1, load=wheel("z", 0.2, coulomb=1), integrator="gauss"), "take friction off"),

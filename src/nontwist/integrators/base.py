@@ -16,6 +16,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import among, shown
 from ..loads import Load
+from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .costs import Cost, steps_cost, unresolved
 from .members import one_by_one, outcome_of
@@ -165,7 +166,9 @@ class Integrator:
     def require_memory(self, load: Load) -> None:
         """Raise a ValueError where a load has memory, and the integrator does not solve for it."""
         if load.memories and not self.remembers:
-            raise ValueError(f"{self.name} does not take loads with memory; use gauss, which solves for their states")
+            are_wheels = any(isinstance(one, Wheel) for one in load.memories)
+            what = "wheels with friction, or a torque that is a function" if are_wheels else "loads with memory"
+            raise ValueError(f"{self.name} does not take {what}; use gauss, which solves for their states")
 
     def remark(self, problem: Problem) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""

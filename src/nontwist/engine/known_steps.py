@@ -170,7 +170,8 @@ class Known(Nodes):
     def __init__(
         self, calls: Calls, body: Body, at: Any, scale: Any, directions: Directions, R: Any = None, now: Any = None
     ) -> None:
-        self.parts, self.memory, self.node, self._at, self._scale = calls.parts, None, 0, at, scale
+        self.parts, self.solved, self.memory, self.node = calls.parts, calls.solved, None, 0
+        self._at, self._scale = at, scale
         self.calls, self.factor, self.vary, self.now = calls, directions.along("factor", scale), directions, now
         self.basis, d = body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)

@@ -25,6 +25,7 @@ class Calls(NamedTuple):
     parts: Parts
     block: View  # of `Steps`
     wanted: dict[str, int]  # inputs
+    solved: Any = None  # `newton.Solved`, of the step
 
     @property
     def places(self) -> dict[str, int]:

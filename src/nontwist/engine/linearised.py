@@ -26,7 +26,7 @@ from .chained import Chain
 from .known_steps import Directions, Known, Step, Steps, Wanted, symmetric, tilted
 from .linear_functions import Calls
 from .marching import UNIT, Text
-from .newton import Solved, solving
+from .newton import Solved
 from .records import FORCES, Body, Parts, State
 from .state_moments import mean
 from .workspace import turned_into
@@ -103,15 +103,14 @@ def derivatives(
     text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    solved, parts = Solved(), calls.parts
+    calls, parts = calls._replace(solved=Solved()), calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     if parts.calls:
         call_at_middle(calls, at)
-    with solving(solved):
-        here = Known(calls, body, at, scale, Directions({}, 0))
-        is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
-        solved.begin()
-        return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
+    here = Known(calls, body, at, scale, Directions({}, 0))
+    is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
+    calls.solved.begin()
+    return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
 
 
 def call_at_middle(calls: Calls, at: View) -> None:
@@ -177,7 +176,6 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
     def kernel(address: Any) -> None:
         own = View(ForwardRun, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
-        calls = Calls(parts, b, dict(wanted))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         state = memory.read()
@@ -186,20 +184,19 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             x.h = b.sizes[i]
             sampled(parts, b, x, i)
             add_own(own, chain, i, True)
-            now, solved, at = v.state, Solved(), x.read()
+            now, at, calls = v.state, x.read(), Calls(parts, b, dict(wanted), Solved())
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
-            with solving(solved):
-                found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
-                solved.begin()
-                values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
-                changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
-                for first in loop(0, count, side):
-                    own_changes = changes.shifted(first)
-                    directions = Loaded(places, own_changes, count, used)
-                    known = Known(calls, body, at, scale, directions, R, now)
-                    for r, y in enumerate(changes_of(text, known, W, N)):
-                        own_changes.store(r * count, tangent(y, 0), side)
+            found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
+            calls.solved.begin()
+            values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
+            changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
+            for first in loop(0, count, side):
+                own_changes = changes.shifted(first)
+                directions = Loaded(places, own_changes, count, used)
+                known = Known(calls, body, at, scale, directions, R, now)
+                for r, y in enumerate(changes_of(text, known, W, N)):
+                    own_changes.store(r * count, tangent(y, 0), side)
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1
             v.state = found.state

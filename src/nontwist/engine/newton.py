@@ -11,9 +11,7 @@ keeps its value, whatever its neighbours do, so the result depends on that body 
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, when, whilst
@@ -37,6 +35,7 @@ class Solution(NamedTuple):
 
 
 def solve(
+    nodes: Any,
     equations_at: Callable[[Vector, Any], Callable[[Vector], Vector]],
     sizes: Callable[[Vector, Vector], tuple[Any, Any, Any]],
     guess: Vector,
@@ -49,6 +48,8 @@ def solve(
 
     Parameters
     ----------
+    nodes : Nodes
+        Of the step; those of a step that is linearised know its solutions (`Solved`).
     equations_at : function
         Of y and of whether a Jacobian will be made there; returns the text of r near y, which is differentiated by
         dual numbers.
@@ -65,7 +66,7 @@ def solve(
     explicit : Vector, optional
         The solution, where it is known.
     """
-    known: Solved | None = getattr(_local, "solved", None)
+    known: Solved | None = nodes.solved
     if known is not None and known.is_complete:
         return known.derivatives(equations_at, guess)
     if explicit is not None:
@@ -131,19 +132,6 @@ class Solved:
         changes = [sum_of(*(a * x for a, x in zip(row, missed, strict=False))) for row in A]
         found = [Dual(x, (-dx).tangents) for x, dx in zip(y, changes, strict=False)]
         return solution._replace(y=Vector(*found, *y[len(A) :]))
-
-
-_local = threading.local()
-
-
-@contextmanager
-def solving(solved: Solved) -> Iterator[None]:
-    """Let `solve` note what it finds, and then give derivatives, within."""
-    before, _local.solved = getattr(_local, "solved", None), solved
-    try:
-        yield
-    finally:
-        _local.solved = before
 
 
 def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:

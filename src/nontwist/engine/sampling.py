@@ -44,6 +44,7 @@ class Nodes:
 
     node: Any
     R: Matrix
+    solved: Any = None  # what `newton.solve` notes and knows of a step that is linearised
 
     def __init__(self, parts: Parts, b: View, x: View, memory: Any, buffer: Any = None) -> None:
         self.parts, self.memory, self.block, self.x = parts, memory, b, x

@@ -173,7 +173,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
     known = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
     how = is_active, parts.is_constrained, parts.calls, known if parts.is_explicit else None
-    solution = solve(equations_at, sizes, guess, *how)
+    solution = solve(nodes, equations_at, sizes, guess, *how)
     z = solution.y
     if not parts.is_explicit:
         rate = (1.0 / h) * z

@@ -27,8 +27,9 @@ from nontwist import (
     sweep,
     with_gravity,
 )
+from nontwist.errors import RunFileError
 from nontwist.inertia import principal_frame
-from nontwist.runfile import RunFileError, read_run_file
+from nontwist.runfile import read_run_file
 
 TILT = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 TILTED = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]

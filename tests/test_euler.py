@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from conftest import nontwist
 from nontwist import save_run, simulate, standard, sweep
-from nontwist.errors import InputError, InputWarning
+from nontwist.errors import InputError, InputWarning, RunFileError
 from nontwist.geometry.euler import euler_angles
 from nontwist.io.exports import with_euler
-from nontwist.runfile import RunFileError, read_run_file
+from nontwist.runfile import read_run_file
 
 LETTERS = ["".join(x) for x in product("xyz", repeat=3) if x[0] != x[1] != x[2]]
 LETTERS += [x.upper() for x in LETTERS]

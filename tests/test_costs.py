@@ -35,6 +35,7 @@ from nontwist.io.results import open_run
 from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
 from nontwist.runfile.forecast import forecast
+from refusals import said, says
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
 SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequency = 1e8\n'
@@ -129,21 +130,21 @@ def test_the_pieces_are_no_more_than_forecast(frequency):
 
 
 REFUSING = {
-    "gravity": ("exact", heavy_top([3, 4, 5], 1, [0, 0, 0.1]), sine([1, 0, 0], 1), "gravity and other dead forces"),
-    "suslov": ("exact", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1), "a Suslov body"),
-    "state": ("exact", FREE, moment(lambda t, d, w: -w), "a load that depends on the state"),
-    "standard": ("exact", standard([3, 4, 5]), sine([1, 0, 0], 1), "a standard body under load"),
-    "space": ("exact", FREE, sine([1, 0, 0], 1, frame="space"), "a moment along fixed directions"),
-    "moving": ("exact", FREE, sine([0, 1, 0], 1), "a load that moves the axis of rotation in the body"),
-    "split": ("split", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1), "a constrained axis that is principal"),
+    "gravity": ("exact", heavy_top([3, 4, 5], 1, [0, 0, 0.1]), sine([1, 0, 0], 1)),
+    "suslov": ("exact", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1)),
+    "state": ("exact", FREE, moment(lambda t, d, w: -w)),
+    "standard": ("exact", standard([3, 4, 5]), sine([1, 0, 0], 1)),
+    "space": ("exact", FREE, sine([1, 0, 0], 1, frame="space")),
+    "moving": ("exact", FREE, sine([0, 1, 0], 1)),
+    "split": ("split", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1)),
 }
 
 
 @pytest.mark.parametrize("case", REFUSING)
 def test_an_integrator_is_asked_without_running_it(case, monkeypatch):
-    name, system, load, reason = REFUSING[case]
+    name, system, load = REFUSING[case]
     scheme, task = INTEGRATORS[name](), problem(system, load)
-    with pytest.raises(ValueError, match=reason) as info:
+    with says() as info:
         scheme.march(task)
     for kernel in ("free_members", "pieces_of"):
         monkeypatch.setattr(exact_solution, kernel, None)
@@ -275,23 +276,18 @@ def test_of_20_000_unknown_keys_a_hundred_are_compared(written, monkeypatch):
     assert len(asked) <= 100
 
 
-LIMITED = {
-    SINE * 1001: "load: a list of tables -> tables [[load]], in double brackets, at most 1000",
-    SWEPT.replace(
-        "3 }", "100_000_000_000 }"
-    ): "sweep.over.0.count: 100000000000 -> a whole number >= 1 of values, both ends among them, at most 1e+07",
-    SWEPT.replace("[{", "[" + 101 * "{ x = 1 }, " + "{"): "sweep.over: a list of tables -> tables [[sweep.over]], in "
-    "double brackets, 1 to 100, each with a key and a kind",
-    f"{'k' * 10_000} = 1\n": f"time.{'k' * 57}...: unknown key -> known are t_end, t_start, step, tolerance, store, "
-    "times",
-    '[output]\npath = ".nc"\n': 'output.path: ".nc" -> a file name with the ending ".nc", like result.nc, relative to '
-    "the run file",
-}
+LIMITED = [
+    SINE * 1001,
+    SWEPT.replace("3 }", "100_000_000_000 }"),
+    SWEPT.replace("[{", "[" + 101 * "{ x = 1 }, " + "{"),
+    f"{'k' * 10_000} = 1\n",
+    '[output]\npath = ".nc"\n',
+]
 
 
 @pytest.mark.parametrize("text", LIMITED, ids=range(len(LIMITED)))
 def test_what_is_limited_names_the_limit(text, written):
-    assert str(told(written(BODY + text))[0]) == LIMITED[text]
+    said(str(told(written(BODY + text))[0]))
 
 
 def test_a_grid_is_not_made_to_be_checked(written, monkeypatch):

@@ -37,6 +37,7 @@ from nontwist import (
 from nontwist.errors import SimulationError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
+from refusals import says
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 PRINCIPAL = np.array([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5.0]])
@@ -517,30 +518,19 @@ KNOWN = "material_angular_velocity, rotation, inertia, principal_inertia, axis, 
 
 
 @pytest.mark.parametrize(
-    ("more", "message"),
+    "more",
     [
-        ({"wrt": "inertai"}, f"wrt has the unknown parameter 'inertai'; did you mean inertia? known are {KNOWN}"),
-        ({"wrt": []}, f"wrt names no parameter; known are {KNOWN}"),
-        ({"wrt": 3}, "wrt must be a list, got 3"),
-        (
-            {"wrt": "dampin", "load": damping(0.1)},
-            "wrt has the unknown parameter 'dampin'; did you mean damping? known are "
-            f"{KNOWN}, load[0].scale, load[0].damping, damping",
-        ),
-        (
-            {"integrator": "split"},
-            "split has no derivatives; those that have them are gauss, lie-midpoint, energy-momentum",
-        ),
-        (
-            {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"},
-            "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
-            "principal axes that its equations are written in; use principal_inertia",
-        ),
+        {"wrt": "inertai"},
+        {"wrt": []},
+        {"wrt": 3},
+        {"wrt": "dampin", "load": damping(0.1)},
+        {"integrator": "split"},
+        {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"},
     ],
 )
-def test_what_is_refused(more, message):
+def test_what_is_refused(more):
     for function in (sensitivities, gradient):
-        with pytest.raises(ValueError, match=re.escape(message)):
+        with says():
             function(standard(J), **({"t_end": 1, "step": 0.1} | more))
 
 

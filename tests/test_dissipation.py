@@ -20,6 +20,7 @@ from nontwist import (
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.sweeps import sweep
+from refusals import says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 MIDDLE = (0.1, 2.0, 0.1)
@@ -188,18 +189,17 @@ def test_in_a_comparison():
 
 
 @pytest.mark.parametrize(
-    ("options", "text"),
+    "options",
     [
-        ({"dissipation": 1.5}, "dissipation must be a number from 0 to 1, got 1.5"),
-        ({"dissipation": -0.1}, "dissipation must be a number from 0 to 1, got -0.1"),
-        ({"order": 1}, "lie-midpoint has the order 1 with dissipation= alone, the order 2 with it or without"),
-        ({"order": 3, "dissipation": 0.1}, "lie-midpoint has the order 2; got order = 3"),
+        {"dissipation": 1.5},
+        {"dissipation": -0.1},
+        {"order": 1},
+        {"order": 3, "dissipation": 0.1},
     ],
 )
-def test_wrong_options_are_refused(options, text):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+def test_wrong_options_are_refused(options):
+    with says():
         LieMidpoint(**options)
-    assert str(caught.value) == text
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -32,6 +32,7 @@ from nontwist import (
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
 from nontwist.integrators import INTEGRATORS, stack_march
+from refusals import says
 
 RNG = np.random.default_rng(8)
 M = 17
@@ -195,58 +196,33 @@ def test_a_load_that_ends_ends_all(monkeypatch):
 
 
 REFUSED = {
-    "lengths": (
-        {"material_angular_velocity": np.ones((5, 3)), "load_scale": np.ones(4)},
-        "every member axis must have the same length, or 1; the lengths are: material_angular_velocity 5, load_scale 4",
-    ),
-    "stack": (
-        {"system": DirectorSystem.stack([standard(PAPER_J)] * 3), "rotation": Rotation.random(2, rng=RNG)},
-        "the lengths are: system 3, rotation 2",
-    ),
-    "empty": ({"material_angular_velocity": np.ones((0, 3))}, "material_angular_velocity has no members"),
-    "velocity": ({"angular_velocity": np.ones((5, 2))}, "angular_velocity must have the shape (n, 3), got (5, 2)"),
-    "velocities": (
-        {"angular_velocity": [1, 0, 0], "material_angular_velocity": [1, 0, 0]},
-        "give material_angular_velocity= or angular_velocity=, not both",
-    ),
-    "not finite": ({"angular_velocity": [[1, 0, 0], [1, np.nan, 0]]}, "angular_velocity[1, 1] = nan is not finite"),
-    "scale": ({"load_scale": np.ones((2, 2))}, "load_scale must be a number or have the shape (m,), got (2, 2)"),
-    "spin": (
-        {"system": nontwisting(PAPER_J), "material_angular_velocity": [[1, 2, 0], [1, 2, 0.5]]},
-        "the initial angular velocity of member 1 has the component 0.5 rad/s along the constrained body axis "
-        "[0.0, 0.0, 1.0]; project=True removes it",
-    ),
-    "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; available: 'all', directors, "),
-    "interval": (
-        {"variables": "load_work"},
-        "no variable 'load_work'; those of intervals come as statistics, with reduce=; available",
-    ),
-    "reduction": ({"reduce": "mean"}, "unknown statistic 'mean'; known are drift, extrema, averages, total_twist"),
-    "exact": ({"integrator": "exact", "reduce": "drift"}, "exact takes no steps to reduce over"),
-    "threads": ({"threads": 0}, "threads must be a whole number >= 1, got 0"),
-    "t_end": ({"t_end": None}, "give t_end="),
-    "step": ({"step": 0.03}, "step = 0.03 s does not divide the span of 0.1 s"),
-    "state": (
-        {"step": None, "load": moment(lambda t, d, w: -w), "integrator": "lie-midpoint"},
-        "a load that is a function of the state has no bound",
-    ),
-    "start": ({"start": np.eye(3)}, "start= must be a run or an ensemble; for attitudes alone there is rotation="),
-    "closed form": (
-        {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None, "load_scale": [1, 1]},
-        "member 0: exact has no closed-form solution for a Suslov body",
-    ),
-    "no body": (
-        {"system": DirectorSystem.stack},
-        "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), got <function",
-    ),
+    "lengths": {"material_angular_velocity": np.ones((5, 3)), "load_scale": np.ones(4)},
+    "stack": {"system": DirectorSystem.stack([standard(PAPER_J)] * 3), "rotation": Rotation.random(2, rng=RNG)},
+    "empty": {"material_angular_velocity": np.ones((0, 3))},
+    "velocity": {"angular_velocity": np.ones((5, 2))},
+    "velocities": {"angular_velocity": [1, 0, 0], "material_angular_velocity": [1, 0, 0]},
+    "not finite": {"angular_velocity": [[1, 0, 0], [1, np.nan, 0]]},
+    "scale": {"load_scale": np.ones((2, 2))},
+    "spin": {"system": nontwisting(PAPER_J), "material_angular_velocity": [[1, 2, 0], [1, 2, 0.5]]},
+    "variable": {"variables": ["speed"]},
+    "interval": {"variables": "load_work"},
+    "reduction": {"reduce": "mean"},
+    "exact": {"integrator": "exact", "reduce": "drift"},
+    "threads": {"threads": 0},
+    "t_end": {"t_end": None},
+    "step": {"step": 0.03},
+    "state": {"step": None, "load": moment(lambda t, d, w: -w), "integrator": "lie-midpoint"},
+    "start": {"start": np.eye(3)},
+    "closed form": {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None, "load_scale": [1, 1]},
+    "no body": {"system": DirectorSystem.stack},
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 @pytest.mark.filterwarnings("ignore:the load")
 def test_refused_with_the_value(case):
-    given, message = REFUSED[case]
-    with pytest.raises(ValueError, match=re.escape(message)):
+    given = REFUSED[case]
+    with says():
         simulate_ensemble(**{"system": standard(PAPER_J), "t_end": 0.1, "step": 0.01, **given})
 
 

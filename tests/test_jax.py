@@ -26,6 +26,7 @@ from nontwist import (
 from nontwist.inertia import euler_inertia
 from nontwist.jax import function
 from nontwist.loads.derivatives import with_parameter
+from refusals import says
 
 jax = pytest.importorskip("jax")
 jnp = jax.numpy
@@ -298,34 +299,25 @@ def test_second_derivatives_are_refused(plain, second):
 
 
 REFUSED = {
-    "unknown": ({"inertai": J}, "params has the unknown parameter 'inertai'; did you mean inertia? known are"),
-    "two terms": (
-        {"sine": PEAK},
-        "params has 'sine', but several terms of the load have it; give one of load[0].sine, load[1].sine",
-    ),
-    "shape": (
-        {"material_angular_velocity": jnp.zeros(2)},
-        "material_angular_velocity must have the shape (3,), got (2,)",
-    ),
-    "list": ({"rotation": [1, 0, 0]}, "rotation must have the shape (3, 3), got (3,)"),
-    "both": (
-        {"inertia": J, "principal_inertia": [3, 4, 5]},
-        "params has inertia and principal_inertia; give only one of them",
-    ),
-    "body": ({"inertia": -J}, "inertia is not positive definite: its smallest principal moment is -5.03863"),
-    "frequency": ({"load[0].frequency": -1}, "frequency must be positive, got -1 Hz"),
-    "duration": ({"duration": 0}, "duration must be positive, got 0 s"),
-    "nan": ({"material_angular_velocity": [0, 0, np.nan]}, "material_angular_velocity"),
-    "left": ({"rotation": np.diag([1, 1, -1.0])}, "left-handed"),
-    "no dictionary": ([W0], "params must be a dictionary of names and arrays, got"),
+    "unknown": {"inertai": J},
+    "two terms": {"sine": PEAK},
+    "shape": {"material_angular_velocity": jnp.zeros(2)},
+    "list": {"rotation": [1, 0, 0]},
+    "both": {"inertia": J, "principal_inertia": [3, 4, 5]},
+    "body": {"inertia": -J},
+    "frequency": {"load[0].frequency": -1},
+    "duration": {"duration": 0},
+    "nan": {"material_angular_velocity": [0, 0, np.nan]},
+    "left": {"rotation": np.diag([1, 1, -1.0])},
+    "no dictionary": [W0],
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_wrong_parameters_are_refused(case):
-    params, message = REFUSED[case]
+    params = REFUSED[case]
     run = function(standard(J), load=sine(PEAK, 0.7) + sine(PEAK, 0.3), **GRID)
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with says():
         run(params)
 
 

@@ -52,6 +52,7 @@ from nontwist.spec import Spec
 from nontwist.validation import conserved
 from nontwist.validation.problems import SAMPLES
 from nontwist.viewer.content import content
+from refusals import says
 
 ROOT = Path(__file__).parents[1]
 with patch.dict(INTEGRATORS):
@@ -290,17 +291,17 @@ def test_a_reader_reads(log):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (lambda text: text[:-14], "line 50 is '980000|0.000000000|0', not 5 numbers separated by |; correct or "),
-        (lambda text: text.replace(b"|0|", b"|x|", 1), "line 1 is '0|1.000000000|x|0|0.000000000', not 5 numbers"),
-        (lambda text: text.replace(b"|", b";"), "line 1 is '0;1.000000000;0;0;0.000000000', not 5 numbers"),
-        (lambda text: b"\xff" + text, "it is not a readable spin log: damaged, cut short or something else"),
-        (lambda text: b"\xef\xbb\xbf", "it has no lines of numbers; export the log again"),
+        lambda text: text[:-14],
+        lambda text: text.replace(b"|0|", b"|x|", 1),
+        lambda text: text.replace(b"|", b";"),
+        lambda text: b"\xff" + text,
+        lambda text: b"\xef\xbb\xbf",
     ],
 )
-def test_a_reader_names_the_place_in_a_damaged_file(change, message, log):
-    with pytest.raises(ValueError, match="^" + re.escape(message)):
+def test_a_reader_names_the_place_in_a_damaged_file(change, log):
+    with says():
         log(change)
 
 
@@ -376,33 +377,24 @@ class Two(Integrator):
 
 
 @pytest.mark.parametrize(
-    ("key", "cls", "message"),
+    ("key", "cls"),
     [
-        ("two", Two, "Two has the orders 2, 4, but no field order: add order: int = 2 to it"),
-        ("undecorated", Undecorated, "Undecorated is not a dataclass: add @dataclass(frozen=True) above the class"),
-        (
-            "chose",
-            Choosing,
-            "INTEGRATORS['chose'] is the class Choosing, whose name is 'choosing': use this as the key",
-        ),
-        (
-            "gauss",
-            Another,
-            "'gauss' is already the key of the class Gauss of nontwist.integrators.gauss: "
-            "give the integrator another name",
-        ),
-        ("seven", 7, "INTEGRATORS['seven'] must be a subclass of Integrator, got 7"),
-        ("nameless", Nameless, "Nameless has no name: add name = 'nameless' to it"),
+        ("two", Two),
+        ("undecorated", Undecorated),
+        ("chose", Choosing),
+        ("gauss", Another),
+        ("seven", 7),
+        ("nameless", Nameless),
     ],
 )
-def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, cls, message):
+def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, cls):
     ways = (
         lambda: INTEGRATORS.__setitem__(key, cls),
         lambda: INTEGRATORS.update({key: cls}),
         lambda: INTEGRATORS.update([(key, cls)]),
     )
     for add in ways:
-        with patch.dict(INTEGRATORS), pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        with patch.dict(INTEGRATORS), says():
             add()
         assert cls not in INTEGRATORS.values()
     assert pickle.loads(pickle.dumps(INTEGRATORS)) == INTEGRATORS

@@ -20,6 +20,7 @@ from nontwist.engine.prepared import GIVEN, HEAD, run_prepared
 from nontwist.engine.records import BLOCK
 from nontwist.errors import SimulationError
 from nontwist.integrators import INTEGRATORS
+from refusals import says
 from test_one_and_many import BODIES
 
 LOADS = {
@@ -162,26 +163,20 @@ def test_a_run_that_fails_says_why_and_the_next_is_sound():
 
 
 REFUSED = {
-    "shape": ({"material_angular_velocity": (1, 2)}, "material_angular_velocity must have the shape (3,)"),
-    "nan": ({"material_angular_velocity": (1, 2, np.nan)}, "material_angular_velocity"),
-    "two": (
-        {"material_angular_velocity": W0, "angular_velocity": W0},
-        "give material_angular_velocity= or angular_velocity=, not both",
-    ),
-    "quaternion": ({"rotation": [1, 0, 0, 0]}, "quaternions need scalar_first=True"),
-    "left": ({"rotation": np.diag([1, 1, -1])}, "left-handed"),
-    "scale": ({"load_scale": "twice"}, "load_scale"),
-    "spin": (
-        {"material_angular_velocity": (0, 0, 1)},
-        "the initial angular velocity has the component 1 rad/s along the constrained body axis [0.0, 0.0, 1.0]",
-    ),
+    "shape": {"material_angular_velocity": (1, 2)},
+    "nan": {"material_angular_velocity": (1, 2, np.nan)},
+    "two": {"material_angular_velocity": W0, "angular_velocity": W0},
+    "quaternion": {"rotation": [1, 0, 0, 0]},
+    "left": {"rotation": np.diag([1, 1, -1])},
+    "scale": {"load_scale": "twice"},
+    "spin": {"material_angular_velocity": (0, 0, 1)},
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_wrong_starts_are_refused(case):
-    given, message = REFUSED[case]
-    with pytest.raises(ValueError, match=re.escape(message)):
+    given = REFUSED[case]
+    with says():
         propagator(nontwisting([3, 4, 5]), t_end=1, step=0.1)(**given)
 
 

@@ -30,6 +30,7 @@ from nontwist.errors import RunFileError, SimulationError
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
 from nontwist.sweeps import sweep
+from refusals import says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 W0 = np.array([0.4, -1.1, 0.7])
@@ -207,19 +208,18 @@ def test_what_is_kept_and_what_is_recorded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "text"),
+    "arguments",
     [
-        (((0, 0, 0), 1.0), "axis of the rotor is zero: it must be a direction in the body"),
-        (((0, 0, 1), [0, 1]), "rotor needs the values that belong to its times: rotor(axis, times, values)"),
-        (((0, 0, 1), [0], [1.0]), "a table needs at least 2 times, got 1"),
-        (((0, 0, 1), [0, 0], [1.0, 2.0]), "times must increase, but times[1] = 0 follows times[0] = 0"),
-        (((0, 0, 1), np.nan), "momentum = nan is not finite"),
+        ((0, 0, 0), 1.0),
+        ((0, 0, 1), [0, 1]),
+        ((0, 0, 1), [0], [1.0]),
+        ((0, 0, 1), [0, 0], [1.0, 2.0]),
+        ((0, 0, 1), np.nan),
     ],
 )
-def test_wrong_rotors_are_refused(arguments, text):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+def test_wrong_rotors_are_refused(arguments):
+    with says():
         rotor(*arguments)
-    assert str(caught.value) == text
 
 
 def test_an_integrator_without_rotors_says_so():
@@ -271,30 +271,18 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("keys", "text"),
+    "keys",
     [
-        (
-            "momentum = 1, times = [0, 1]",
-            r"load\.0\.momentum: 1(\.0)? \(a rotor has a momentum, or times and values, or a file\) -> ",
-        ),
-        (
-            "scale = 2",
-            r"load\.0\.momentum: missing \(a rotor has a momentum, or times and values, or a file\) -> ",
-        ),
-        (
-            "momentum = [1, 2]",
-            r"toml: load\.0\.momentum: \[1, 2\] -> a number, kg m² s⁻¹, in place of times and values$",
-        ),
-        (
-            "times = [0, 1], values = [1]",
-            r"load\.0\.values: \[1(\.0)?\] \(values must have the shape \(2,\), got \(1,\)\) -> a momentum for ",
-        ),
+        "momentum = 1, times = [0, 1]",
+        "scale = 2",
+        "momentum = [1, 2]",
+        "times = [0, 1], values = [1]",
     ],
 )
-def test_wrong_rotors_in_run_files(tmp_path, keys, text):
+def test_wrong_rotors_in_run_files(tmp_path, keys):
     path = tmp_path / "run.toml"
     path.write_text(FILE.replace("ROTOR", keys), encoding="utf-8")
-    with pytest.raises(ValueError, match=text):
+    with says():
         read_run_file(path)
 
 

@@ -29,6 +29,7 @@ from nontwist import (
 from nontwist.analysis.invariants import drifts, twist_defect
 from nontwist.integrators import Continuous
 from nontwist.sweeps import sweep
+from refusals import says
 
 TABLE = ([0.5, 1.0, 1.75], [0.4, 3.0, -2.0])
 W0 = (1.0, 2.0, 0.0)
@@ -224,18 +225,18 @@ def test_the_body_remembers_its_spin():
 
 
 @pytest.mark.parametrize(
-    ("spin", "text"),
+    "spin",
     [
-        ("fast", "spin must be"),
-        (np.nan, "spin = nan is not finite"),
-        ([1.0, 2.0, 3.0], r"spin must be a number \(rad/s\) or a pair of times and values"),
-        (([0], [1]), "a table of spin needs at least 2 times, got 1"),
-        (([0, 0], [1, 2]), r"times of spin must increase, but times\[1\] = 0 follows times\[0\] = 0"),
-        (([0, 1], [1, 2, 3]), "values of spin must"),
+        "fast",
+        np.nan,
+        [1.0, 2.0, 3.0],
+        ([0], [1]),
+        ([0, 0], [1, 2]),
+        ([0, 1], [1, 2, 3]),
     ],
 )
-def test_wrong_spins_are_refused(spin, text):
-    with pytest.raises(ValueError, match=text):
+def test_wrong_spins_are_refused(spin):
+    with says():
         nontwisting([3, 4, 5], spin=spin)
 
 
@@ -249,18 +250,17 @@ def test_bodies_without_a_principal_axis_have_no_spin():
 
 
 @pytest.mark.parametrize(
-    ("scheme", "text"),
+    "scheme",
     [
-        ("energy-momentum", "energy-momentum does not accept a prescribed spin; use the integrator gauss"),
-        ("split", "split does not accept a prescribed spin; use the integrator gauss"),
-        ("exact", "exact has no closed-form solution for a prescribed spin; use the integrator gauss"),
-        (Continuous(form="director"), "form='director' has no prescribed spin; Continuous(form='split') has"),
+        "energy-momentum",
+        "split",
+        "exact",
+        Continuous(form="director"),
     ],
 )
-def test_integrators_without_spin_say_so(scheme, text):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+def test_integrators_without_spin_say_so(scheme):
+    with says():
         simulate(nontwisting([3, 4, 5], spin=1), t_end=1, step=0.1, integrator=scheme)
-    assert str(caught.value) == text
 
 
 def test_a_step_that_misses_a_kink_is_announced():
@@ -301,14 +301,14 @@ def test_in_run_files_and_sweeps(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "spin", "text"),
+    ("kind", "spin"),
     [
-        ("standard", "spin = 1.0", 'left out for kind = "standard"; "nontwisting" takes a spin'),
-        ("nontwisting", "spin = { times = [1, 0], values = [1, 2] }", "times of spin must increase"),
+        ("standard", "spin = 1.0"),
+        ("nontwisting", "spin = { times = [1, 0], values = [1, 2] }"),
     ],
 )
-def test_wrong_spins_in_run_files(tmp_path, kind, spin, text):
+def test_wrong_spins_in_run_files(tmp_path, kind, spin):
     path = tmp_path / "run.toml"
     path.write_text(FILE.replace("SPIN", spin).replace("nontwisting", kind), encoding="utf-8")
-    with pytest.raises(ValueError, match=text):
+    with says():
         read_run_file(path)

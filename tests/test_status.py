@@ -24,6 +24,7 @@ from nontwist.errors import SimulationError, SimulationInterrupt, Status
 from nontwist.integrators import INTEGRATORS, LieMidpoint, stack_march, time_grid
 from nontwist.integrators.problem import Problem, scratch
 from nontwist.models.stack import stacked
+from refusals import says
 
 BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
 LOAD = sine([3, -1, 2], 1) + sine([0.5, 0, 1], 2, frame="space")
@@ -316,22 +317,22 @@ def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
 
 NO_BODY = "a body as JSON is what DirectorSystem.to_json writes; got "
 DAMAGED = {
-    "system null": ({"system": "null"}, NO_BODY),
-    "system list": ({"system": "[1, 2]"}, NO_BODY),
-    "system key": ({"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'}, NO_BODY),
-    "system text": ({"system": "{"}, NO_BODY),
-    "system number": ({"system": 5}, NO_BODY),
-    "memory": ({"memory": '{"a": 1}'}, "the attribute memory of start= is damaged"),
-    "memory text": ({"memory": "["}, "the attribute memory of start= is damaged"),
-    "step": ({"step": "x"}, "the step of start= must be an array of numbers, got 'x'"),
-    "origin": ({"origin": [1.0, 2.0]}, "the origin of start= must have the shape (), got (2,)"),
+    "system null": {"system": "null"},
+    "system list": {"system": "[1, 2]"},
+    "system key": {"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'},
+    "system text": {"system": "{"},
+    "system number": {"system": 5},
+    "memory": {"memory": '{"a": 1}'},
+    "memory text": {"memory": "["},
+    "step": {"step": "x"},
+    "origin": {"origin": [1.0, 2.0]},
 }
 
 
 @pytest.mark.parametrize("case", DAMAGED)
 def test_a_damaged_start_is_refused(case):
-    attributes, message = DAMAGED[case]
+    attributes = DAMAGED[case]
     body = nontwisting([3, 4, 5])
     run = simulate(body, t_end=1, step=0.1, angular_velocity=(1, 2, 0)).assign_attrs(attributes)
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with says():
         simulate(body, t_end=2, step=0.1, start=run)

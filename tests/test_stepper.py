@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import re
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -26,6 +25,7 @@ from nontwist import (
 )
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS, EnergyMomentum, Gauss, LieMidpoint
+from refusals import says
 
 H, N = 1 / 64, 64  # so that t_end / N is the step, and all nodes are the same floats
 M, m = (9.0, -4.0, 7.0), (3.0, 5.0, -2.0)
@@ -220,71 +220,46 @@ def test_the_order_is_2_unless_another_is_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    "call",
     [
-        (
-            lambda s: s.step((1, 2)),
-            r"body_moment must have the shape (3,), got (2,)",
-        ),
-        (lambda s: s.step(space_moment=np.eye(3)), "space_moment must have the shape (3,), got (3, 3)"),
-        (lambda s: s.step((0, np.nan, 0)), "body_moment[1] = nan is not finite"),
-        (lambda s: s.step((0, 0, 0), np.array([0, 0, np.inf])), "space_moment[2] = inf is not finite"),
-        (
-            lambda s: s.step([0, 0, 1e101]),
-            "body_moment holds 1e+101, which is too large; the largest accepted number is 1e+100",
-        ),
-        (lambda s: s.step("up"), "body_moment must be an array of numbers, got 'up'"),
-        (lambda s: s.reset(rotation=np.eye(4)), ""),
-        (lambda s: s.reset(material_angular_velocity=(1, 0, 0), angular_velocity=(1, 0, 0)), "give material_"),
-        (
-            lambda s: s.reset(time=1e15),
-            "time = 1e+15 s is resolved to 0.12 s, which is too coarse for steps of 0.015625 s; count times from a "
-            "start at 0",
-        ),
-        (
-            lambda s: setattr(s, "state", 3),
-            "state must be a state of a stepper, got 3; use reset(...) for other starts",
-        ),
-        (
-            lambda s: setattr(s, "state", stepper(FREE, 2 * H).state),
-            "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "
-            "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
-            "time=state.time)",
-        ),
+        lambda s: s.step((1, 2)),
+        lambda s: s.step(space_moment=np.eye(3)),
+        lambda s: s.step((0, np.nan, 0)),
+        lambda s: s.step((0, 0, 0), np.array([0, 0, np.inf])),
+        lambda s: s.step([0, 0, 1e101]),
+        lambda s: s.step("up"),
+        lambda s: s.reset(rotation=np.eye(4)),
+        lambda s: s.reset(material_angular_velocity=(1, 0, 0), angular_velocity=(1, 0, 0)),
+        lambda s: s.reset(time=1e15),
+        lambda s: setattr(s, "state", 3),
+        lambda s: setattr(s, "state", stepper(FREE, 2 * H).state),
     ],
 )
-def test_wrong_input_is_refused_and_leaves_the_state(call, message):
+def test_wrong_input_is_refused_and_leaves_the_state(call):
     loop = stepper(FREE, H)
     now = loop.reset(**START)
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+    with says():
         call(loop)
     assert loop.state is now
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given",
     [
-        ({"step": 0}, "step must be positive, got 0 s"),
-        ({"step": -0.1}, "step must be positive, got -0.1 s"),
-        ({"step": np.nan}, "step = nan is not finite"),
-        ({"step": 1e-150}, "step = 1e-150 s is not between 1e-140 and 1e+140 s; choose another unit of time"),
-        ({"system": "top"}, "system must be a body"),
-        ({"load": (1, 0, 0)}, "load must be a Load or None"),
-        ({"order": 3}, "lie-midpoint has the order 2; got order = 3"),
-        (
-            {"order": 4},
-            "lie-midpoint has the order 2; got order = 4: its higher orders are gone, gauss keeps the same invariants: "
-            "integrator='gauss', order=4",
-        ),
-        (
-            {"integrator": "split"},
-            "a stepper supports the integrators gauss, lie-midpoint and energy-momentum, got split",
-        ),
-        ({"integrator": "lie_midpoint"}, "unknown integrator 'lie_midpoint'; did you mean lie-midpoint?"),
+        {"step": 0},
+        {"step": -0.1},
+        {"step": np.nan},
+        {"step": 1e-150},
+        {"system": "top"},
+        {"load": (1, 0, 0)},
+        {"order": 3},
+        {"order": 4},
+        {"integrator": "split"},
+        {"integrator": "lie_midpoint"},
     ],
 )
-def test_arguments_that_stepper_refuses(given, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+def test_arguments_that_stepper_refuses(given):
+    with says():
         stepper(**{"system": FREE, "step": H, **given})
 
 

@@ -41,6 +41,7 @@ from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import largest_velocity
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
+from refusals import says
 from tolerance_problems import Motion, Task, error_of, generated, truth
 
 BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
@@ -202,20 +203,17 @@ def test_members_within_one_grid_have_bits_of_their_own():
 
 
 WRONG = [
-    ({"step": 0.1, "tolerance": 1e-6}, "give step= or tolerance=, not both"),
-    ({"tolerance": 0.2}, "tolerance must be at most 0.1 rad, got 0.2"),
-    ({"tolerance": -1}, "tolerance must be positive"),
-    ({"tolerance": 1e-6, "integrator": "exact"}, "exact has no steps that tolerance= could choose"),
-    (
-        {"tolerance": 1e-6, "integrator": "continuous"},
-        "continuous has no steps that tolerance= could choose; its own are Continuous",
-    ),
+    {"step": 0.1, "tolerance": 1e-6},
+    {"tolerance": 0.2},
+    {"tolerance": -1},
+    {"tolerance": 1e-6, "integrator": "exact"},
+    {"tolerance": 1e-6, "integrator": "continuous"},
 ]
 
 
-@pytest.mark.parametrize(("how", "message"), WRONG)
-def test_what_is_refused(how, message):
-    with pytest.raises(ValueError, match=message):
+@pytest.mark.parametrize("how", WRONG)
+def test_what_is_refused(how):
+    with says():
         integrate(BODY, t_end=1, **{**GAUSS, **how}, **W)
 
 

@@ -47,6 +47,7 @@ from nontwist.viewer.cameras import camera_of
 from nontwist.viewer.content import STATES, content
 from nontwist.viewer.drawing import Motion
 from nontwist.viewer.panels import POINTS
+from refusals import said, says
 
 
 @pytest.fixture(scope="module")
@@ -234,16 +235,13 @@ def test_a_run_in_words():
 
 
 def test_what_is_no_run_is_refused(case3):
-    for bad, message in (
-        (
-            42,
-            r"view accepts runs of simulate, .*, recordings with their times, and what twist returns for them; got 42",
-        ),
-        (case3[0].drop_vars("kinetic_energy"), "not a run of simulate: it lacks kinetic_energy"),
-        (case3[0].isel(time=[0]), "the run has a single state"),
-        (case3[0].expand_dims(member=3), r"an ensemble of 3 runs; view\(run.isel\(member=0\)\) shows one"),
+    for bad in (
+        42,
+        case3[0].drop_vars("kinetic_energy"),
+        case3[0].isel(time=[0]),
+        case3[0].expand_dims(member=3),
     ):
-        with pytest.raises(ValueError, match=message):
+        with says():
             view(bad)
 
 
@@ -354,16 +352,15 @@ def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
 def test_errors_are_reported(case3, tmp_path):
     save_run(case3[0], tmp_path / "run.nc")
     save_run(case3[0].drop_vars("kinetic_energy"), tmp_path / "part.nc")
-    for arguments, code, message in (
-        (["nothing.nc"], 5, "no such file: nothing.nc"),
-        ([tmp_path / "run.nc", tmp_path / "part.nc"], 3, "the second run: not a run of simulate: it lacks kinetic"),
-        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5, "there is no folder /nonexistent; make it first"),
-        ([], 2, "Missing argument"),
+    for arguments, code in (
+        (["nothing.nc"], 5),
+        ([tmp_path / "run.nc", tmp_path / "part.nc"], 3),
+        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5),
+        ([], 2),
     ):
         result = nontwist(*arguments, *["--no-open"] * bool(arguments))
         assert result.exit_code == code
-        assert message in result.stderr
-        assert "Traceback" not in result.stderr
+        said(result.stderr.rpartition("Error: ")[2])
 
 
 CHART = "document.querySelector('.chart').toDataURL()"

@@ -103,7 +103,9 @@ def renew(*files):
     global RENEW
     RENEW = True
     folder = GOLDEN.parents[1]
-    users = files or [str(one) for one in folder.glob("test_*.py") if "from refusals import" in one.read_text("utf-8")]
+    users = files or [
+        str(one) for one in folder.glob("test_*.py") if "from refusals import" in one.read_text(encoding="utf-8")
+    ]
     status = pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", *users], plugins=[Renewal()])
     kept = golden() if files else {}
     text = json.dumps(dict(sorted((kept | FOUND).items())), indent=1, ensure_ascii=False)

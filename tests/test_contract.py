@@ -1,0 +1,164 @@
+"""What every run promises: integrator × body × load, each cell with the same promises, or refused for a reason.
+
+Bodies, loads and integrators are those of `covering.problems`, which has an entry for each of the registries. In the
+quick suite each load meets each integrator once, with a body that changes; the long suite has more pairs of both.
+"""
+
+import numpy as np
+import pytest
+
+from covering.problems import ASKEW, BODIES, LOADS, W, made_load, schemes
+from nontwist import (
+    DirectorSystem,
+    body_moment,
+    integrate,
+    propagator,
+    simulate_ensemble,
+    space_moment,
+    stepper,
+)
+
+SCHEMES = schemes()
+QUICK = (
+    "gauss 4",
+    "lie-midpoint 2",
+    "energy-momentum 2",
+    "energy-momentum 1 dissipative",
+    "split 4",
+    "exact",
+    "continuous",
+)
+STEP, COUNT = 1 / 8, 12
+START = {"rotation": ASKEW, "material_angular_velocity": W, "project": True}
+BODY_MOMENT, SPACE_MOMENT = (0.9, -0.4, 0.7), (0.3, 0.5, -0.2)  # that a stepper is given in each step
+
+HEAVY = {name for name in BODIES if "heavy" in name or "top" in name}
+SPINNING = {name for name in BODIES if "spin" in name}
+HELD = {name for name in BODIES if BODIES[name](1.0).axis is not None}
+POTENTIALS = {name for name in LOADS if made_load(name).potentials}
+BY_COEFFICIENTS = {"linear", "quadratic", "spring", "dipole"}  # of the components of directors, at most quadratic
+ROTORS = {"rotor", "rotor table", "sum"}
+RESUMED = {
+    "split": 1e-14,
+    "exact": 1e-14,
+    "continuous": 1e-10,
+}  # how far off runs are that resume; others have the bits
+
+
+def refusal(scheme, body, load):
+    """Return words of the refusal of a cell, or None where it runs."""
+    name = scheme.split()[0]
+    if name == "exact":
+        closed = ("none", "rotor") if body not in HELD else ("none",)
+        is_free = body not in HEAVY | SPINNING | {"suslov", "suslov principal"} and load in closed
+        return None if is_free else "closed-form solution|prescribed spin"
+    if name == "split" and load in ROTORS:
+        return "does not accept rotors"
+    if name in ("split", "energy-momentum") and body in SPINNING:
+        return "does not accept a prescribed spin"
+    if name == "split" and body in ("suslov", "heavy suslov"):
+        return "needs a constrained axis that is principal"
+    if scheme.endswith("dissipative") and body in HELD:
+        return "has no dissipation for a body with a constrained axis"
+    return None
+
+
+def keeps_energy(scheme, body, load):
+    """Whether K + V changes by the work of the load alone, to round-off."""
+    if body in SPINNING or load == "gravity gradient" or scheme.endswith("dissipative"):
+        return False
+    if scheme.startswith("split"):
+        return body not in HEAVY and load not in POTENTIALS
+    return not scheme.startswith("gauss") or load not in POTENTIALS - BY_COEFFICIENTS
+
+
+def cells(names, offsets):
+    bodies = list(BODIES)
+    for scheme in names:
+        for k, load in enumerate(LOADS):
+            for offset in offsets:
+                yield scheme, bodies[(k + offset) % len(bodies)], load
+
+
+MARKED = [
+    *cells(QUICK, (0,)),
+    *(pytest.param(*cell, marks=pytest.mark.long) for cell in cells(QUICK, (4, 7, 11))),
+    *(pytest.param(*cell, marks=pytest.mark.long) for cell in cells(SCHEMES.keys() - QUICK, (0, 7))),
+]
+
+
+@pytest.mark.parametrize(("scheme", "body", "load"), MARKED)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_cell(scheme, body, load):
+    system, kind = BODIES[body](1.0), SCHEMES[scheme]
+    how = {"t_end": STEP * COUNT, "step": STEP, "integrator": kind, "load": made_load(load)}
+    words = refusal(scheme, body, load)
+    if words:
+        for call in (integrate, simulate_ensemble, prepared):
+            with pytest.raises(ValueError, match=words):
+                call(system, **START, **how)
+        return
+    run = integrate(system, **START, **how)
+    require_balances(run, scheme, body, load)
+    require_same_run(run, prepared(system, **START, **how, store=1))
+    if load != "gravity gradient":  # which needs equal inertias
+        require_member(run, body, how)
+    half = integrate(system, **START, **how | {"t_end": STEP * COUNT / 2})
+    rest = integrate(system, start=half, project=True, **how)
+    gap = abs(rest.directors - run.directors[COUNT // 2 :]).max()
+    assert gap <= RESUMED.get(kind.name, 0)
+    if kind.name in ("gauss", "lie-midpoint", "energy-momentum"):
+        require_steps(system, how)
+
+
+def require_balances(run, scheme, body, load):
+    data, h = run.to_dataset(), np.diff(run.time)
+    bound = 1e-10 if scheme == "continuous" else 1e-13
+    assert data.orthonormality_defect.max() < bound
+    if body in HELD - SPINNING and not scheme.startswith("energy-momentum"):  # which has the constraint in the mean
+        assert abs(run.material_angular_velocity @ run.system.axis).max() < bound
+    energy = (data.kinetic_energy + data.potential_energy).values
+    if keeps_energy(scheme, body, load):
+        assert np.diff(energy) == pytest.approx(run.load_work, abs=10 * bound)
+    if body not in HELD | HEAVY and load not in POTENTIALS:
+        momentum = data.spatial_momentum.values
+        assert np.diff(momentum, axis=0) == pytest.approx(h[:, None] * run.moment, abs=10 * bound)
+
+
+def prepared(system, rotation, material_angular_velocity, **how):
+    return propagator(system, **how)(rotation=rotation, material_angular_velocity=material_angular_velocity)
+
+
+def require_same_run(found, run):
+    """Require the same bits of two runs."""
+    for name in ("time", "quaternion", "material_angular_velocity", "multipliers", "moment", "load_work", "memory"):
+        one, other = getattr(found, name), getattr(run, name)
+        assert (one is None and other is None) or np.array_equal(one, other), name
+    assert found.to_dataset().identical(run.to_dataset())
+
+
+def require_member(run, body, how):
+    """Require of a member the bits of a run, whoever its neighbours are and whatever the scales of their loads."""
+    stack, rows = DirectorSystem.stack([BODIES[body](c) for c in (1.2, 1.0, 0.9)]), np.array([[0.5], [1], [0.7]])
+    start = START | {"material_angular_velocity": rows * W}
+    many = simulate_ensemble(stack, **start, **how, load_scale=[0.6, 1.0, -0.5], store=3, variables="all", threads=2)
+    one = run.to_dataset()
+    for name in [name for name in many.data_vars if name in one and one[name].dims[0] == "time"]:
+        assert np.array_equal(many[name].values[1], one[name].values[::3]), name
+
+
+def require_steps(system, how):
+    """Require of a stepper the states of a run under the load and constant moments, and their work.
+
+    To the bit where both add the moments in the same order, to round-off in gauss.
+    """
+    constant = body_moment(lambda t: BODY_MOMENT) + space_moment(lambda t: SPACE_MOMENT)
+    run = integrate(system, **START, **how | {"load": how["load"] + constant})
+    loop = stepper(system, STEP, integrator=how["integrator"], load=how["load"])
+    loop.reset(**START)
+    states = [loop.step(BODY_MOMENT, SPACE_MOMENT) for _ in range(COUNT)]
+    assert [state.time for state in states] == run.time[1:].tolist()
+    found = np.array([[*state.quaternion, *state.material_angular_velocity, state.load_work] for state in states])
+    known = np.column_stack([run.quaternion[1:], run.material_angular_velocity[1:], run.load_work])
+    gap = abs(abs(found) - abs(known)).max()  # a run chooses the signs of quaternions
+    assert gap <= (1e-14 if how["integrator"].name == "gauss" else 0)

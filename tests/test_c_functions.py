@@ -177,7 +177,6 @@ def of_complex(t, d, w, m):
     pass
 
 
-HAS = f"function must have the C signature {SIGNATURE}; its signature is "
 test_refused_with_the_right_signature = refused_as(
     {
         "not declared": lambda: moment(ctypes.CDLL(None).abs),

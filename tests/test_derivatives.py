@@ -514,9 +514,6 @@ def test_chosen_steps_and_continued_runs():
     assert abs(second.d_rotation.values[-1] @ X[rows] - whole.d_rotation.values[-1]).max() < 1e-13
 
 
-KNOWN = "material_angular_velocity, rotation, inertia, principal_inertia, axis, dead_force, load_scale, duration"
-
-
 @pytest.mark.parametrize(
     "more",
     [

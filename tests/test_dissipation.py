@@ -9,13 +9,10 @@ from nontwist import (
     heavy_top,
     moment,
     nontwisting,
-    propagator,
     pulse,
     read_run_file,
     simulate,
-    simulate_ensemble,
     standard,
-    stepper,
 )
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
@@ -150,26 +147,6 @@ def test_without_dissipation_the_bits_are_those_of_the_scheme(scheme):
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": MIDDLE}
     plain, zero = (simulate(standard(J), integrator=one, **how) for one in (scheme(), scheme(dissipation=0)))
     assert (plain.quaternion.values == zero.quaternion.values).all()
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_members_steps_and_propagators_have_the_run(scheme):
-    one, W = scheme(1, dissipation=0.5), np.array(MIDDLE) * np.linspace(0.5, 2, 11)[:, None]
-    how = {"t_end": 4, "step": 0.1, "integrator": one}
-    many = simulate_ensemble(standard(J), material_angular_velocity=W, **how)
-    run = simulate(standard(J), material_angular_velocity=W[3], **how)
-    assert (many.material_angular_velocity.values[3, -1] == run.material_angular_velocity.values[-1]).all()
-    call = propagator(standard(J), **how)
-    last = call(material_angular_velocity=W[3]).material_angular_velocity[-1]
-    assert (last == run.material_angular_velocity.values[-1]).all()
-    loop = stepper(standard(J), 0.1, integrator=one)
-    loop.reset(material_angular_velocity=W[3])
-    for _ in range(40):
-        state = loop.step()
-    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
-    first = simulate(standard(J), material_angular_velocity=W[3], **how | {"t_end": 2})
-    rest = simulate(standard(J), start=first, **how)
-    assert (rest.material_angular_velocity.values[-1] == run.material_angular_velocity.values[-1]).all()
 
 
 def test_energy_is_not_among_what_is_kept():

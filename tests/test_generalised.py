@@ -23,10 +23,8 @@ from nontwist import (
     moment,
     nontwisting,
     potential,
-    propagator,
     pulse,
     read_run_file,
-    resample,
     rotation,
     rotor,
     simulate,
@@ -34,7 +32,6 @@ from nontwist import (
     space_moment,
     spring,
     standard,
-    stepper,
     suslov,
     sweep,
     with_gravity,
@@ -454,50 +451,6 @@ def test_large_steps_on_an_orbit_take_newtons_iteration():
     fine = simulate(FREE, t_end=30, step=0.1, load=load, order=12, **start)
     assert drifts(run)["jacobi_integral"].relative < 1e-12
     assert abs(run.directors.values[-1] - fine.directors.values[-1]).max() < 1e-2
-
-
-def test_lanes_propagators_steppers_and_output_agree():
-    load = QUADRATIC + POTENTIALS["spring"] + director_forces(TIMES, FORCES) + pulse((0, 1, 0), end=1)
-    W = np.array([[1, 2, 0.5 + 0.1 * i] for i in range(11)])
-    how = {"t_end": 1, "step": 0.05, "load": load, "rotation": START["rotation"]}
-    for scheme in ("gauss", "lie-midpoint", "energy-momentum"):
-        many = simulate_ensemble(FREE, material_angular_velocity=W, integrator=scheme, variables="all", store=1, **how)
-        one = simulate(FREE, material_angular_velocity=W[9], integrator=scheme, **how)
-        assert np.array_equal(many.quaternion.values[9], one.quaternion.values)
-        assert np.array_equal(many.potential_energy.values[9], one.potential_energy.values)
-        run = propagator(FREE, t_end=1, step=0.05, load=load, integrator=scheme, store=1)
-        again = run(material_angular_velocity=W[9], rotation=START["rotation"])
-        assert np.array_equal(again.quaternion, one.quaternion.values)
-        assert np.array_equal(again.to_dataset().potential_energy.values, one.potential_energy.values)
-        loop = stepper(FREE, 0.05, integrator=scheme, order=8 if scheme == "gauss" else None, load=load)
-        state = loop.reset(material_angular_velocity=W[9], rotation=START["rotation"])
-        for _ in range(20):
-            state = loop.step()
-        assert state.quaternion == pytest.approx(one.quaternion.values[-1], abs=1e-14)
-        between = simulate(
-            FREE, material_angular_velocity=W[9], integrator=scheme, **how | {"t_end": None, "times": [0, 0.5, 1]}
-        )
-        assert abs(between.quaternion.values[-1] - one.quaternion.values[-1]).max() < 1e-15
-        if scheme != "energy-momentum":
-            middle = resample(one, [0.52])
-            assert middle.potential_energy.values[0] == pytest.approx(
-                float(one.potential_energy.interp(time=0.52)), abs=0.2
-            )
-
-
-def test_scale_of_the_load_scales_potentials():
-    for load in (QUADRATIC, POTENTIALS["linear"], POTENTIALS["spring"]):
-        how = {"t_end": 1, "step": 0.05, **START}
-        many = simulate_ensemble(FREE, load=load, load_scale=[1.0, 0.5, 2.0], variables="all", store=1, **how)
-        run = propagator(FREE, t_end=1, step=0.05, load=load, store=1)
-        for i, scale in enumerate((1.0, 0.5, 2.0)):
-            one = simulate(FREE, load=scale * load, **how)
-            again = run(
-                rotation=START["rotation"], material_angular_velocity=(1, 2, 0.5), load_scale=scale
-            ).to_dataset()
-            for found in (many.isel(member=i), again):
-                assert abs(found.quaternion.values - one.quaternion.values).max() < 1e-13
-                assert found.potential_energy.values == pytest.approx(one.potential_energy.values, rel=1e-12)
 
 
 def test_records_make_the_load_again():

@@ -44,8 +44,6 @@ from refusals import refused_as, says
 
 ROOT = Path(__file__).parents[1]
 
-REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
-
 
 def test_a_table_is_piecewise_linear_and_zero_outside():
     load = body_moment([1, 2, 4], [[0, 0, 0], [2, 4, 6], [0, 0, 2]])

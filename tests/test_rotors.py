@@ -13,16 +13,13 @@ from nontwist import (
     moment,
     nontwisting,
     open_run,
-    propagator,
     pulse,
     read_run_file,
     rotation,
     rotor,
     save_run,
     simulate,
-    simulate_ensemble,
     standard,
-    stepper,
     suslov,
 )
 from nontwist.analysis.invariants import drifts
@@ -34,27 +31,8 @@ from refusals import says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 W0 = np.array([0.4, -1.1, 0.7])
-TABLE = rotor((1, 2, -0.5), [0.3, 1.1, 1.55], [2.0, 5.0, -1.0]) + rotor((0, 0, 1), 1.5)
 SCHEMES = [("gauss", 2), ("gauss", 8), ("lie-midpoint", 2), ("energy-momentum", 2)]
 pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a step")
-
-
-@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
-@pytest.mark.parametrize("load", [rotor((1, -1, 2), 3.0), TABLE], ids=["constant", "table"])
-def test_total_momentum_and_energy_balance_close_to_round_off(scheme, order, load):
-    """Also with kinks of the table inside of steps, of which 0.07 s has one in each."""
-    run = simulate(
-        standard(J), t_end=2.1, step=0.07, material_angular_velocity=W0, load=load, integrator=scheme, order=order
-    )
-    total, K = run.total_momentum.values, run.kinetic_energy.values
-    assert abs(total - total[0]).max() < 1e-13
-    assert abs(np.diff(K) - run.load_work.values).max() < 1e-13
-    impulse = np.diff(run.spatial_momentum.values, axis=0) - run.moment.values * 0.07
-    assert abs(impulse).max() < 1e-13
-    if len(load.breakpoints) == 0:
-        assert abs(K - K[0]).max() < 1e-13
-    spent = np.linalg.norm(rotation(run).apply(run.rotor_momentum.values) + run.spatial_momentum.values - total)
-    assert spent < 1e-13
 
 
 @pytest.mark.parametrize(("scheme", "order"), [*SCHEMES, ("continuous", None)])
@@ -153,36 +131,6 @@ def test_a_constant_rotor_is_a_moment_without_work():
     with pytest.warns(UserWarning, match="runs in Python"):
         as_moment = simulate(standard(J), load=moment(lambda t, d, w: np.cross(b, d @ w) @ d), **how)
     assert abs(as_rotor.directors.values - as_moment.directors.values).max() < 1e-13
-
-
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
-def test_members_steps_outputs_and_propagators_have_the_run(scheme):
-    W = W0 * np.linspace(0.5, 2, 11)[:, None]
-    scale = np.linspace(0.5, 2, 11)
-    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2}
-    many = simulate_ensemble(
-        standard(J), material_angular_velocity=W, load=TABLE, load_scale=scale, variables="all", **how
-    )
-    one = simulate(standard(J), material_angular_velocity=W[3], load=scale[3] * TABLE, **how)
-    for name in ("material_angular_velocity", "rotor_momentum", "total_momentum"):
-        assert abs(many[name].values[3, -1] - one[name].values[-1]).max() < 1e-13
-    same = simulate_ensemble(standard(J), material_angular_velocity=W, load=TABLE, **how)
-    one = simulate(standard(J), material_angular_velocity=W[3], load=TABLE, **how)
-    assert (same.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
-    call = propagator(standard(J), load=TABLE, **how)
-    run = simulate(standard(J), material_angular_velocity=W0, load=TABLE, **how)
-    last = call(material_angular_velocity=W0).material_angular_velocity[-1]
-    assert (last == run.material_angular_velocity.values[-1]).all()
-    loop = stepper(standard(J), 0.05, load=TABLE, integrator=scheme)
-    loop.reset(material_angular_velocity=W0)
-    for _ in range(40):
-        state = loop.step()
-    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
-    between = simulate(
-        standard(J), times=[0, 0.333, 1.2345, 2], step=0.05, material_angular_velocity=W0, load=TABLE,
-        integrator=scheme, order=2,
-    )  # fmt: skip
-    assert abs(between.total_momentum.values - between.total_momentum.values[0]).max() < 1e-13
 
 
 def test_a_heavy_gyrostat_keeps_energy_and_vertical_momentum():

@@ -50,11 +50,6 @@ from runfile_documents import documents
 
 A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
 
-KINDS_OF_LOADS = (
-    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "dry_friction", "wheel", '
-    '"director_forces", "potential", "spring", "gravity_gradient"'
-)
-YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 PLACE = Path(__file__).parents[1]
 EXAMPLES = PLACE / "src" / "nontwist" / "runfile" / "examples"
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
@@ -86,9 +81,7 @@ def lines(write, text, *overrides):
     return [line.removeprefix(f"{path}: ") for line in found]
 
 
-VALUES = 'TOML, with numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
-VECTOR = "3 numbers, rad/s, or in the stated unit: components along the directors"
 ONE_LINE = {
     "JSON": '{"body": {}}',
     "comma": "[body]\nmass = 0,5\n",

@@ -315,7 +315,6 @@ def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
         assert np.array_equal(rest.time[1:], grid(0.0, 2 * T, 2 * N).output[N + 1 :])
 
 
-NO_BODY = "a body as JSON is what DirectorSystem.to_json writes; got "
 DAMAGED = {
     "system null": {"system": "null"},
     "system list": {"system": "[1, 2]"},

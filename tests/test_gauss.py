@@ -29,7 +29,6 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
@@ -347,12 +346,6 @@ def test_needles_keep_their_energy_though_their_spin_is_round_off(order):
     E = run.kinetic_energy.values + run.potential_energy.values
     linear = order <= 4  # Newton's iteration converges linearly, from the round-off of the spin
     assert abs(E - E[0]).max() <= (1e-10 if linear else 1e-12) * abs(E).max()
-
-
-def test_a_step_that_turns_too_far_is_refused():
-    message = "step 0 at t = 0 s: the body turns 20 rad in one step; try step <= 0.03"
-    with pytest.raises(SimulationError, match=message):
-        simulate(nontwisting([3, 4, 5]), t_end=1, step=1, angular_velocity=[20, 0, 0], integrator="gauss", order=2)
 
 
 def test_averages_over_the_stages_have_the_order_of_the_scheme():

@@ -106,8 +106,9 @@ def test_multiplier_work_and_moment(name, load):
     assert run.moment.values == pytest.approx(fine.moment.values, abs=2e-5)
 
 
-def test_a_million_steps():
-    n, how = 1_000_000, {"step": 0.005, "integrator": Split(order=2)}
+@pytest.mark.parametrize("n", [50_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+def test_no_drift_over_many_steps(n):
+    how = {"step": 0.005, "integrator": Split(order=2)}
     run = integrate(nontwisting(PAPER_J), t_end=n * 0.005, material_angular_velocity=[6, -18, 0], store=n // 4, **how)
     data = run.to_dataset()
     assert data.orthonormality_defect.max() < 1e-12

@@ -20,9 +20,9 @@ from nontwist import (
     sine,
     standard,
 )
-from nontwist.errors import SimulationError, SimulationInterrupt, Status
-from nontwist.integrators import INTEGRATORS, LieMidpoint, stack_march, time_grid
-from nontwist.integrators.problem import Problem, scratch
+from nontwist.errors import SimulationError, Status
+from nontwist.integrators import INTEGRATORS, LieMidpoint, time_grid
+from nontwist.integrators.problem import Problem
 from nontwist.models.stack import stacked
 from refusals import says
 
@@ -206,12 +206,6 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, go
     assert np.isnan(many.kinetic_energy_max[1])
 
 
-def test_what_an_ensemble_does_not_write_is_not_a_number():
-    quaternion, velocity = np.array([[0.0, 0, 0, 1]]), np.zeros((1, 3))
-    problem = Problem(stacked(BODY), quaternion, velocity, Load(), 0.0, 1.0, 4, np.arange(5))
-    assert np.isnan(scratch(problem).states.quaternion[:, 1:]).all()
-
-
 def test_a_run_too_short_for_numbers_is_refused():
     """Its multipliers were once infinite: 2/h is no number."""
     with pytest.raises(ValueError, match=r"^step = 1e-313 s is not between 1e-140 and 1e\+140 s; choose another unit"):
@@ -255,28 +249,6 @@ def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_pa
     save_run(again.to_dataset(), tmp_path / "second.nc")
     again = integrate(BODIES[body](), t_end=4 * T, start=open_run(tmp_path / "second.nc"), **how)
     assert_same(bits(again), bits(fourth))
-
-
-@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize(("T", "N"), ODD)
-def test_an_interrupted_run_is_continued_bit_for_bit(name, T, N, monkeypatch):
-    how = {"t_end": T, "step": T / N, "integrator": name, "load": LOAD}
-    whole, sound, calls = integrate(BODY, **W, **how), stack_march.StackMarch._run, []
-
-    def struck(*arguments):
-        calls.append(1)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return sound(*arguments)
-
-    monkeypatch.setattr(stack_march, "NODES", 2 * N // 3)
-    monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
-    with pytest.raises(SimulationInterrupt) as info:
-        integrate(BODY, store=7, **W, **how)
-    monkeypatch.undo()
-    rest = integrate(BODY, start=info.value.partial, **how)
-    assert rest.step == whole.step
-    assert_same(bits(rest), bits(whole, 2 * N // 3))
 
 
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")

@@ -12,7 +12,6 @@ from conftest import BODIES, PAPER_J
 from nontwist import (
     body_moment,
     compare,
-    damping,
     exact,
     integrate,
     nontwisting,
@@ -24,8 +23,7 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.analysis.invariants import drift, invariants, quantities, scales
-from nontwist.comparison import running, summary, table
+from nontwist.comparison import summary, table
 from nontwist.comparison.choice import times_to
 from nontwist.comparison.dataset import measured_orders
 from nontwist.comparison.reference import error_bar, reference
@@ -203,32 +201,6 @@ def test_the_error_bar_trusts_a_scheme_only_as_far_as_an_independent_solution_co
     assert error_bar(own=1e-9, gap=1e-10, gap_of_other=1e-12) == 1e-9
 
 
-KEPT = {
-    "free standard": (BODIES["standard"], None, {"kinetic_energy", "spatial_momentum"}),
-    "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
-    "free non-twisting": (BODIES["nontwisting"], None, {"kinetic_energy", "material_momentum"}),
-    "held about x": (lambda: suslov([3, 4, 5], [1, 0, 0]), None, {"kinetic_energy", "material_momentum"}),
-    "free Suslov": (BODIES["suslov"], None, {"kinetic_energy"}),
-    "heavy Suslov": (lambda: with_gravity(BODIES["suslov"](), 0.5, [0.1, 0.2, 0.3]), None, {"total_energy"}),
-    "loaded top": (BODIES["heavy_top"], damping(0.1), {"energy_balance"}),
-    "loaded non-twisting": (BODIES["nontwisting"], body_moment([0, 1], [[1, 2, 3]] * 2), {"energy_balance"}),
-}
-
-
-@pytest.mark.parametrize("name", KEPT)
-def test_the_invariants_listed_are_those_that_hold(name):
-    make, load, listed = KEPT[name]
-    body, how = make(), {"t_end": 1, "angular_velocity": [1, -2, 3], "project": True, "load": load}
-    run = integrate(body, step=0.05, integrator=LieMidpoint(2), **how)
-    rough = integrate(body, times=np.linspace(0, 1, 5), integrator=Continuous(rtol=1e-4, atol=1e-6), **how)
-    found = invariants(body, run.load)
-    assert set(found) == listed | {"orthonormality"}
-    for kept in found.values():
-        scale = scales(quantities(run), body)[kept.units]
-        assert drift(kept, quantities(run), scale) < 2e-14
-        assert 1e-13 < drift(kept, quantities(rough), scale) < 1e-2
-
-
 def test_the_labels_and_the_defaults():
     everything = chosen(None)
     gauss = [f"gauss {k}" for k in (2, 4, 6, 8, 12, 16)]
@@ -348,25 +320,6 @@ def test_work_precision(loaded):
     assert legend == ["gauss", "continuous", "no steps", "order 2", "order 4"]
     assert axes.get_xscale() == axes.get_yscale() == "log"
     assert axes.figure.get_figwidth() == pytest.approx(3.5)
-
-
-def test_short_runs_are_timed_after_themselves(monkeypatch):
-    """A call takes 1 ms, but 3 ms after another one; one of 50 ms is not repeated at once, one of 0.5 s not at all."""
-    now, last, made = 0.0, None, []
-
-    def call(name, seconds):
-        def run():
-            nonlocal now, last
-            now += seconds + 0.002 * (last != name)
-            last = name
-            made.append(name)
-
-        return run
-
-    monkeypatch.setattr(running, "perf_counter", lambda: now)
-    calls = {name: call(name, seconds) for name, seconds in (("a", 0.001), ("b", 0.001), ("c", 0.05), ("d", 0.5))}
-    assert running.shortest_times(calls, 2) == pytest.approx({"a": 0.001, "b": 0.001, "c": 0.052, "d": 0.502})
-    assert "".join(made) == "aabbcd" + "aabbc"
 
 
 def test_errors_over_steps(loaded):

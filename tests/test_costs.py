@@ -22,7 +22,6 @@ from nontwist import (
     sine,
     space_moment,
     standard,
-    suslov,
     sweep,
 )
 from nontwist.driver import costs, grid
@@ -35,7 +34,7 @@ from nontwist.io.results import open_run
 from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
 from nontwist.runfile.forecast import forecast
-from refusals import said, says
+from refusals import said
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
 SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequency = 1e8\n'
@@ -127,37 +126,6 @@ def test_the_pieces_are_no_more_than_forecast(frequency):
     load, limits = sine([1, 0, 0], frequency) + sine([0, 1, 0], frequency / 7), np.array([0, 1.7])
     pieces, expected = loaded_body.pieces_of(load, limits), loaded_body.halved_pieces(load, 0, 1.7)
     assert expected / 5 - 2 < len(pieces.a) < expected + 8
-
-
-REFUSING = {
-    "gravity": ("exact", heavy_top([3, 4, 5], 1, [0, 0, 0.1]), sine([1, 0, 0], 1)),
-    "suslov": ("exact", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1)),
-    "state": ("exact", FREE, moment(lambda t, d, w: -w)),
-    "standard": ("exact", standard([3, 4, 5]), sine([1, 0, 0], 1)),
-    "space": ("exact", FREE, sine([1, 0, 0], 1, frame="space")),
-    "moving": ("exact", FREE, sine([0, 1, 0], 1)),
-    "split": ("split", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1)),
-}
-
-
-@pytest.mark.parametrize("case", REFUSING)
-def test_an_integrator_is_asked_without_running_it(case, monkeypatch):
-    name, system, load = REFUSING[case]
-    scheme, task = INTEGRATORS[name](), problem(system, load)
-    with says() as info:
-        scheme.march(task)
-    for kernel in ("free_members", "pieces_of"):
-        monkeypatch.setattr(exact_solution, kernel, None)
-    assert scheme.refusal(task) == str(info.value)
-
-
-def test_a_refusal_looks_at_some_2000_times_of_a_long_table():
-    t = np.linspace(0, 1, 100_001)
-    seen = []
-    table = body_moment(t, np.outer(np.sin(t), [1, 0, 0])).terms[0]
-    spied = body_moment(lambda t: seen.append(t) or (1, 0, 0), breakpoints=table.breakpoints)
-    assert INTEGRATORS["exact"]().refusal(problem(FREE, spied)) is None
-    assert 2000 < len(seen) < 5000
 
 
 def test_where_the_glance_sees_no_load_the_march_still_does():
@@ -293,17 +261,6 @@ def test_what_is_limited_names_the_limit(text, written):
 def test_a_grid_is_not_made_to_be_checked(written, monkeypatch):
     monkeypatch.setattr("nontwist.runfile.sweep_table.Grid.points", None)
     assert read_run_file(written(BODY + SWEPT.replace("3 }", "10_000_000 }"))).sweep.members == 10_000_000
-
-
-def test_a_misspelt_sweep_key_is_compared_with_a_hundred(written, monkeypatch):
-    asked = []
-    words = lambda word, known, n: asked.append(list(known)) or []  # noqa: E731
-    monkeypatch.setattr("nontwist.geometry.values.get_close_matches", words)
-    t = ", ".join(map(str, range(2000)))
-    table = f"[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [{t}]\nvalues = [{'[1, 0, 0],' * 2000}]\n"
-    (found,) = told(written(BODY + table + SWEPT.replace("body.inertia.0", "bdy.inertia.0")))
-    assert [len(known) for known in asked] == [100]
-    assert "load.0.scale, load.0.times, load.0.values, time.t_end" in found.accepted
 
 
 def test_the_nearest_step_is_sieved():

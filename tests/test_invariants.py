@@ -27,6 +27,7 @@ CASES = {
     "standard": (BODIES["standard"], None, {"kinetic_energy", "spatial_momentum"}),
     "nontwisting": (BODIES["nontwisting"], None, {"kinetic_energy", "material_momentum"}),
     "suslov": (BODIES["suslov"], None, {"kinetic_energy"}),
+    "held about x": (lambda: suslov([3, 4, 5], [1, 0, 0]), None, {"kinetic_energy", "material_momentum"}),
     "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
     "two forces": (lambda: TWO_FORCES, None, {"total_energy"}),
     "heavy nontwisting": (lambda: with_gravity(BODIES["nontwisting"](), 1, (0, 0.2, 0.4)), None, {"total_energy"}),

@@ -203,6 +203,7 @@ def test_validate_measures_constrained_bodies_under_gravity():
         assert validate("equations").holds
 
 
+@pytest.mark.long
 def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):
     (tmp_path / "own_skate.py").write_text(code_of_the_page(), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
@@ -475,6 +476,7 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(heun, written, monkeyp
     assert all(check.holds for check in checks)
 
 
+@pytest.mark.long
 def test_the_code_of_the_pages_passes_strict_checks_of_types(tmp_path):
     """All blocks in Python, a line, in a class, and the example of a load."""
     pages = [path.stem for path in (ROOT / "docs" / "contributing").glob("*.md")]

@@ -589,16 +589,16 @@ def outcome(data):
     except RunFileError as error:
         for line in str(error).splitlines():
             assert re.fullmatch(r"doc: \S+.*: .+ -> .+", line), line
-        return
+        return str(error)
     coming = forecast(run_file)
     if coming.steps > 2000 or (run_file.integrator.name == "continuous" and coming.steps * coming.turn > 1e3):
-        return
+        return "long"
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=UserWarning)
         try:
             run = run_file.simulate()
-        except (ValueError, SimulationError):
-            return
+        except (ValueError, SimulationError) as error:
+            return str(error)
     assert all(np.isfinite(v.values).all() for v in run.variables.values() if v.dtype.kind == "f")
     scheme = run_file.integrator.name
     by_order_only = ("total_energy", "energy_balance") if scheme == "split" else ()
@@ -606,6 +606,7 @@ def outcome(data):
         rounding = 10 * np.finfo(float).eps * rounded(run_file, run)[drift.units]
         bound = 1e-9 if scheme == "continuous" else 1e-11
         assert name in by_order_only or drift.relative < bound or drift.absolute < rounding, (name, drift, rounding)
+    return "run"
 
 
 def rounded(run_file, run):
@@ -621,14 +622,14 @@ def rounded(run_file, run):
     return {"1": 0.0, "kg m2 s-1": momentum, "J": momentum * speed + moments * speed * (time[-1] - time[0])}
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(documents())
-def test_generated_documents_end_in_a_sound_run_or_a_clear_error(data):
-    outcome(data)
+@pytest.mark.parametrize("count", [100, pytest.param(10_000, marks=pytest.mark.long)])
+def test_generated_documents_end_in_a_sound_run_or_a_clear_error(count):
+    ends = []
 
+    @settings(max_examples=count, deadline=None, derandomize=True)
+    @given(documents())
+    def each(data):
+        ends.append(outcome(data))
 
-@pytest.mark.long
-@settings(max_examples=10_000, deadline=None)
-@given(documents())
-def test_ten_thousand_generated_documents(data):
-    outcome(data)
+    each()
+    assert ends.count("run") >= 0.6 * len(ends), ends

@@ -66,7 +66,7 @@ def fine_end(name, load):
     return integrate((CONSTRAINED | FREE)[name](), step=2, integrator=FINE, load=LOADS[load](), **KICK).directors[-1]
 
 
-@pytest.mark.parametrize(("order", "steps"), [(2, (100, 200)), (4, (40, 80)), (6, (24, 48))])
+@pytest.mark.parametrize(("order", "steps"), [(2, (100, 200)), (4, (40, 80)), (6, (20, 40))])
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("name", CONSTRAINED | FREE)
 def test_orders(name, load, order, steps):
@@ -77,7 +77,7 @@ def test_orders(name, load, order, steps):
     runs = [integrate(body, step=2 / n, integrator="split", order=order, load=LOADS[load](), **KICK) for n in steps]
     errors = [abs(run.directors[-1] - fine_end(name, load)).max() for run in runs]
     slope = np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0])
-    assert slope == pytest.approx(order, abs=0.2) or errors[1] < 3e-12
+    assert slope == pytest.approx(order, abs=0.2)
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])
@@ -298,12 +298,15 @@ def test_integrals_over_time_have_the_order_of_the_scheme(body, load, order):
     """Of steps, by the nodes of the load; of the exact motion after the load, which is much more accurate."""
     load = None if load is None else load()
     how = {"t_end": 2, "material_angular_velocity": [1, -2, 0], "load": load, "reduce": ["averages", "total_twist"]}
-    coarse, half = (simulate_ensemble(body(), step=1 / n, integrator="split", order=order, **how) for n in (20, 40))
+    counts, slopes = (6, 12) if order == 6 else (20, 40), []
+    coarse, half = (simulate_ensemble(body(), step=1 / n, integrator="split", order=order, **how) for n in counts)
     fine = simulate_ensemble(body(), step=1 / 400, order=8, **how)
     for name in [name for name in fine.data_vars if name.endswith("_mean") or name == "total_twist"]:
         errors = [float(abs(run[name] - fine[name]).max()) for run in (coarse, half)]
         if errors[0] > 1e-10:
-            assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.5), name
+            slopes.append(np.log2(errors[0] / errors[1]))
+    assert len(slopes) >= 3
+    assert slopes == pytest.approx([order] * len(slopes), abs=0.5)
 
 
 def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():

@@ -17,7 +17,6 @@ from nontwist import (
     integrate,
     moment,
     nontwisting,
-    propagator,
     pulse,
     resample,
     simulate,
@@ -159,16 +158,6 @@ def test_a_member_is_a_run_with_outputs_as_well(name):
         run = simulate(standard([3, 4, 5]), material_angular_velocity=W[i], **how)
         for variable in ("quaternion", "material_angular_velocity"):
             assert np.array_equal(run[variable].values, many[variable].values[i]), variable
-
-
-def test_a_propagator_gives_the_run():
-    how = {"t_end": 2, "step": 0.1, "times": TIMES, "integrator": "gauss"}
-    call, run = propagator(TOP, **how), integrate(TOP, **how, **START)
-    for _ in range(2):
-        again = call(**START)
-        for array in ARRAYS:
-            assert np.array_equal(getattr(run, array), getattr(again, array)), array
-    assert again.to_dataset().identical(run.to_dataset())
 
 
 def test_integrators_in_python_have_outputs_too():

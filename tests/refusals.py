@@ -68,7 +68,12 @@ def refused_as(calls, kind=ValueError):
 
 @contextmanager
 def says(kind=ValueError):
-    """Expect this kind of error with the sentence that the golden file has for this place in this test."""
+    """Expect this kind of error or warnings with the sentence that the golden file has for this place in this test."""
+    if kind is UserWarning:
+        with pytest.warns(kind) as told:
+            yield told
+        said("\n".join(f"{one.category.__name__}: {one.message}" for one in told))
+        return
     with pytest.raises(kind) as told:
         yield told
     said(f"{told.type.__name__}: {told.value}")

@@ -157,9 +157,7 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
 
 def test_long_or_large_runs_are_announced():
     assert costs.notice(Cost(10, "steps", 10.0, 10**9)) is None
-    assert costs.notice(Cost(12_800_000, "steps", 3700.0, 10**6)) == (
-        "the run will take about 1 h 1 min and 1 MB of memory, for 1.28e+07 steps"
-    )
+    said(costs.notice(Cost(12_800_000, "steps", 3700.0, 10**6)))
     assert "and 2 GB on the disk" in costs.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk")
 
 
@@ -236,10 +234,7 @@ def test_of_20_000_unknown_keys_a_hundred_are_compared(written, monkeypatch):
     monkeypatch.setattr(values, "get_close_matches", lambda *a: asked.append(a) or near(*a))
     found = told(written(BODY + "".join(f"step_{i} = 1\n" for i in range(20_000))))
     assert len(found) == 100
-    assert (
-        str(found[0])
-        == "time.step_0: unknown key -> did you mean step? known are t_end, t_start, step, tolerance, store, times"
-    )
+    said(str(found[0]))
     assert str(found[-1]) == "the file: at least 100 problems -> none; the first are listed"
     assert len(asked) <= 100
 

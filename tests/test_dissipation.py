@@ -17,7 +17,7 @@ from nontwist import (
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.sweeps import sweep
-from refusals import says
+from refusals import said, says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 MIDDLE = (0.1, 2.0, 0.1)
@@ -183,10 +183,7 @@ def test_wrong_options_are_refused(options):
 def test_constrained_bodies_are_refused(scheme):
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
         simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator=scheme(dissipation=0.1))
-    assert str(caught.value) == (
-        f"{scheme.name} has no dissipation for a body with a constrained axis: the energy of the non-twisting body is "
-        "a function of the momenta that it keeps, and cannot fall; leave dissipation out"
-    )
+    said(str(caught.value))
 
 
 FILE = """

@@ -30,7 +30,7 @@ from nontwist import (
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS
-from refusals import refused_as
+from refusals import refused_as, says
 
 W = {"material_angular_velocity": [1, 2, 0]}
 
@@ -202,10 +202,7 @@ def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
 
 
 def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
-    with pytest.warns(
-        UserWarning,
-        match=re.escape("of the load off the grid of step 0.01 s, the first at t = 0.025 s: "),
-    ) as seen:
+    with says(UserWarning) as seen:
         paper(load=pulse([1, 0, 0], 0, 0.05))
     assert len(seen) == 1
     assert "step = 0.0125 s fits" in str(seen[0].message)

@@ -44,7 +44,7 @@ from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
 from nontwist.spec import Spec
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
-from refusals import refused_as
+from refusals import refused_as, says
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 FREE, HELD, SLANTED = standard(J), nontwisting([3, 4, 5]), suslov(J, (0.3, 0.2, 1))
@@ -464,9 +464,7 @@ def test_records_make_the_load_again():
         records = json.loads(json.dumps(load.description))
         again = load_of(records)
         assert str(again.description) == str(load.description)
-    with pytest.raises(
-        ValueError, match=r"holds the function test_generalised\.well, which is not stored in the dataset"
-    ):
+    with says():
         load_of(POTENTIALS["function"].description)
 
 
@@ -589,10 +587,7 @@ def test_sweeps_vary_potentials(tmp_path):
         assert np.array_equal(abs(found.quaternion.values[i]), abs(own.quaternion.values[-1]))
         assert found.potential_energy.values[i] == own.potential_energy.values[-1]
     path.write_text(spring_first.replace("[sweep]", '[sweep]\nreduce = ["drift"]') + over, encoding="utf-8")
-    with pytest.raises(
-        ValueError,
-        match=r"sweep\.reduce: .* no reductions with load\.0, a potential that is not linear: leave reduce out",
-    ):
+    with says():
         read_run_file(path)
 
 

@@ -292,9 +292,7 @@ def test_a_start_and_an_inertia_are_fitted_to_attitudes():
 @pytest.mark.parametrize("second", [jax.hessian, lambda f: jax.grad(lambda x: jax.grad(f)(x)[0])])
 def test_second_derivatives_are_refused(plain, second):
     f = second(lambda W: plain({"material_angular_velocity": W})["rotation"][-1, 0, 0])
-    with pytest.raises(
-        NotImplementedError, match=r"^runs have first derivatives only: no Hessians; Gauss–Newton methods"
-    ):
+    with says(NotImplementedError):
         jax.make_jaxpr(f)(W0)
 
 
@@ -332,9 +330,7 @@ def test_what_is_wrong_from_the_start_is_refused_at_once():
 
 
 def test_one_parameter_by_two_names_is_refused(everything):
-    with pytest.raises(
-        ValueError, match=re.escape("params has 'sine' and 'load[1].sine', which are the same; give only one of them")
-    ):
+    with says():
         everything(ALL | {"load[1].sine": PEAK})
 
 

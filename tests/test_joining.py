@@ -162,8 +162,6 @@ def test_what_does_not_fit_is_refused():
     ):
         with says():
             join_runs(*runs)
-    with pytest.raises(
-        ValueError, match=r"^run 1 does not begin where run 0 ends: [\d.]+ rad and [\d.]+ rad/s apart; "
-    ):
+    with says():
         join_runs(first, elsewhere)
     assert isinstance(join_runs(first), xarray.Dataset)

@@ -116,9 +116,7 @@ def test_a_table_is_not_written_out_for_every_scale():
 def test_a_run_that_fails_says_why_and_the_next_is_sound():
     body = standard([3, 4, 5])
     call = propagator(body, t_end=1, step=0.5)
-    with pytest.raises(
-        SimulationError, match=r"^step 0 at t = 0 s: the body turns 10 rad in one step; try step <= 0.03$"
-    ):
+    with says(SimulationError):
         call(material_angular_velocity=(0, 0, 20))
     same(
         call(material_angular_velocity=W0),

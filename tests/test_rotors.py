@@ -27,7 +27,7 @@ from nontwist.errors import RunFileError, SimulationError
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
 from nontwist.sweeps import sweep
-from refusals import says
+from refusals import said, says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 W0 = np.array([0.4, -1.1, 0.7])
@@ -173,10 +173,7 @@ def test_wrong_rotors_are_refused(arguments):
 def test_an_integrator_without_rotors_says_so():
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
         simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split")
-    assert str(caught.value) == (
-        "split does not accept rotors: its free motion between the kicks is that of the body without them; "
-        "use the integrator gauss"
-    )
+    said(str(caught.value))
 
 
 def test_the_good_part_of_a_run_that_fails_is_kept():

@@ -20,7 +20,7 @@ from nontwist.cli import app
 from nontwist.cli.file_commands import example_names
 from nontwist.cli.outcomes import code_of
 from nontwist.errors import RunFileError, Status
-from refusals import said
+from refusals import said, says
 
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
 TIME = "[time]\nt_end = 1\nstep = 0.1\n"
@@ -44,9 +44,7 @@ def test_the_first_five_minutes(here):
     assert all(name in listed.stdout for name in example_names())
     copied = nontwist("example", "heavy_top")
     assert copied.exit_code == 0
-    assert copied.stderr == (
-        "written: heavy_top.toml; next: nontwist check heavy_top.toml, nontwist run heavy_top.toml\n"
-    )
+    said(copied.stderr)
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
     Path("heavy_top.toml").write_text(text, encoding="utf-8")
     checked = nontwist("check", "heavy_top.toml")
@@ -153,9 +151,7 @@ def test_step_and_tolerance_replace_each_other(here):
         (["time.tolerance=1e-3"], None, 1e-3),
     ):
         if len(options) == 2 and "1e-3" in options[1]:
-            with pytest.raises(
-                RunFileError, match=r"time\.tolerance: 0\.001 -> left out beside step, or step left out"
-            ):
+            with says(RunFileError):
                 read_run_file("run.toml", options)
             continue
         time = read_run_file("run.toml", options).time
@@ -170,11 +166,7 @@ def test_a_tolerance_for_too_many_steps_is_refused(here):
     start = START.replace("0.3, 0.2", "30, 20")
     here(BODY + start + "[time]\nt_end = 1\ntolerance = 1e-20\n[integrator]\nname = 'lie-midpoint'\n")
     words = re.sub(r"\de\+\d\d", "N", nontwist("check", "run.toml").stderr)
-    assert words == (
-        "run.toml: time.tolerance: 1e-20 (tolerance = 1e-20 would take about N steps, and at most N are taken: ask for "
-        "less, or choose an integrator of higher order) -> a positive number up to 0.1, rad, in place of step: a bound "
-        "of the error of the attitude, and of that of the angular velocity relative to its largest size\n"
-    )
+    said(words)
     assert nontwist("precision", "run.toml", "--target", "1e-3").exit_code == 0
 
 
@@ -334,9 +326,7 @@ def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request)
     end = float(kept.time[-1])
     assert 0.2 < end < 1
     assert kept.attrs["status"] == Status.INTERRUPTED
-    assert nontwist("check", "run.nc").stderr == (
-        "run.nc: the file: a result (NetCDF) -> a run file (TOML); nontwist info shows results\n"
-    )
+    said(nontwist("check", "run.nc").stderr)
     by = "" if number == signal.SIGINT else f" ({number.name})"
     assert f"run.toml: interrupted{by} at t = {end:.12g} s, after " in result.stderr
     assert f"run.toml: the completed part, up to t = {end:.12g} s, is saved in run.nc" in result.stderr

@@ -31,6 +31,7 @@ from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, Split, stack_march
 from nontwist.integrators.problem import Problem
 from nontwist.models.stack import stacked
+from refusals import says
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 CONSTRAINED = {
@@ -314,9 +315,7 @@ def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():
     with pytest.raises(ValueError, match=r"^member 1: split needs a constrained axis that is principal"):
         simulate_ensemble(DirectorSystem.stack(bodies), t_end=1, step=0.1, integrator="split")
     W = [(0, 1, 0), (0, 1e16, 0)]
-    with pytest.warns(
-        UserWarning, match="1 of 2 members have failed, the first is 1: step 0 at t = 0 s: the body turns"
-    ):
+    with says(UserWarning):
         many = simulate_ensemble(
             standard([3, 4, 5]), t_end=1, step=0.1, integrator="split", material_angular_velocity=W
         )

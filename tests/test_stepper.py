@@ -25,7 +25,7 @@ from nontwist import (
 )
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS, EnergyMomentum, Gauss, LieMidpoint
-from refusals import says
+from refusals import said, says
 
 H, N = 1 / 64, 64  # so that t_end / N is the step, and all nodes are the same floats
 M, m = (9.0, -4.0, 7.0), (3.0, 5.0, -2.0)
@@ -279,10 +279,7 @@ def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, funct
     with pytest.raises(SimulationError) as failed:
         states(loop)
     assert (failed.value.status, failed.value.time, loop.time) == (Status.LOAD, 0.5, 0.5)
-    assert str(failed.value) == (
-        f"step 32 at t = 0.5 s: {reason}; let it return 3 finite numbers (N m) at every time and state, or try a "
-        "smaller step"
-    )
+    said(str(failed.value))
     loop.reset()
     with pytest.raises(SimulationError, match="the body turns") as failed:
         loop.step((1e6, 0, 0))
@@ -377,10 +374,7 @@ def test_a_copy_goes_its_own_way_from_the_same_state(integrator, order, duplicat
 
 def test_repr_of_stepper_and_state():
     loop = stepper(standard([3, 4, 5]), 0.01)
-    assert repr(loop) == (
-        "<Stepper: <DirectorSystem 'standard': inertia diag(3, 4, 5) kg m²>, lie-midpoint of order 2, step 0.01 s, "
-        "t = 0 s>"
-    )
+    said(repr(loop))
     assert repr(loop.state) == "<StepperState: t = 0 s, quaternion (0, 0, 0, 1), W (0, 0, 0) rad/s>"
     for name in ("time", "quaternion", "material_angular_velocity"):
         with pytest.raises(AttributeError):

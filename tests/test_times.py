@@ -28,6 +28,7 @@ from nontwist import (
 from nontwist.errors import SimulationError, SimulationInterrupt, Status
 from nontwist.integrators import INTEGRATORS, Continuous, Gauss, Split
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
+from refusals import says
 
 TOP = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
 R0, W0 = Rotation.from_rotvec([0.5, 0.1, 0]), (1.0, -2.0, 6.0)
@@ -231,9 +232,7 @@ def test_resampling_is_what_the_run_has_passed_through(name):
 def test_resampling_needs_the_functions_of_a_load():
     load = body_moment(lambda t: (np.sin(t), 1.0, 0.0)) + SPACE
     run = simulate(standard([3, 4, 5]), t_end=1, step=0.1, load=load, integrator="gauss", material_angular_velocity=W0)
-    with pytest.raises(
-        ValueError, match=r"holds the function .*<lambda>, which is not stored in the dataset; pass load="
-    ):
+    with says():
         resample(run, [0.55])
     asked = simulate(run_system(run), t_end=1, step=0.1, times=[0.55], load=load, integrator="gauss", **W_ONLY)
     assert resample(run, [0.55], load).directors.values == pytest.approx(asked.directors.values, abs=1e-14)

@@ -269,9 +269,7 @@ def test_an_undeclared_kink_is_told():
     def coarse(t):  # whose jumps no refinement meets
         return (np.sign(np.sin(4321 * t)), 0, 0)
 
-    with pytest.raises(
-        ValueError, match=r"^tolerance = 0\.002 is not reached: .*; name the times where the load jumps"
-    ):
+    with says():
         integrate(standard([3e-4, 4e-4, 5e-4]), t_end=1, load=body_moment(coarse), tolerance=0.002, order=16, **GAUSS)
     declared = body_moment(jump.terms[0].function, breakpoints=[SWITCH])
     run = integrate(nontwisting([3, 4, 5]), t_end=1, load=declared, tolerance=1e-12, **GAUSS)

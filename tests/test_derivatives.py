@@ -169,7 +169,7 @@ CASES = [  # body, load, more parameters, how gauss turns the body
 SCHEMES = [
     ("lie-midpoint", 2),
     ("energy-momentum", 2),
-    ("gauss", 2),
+    pytest.param("gauss", 2, marks=pytest.mark.long),
     pytest.param("gauss", 4, marks=pytest.mark.long),
     ("gauss", 8),
     pytest.param("gauss", 16, marks=pytest.mark.long),
@@ -531,6 +531,7 @@ def test_what_is_refused(more):
             function(standard(J), **({"t_end": 1, "step": 0.1} | more))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["gauss", "energy-momentum"])
 def test_a_gradient_holds_little_beside_the_states(scheme):
     """At most 200 bytes a step in all, of which the states have 56, and N of the director scheme 48."""
@@ -564,8 +565,9 @@ JACOBIANS = ["material_angular_velocity", "rotation", "inertia", "axis", "load_s
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize("store", ["end", 4])
-@pytest.mark.parametrize(("body", "load"), [("standard", "body"), ("suslov", "all"), ("heavy", "none")])
+@pytest.mark.parametrize(
+    ("body", "load", "store"), [("standard", "body", 4), ("suslov", "all", 4), ("heavy", "none", "end")]
+)
 def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load):
     names = JACOBIANS if load != "none" else JACOBIANS[:-1]
     axis = SYSTEMS[body].axis

@@ -138,7 +138,7 @@ def collocated(body, q, W, h, order, load):
     return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3]), y + h * a @ k
 
 
-@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize("order", [2, 6, pytest.param(4, marks=pytest.mark.long)])
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("name", BODIES)
 def test_a_step_solves_the_equations_of_collocation(name, load, order):

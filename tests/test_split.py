@@ -67,7 +67,9 @@ def fine_end(name, load):
     return integrate((CONSTRAINED | FREE)[name](), step=2, integrator=FINE, load=LOADS[load](), **KICK).directors[-1]
 
 
-@pytest.mark.parametrize(("order", "steps"), [(2, (100, 200)), (4, (40, 80)), (6, (20, 40))])
+@pytest.mark.parametrize(
+    ("order", "steps"), [(2, (100, 200)), pytest.param(4, (40, 80), marks=pytest.mark.long), (6, (20, 40))]
+)
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("name", CONSTRAINED | FREE)
 def test_orders(name, load, order, steps):

@@ -675,7 +675,7 @@ def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(tmp_path):
     assert np.ravel(mesh.get_array()).tolist() == expected
 
 
-@pytest.mark.parametrize("deviation", [4e-4, 3e-7, 0.1, 2e4])
+@pytest.mark.parametrize("deviation", [4e-4, 2e4, *(pytest.param(one, marks=pytest.mark.long) for one in (3e-7, 0.1))])
 def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviation, tmp_path):
     """Components are called as in the exported table; ticks are measured in the file that is written."""
     over = "".join(

@@ -89,7 +89,7 @@ def test_values_are_arguments(monkeypatch):
     [
         *("engine/marching", "engine/newton", "engine/outputs", "engine/observation", "engine/prepared"),
         *("engine/sampling", "engine/state_moments", "engine/states", "engine/workspace"),
-        "integrators/energy_momentum",
+        *("integrators/energy_momentum", "integrators/gauss", "integrators/gauss_stages", "integrators/gauss_newton"),
     ],
 )
 def test_nothing_changes_behind_the_back_of_a_trace(place):

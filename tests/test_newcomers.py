@@ -348,9 +348,6 @@ class Third(MuntheKaas):
     order: int = 3
 
 
-KEY = r"is not a key of \[body\]"
-
-
 @dataclass(frozen=True)
 class Choosing(MuntheKaas):
     name: ClassVar[str] = "choosing"
@@ -496,32 +493,20 @@ def test_the_code_of_the_pages_passes_strict_checks_of_types(tmp_path):
 
 
 LACKING = {
-    "key": (
-        lambda: BodyKind(strange, "disc", {}),
-        ValueError,
-        f"'disc' takes 'radius', which {KEY}: a body accepts inertia and any of ",
-    ),
-    "inertia": (
-        lambda: BodyKind(lambda axis: axis, "disc", {}),
-        ValueError,
-        "'disc' takes no inertia: a body accepts inertia and any of ",
-    ),
-    "sample": (lambda: BodyKind(standard, "disc"), TypeError, "missing 1 required positional argument: 'sample'"),
-    "name": (sample_bodies, ValueError, r"BODIES\['disc'\] makes bodies with the name 'body'; name= must be the key"),
-    "counts": (
-        lambda: validate("orders"),
-        ValueError,
-        "third has the order 3, but Third.counts no steps to measure it with: ",
-    ),
+    "key": (lambda: BodyKind(strange, "disc", {}), ValueError),
+    "inertia": (lambda: BodyKind(lambda axis: axis, "disc", {}), ValueError),
+    "sample": (lambda: BodyKind(standard, "disc"), TypeError),
+    "name": (sample_bodies, ValueError),
+    "counts": (lambda: validate("orders"), ValueError),
 }
 
 
 @pytest.mark.parametrize("case", LACKING)
 def test_what_an_entry_lacks_is_named(case):
-    make, error, message = LACKING[case]
+    make, error = LACKING[case]
     added = {"disc": BodyKind(nameless, "disc", {"inertia": [3, 4, 5]})} if case == "name" else {}
     integrators = patch.dict(INTEGRATORS, {"third": Third}, clear=True)
-    with patch.dict(BODIES, added), integrators, pytest.raises(error, match=message):
+    with patch.dict(BODIES, added), integrators, says(error):
         make()
 
 

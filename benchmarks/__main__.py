@@ -1,4 +1,4 @@
-"""`python -m benchmarks [NAME ...]`: every figure measured in this run, the goal beside it, met or missed.
+"""`python -m benchmarks [NAME ...]`: every figure measured in this run.
 
 With `--page` all topics run and are written to docs/performance.md and docs/performance/.
 """
@@ -40,16 +40,16 @@ def main(names: list[str]) -> None:
 
 
 def as_table(topic: str, rows: list[Row]) -> Table:
-    """Return the figures of a topic beside their goals."""
-    cells = [[row.name, row.value, row.bound, row.note or row.verdict] for row in rows]
-    return Table(topic, ["what", "measured", "goal", "verdict"], cells)
+    """Return the figures of a topic."""
+    cells = [[row.name, row.value, row.note or ("" if row.measured is not None else "not measured")] for row in rows]
+    return Table(topic, ["what", "measured", "note"], cells)
 
 
 def show(console: Console, table: Table) -> None:
     """Print a table."""
     found = RichTable(title=table.title, title_justify="left")
     for k, column in enumerate(table.header):
-        found.add_column(column, justify="left" if k == 0 or column == "verdict" else "right")
+        found.add_column(column, justify="left" if k == 0 or column == "note" else "right")
     for cells in table.cells:
         found.add_row(*cells)
     console.print(found)

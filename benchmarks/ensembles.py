@@ -48,7 +48,7 @@ def starts(key: str, members: int) -> Array:
 def closed_forms() -> list[Row]:
     """Compare end states of free bodies with random starts, one core."""
     found = []
-    for key, goal in (("C", 10), ("A", 30)):
+    for key in "CA":
         w, many = workload(key), starts(key, MEMBERS)
         how = {"t_end": w.t_end, "integrator": "exact", "threads": 1}
         ours = partial(simulate_ensemble, w.system, material_angular_velocity=many, **how)
@@ -56,13 +56,13 @@ def closed_forms() -> list[Row]:
         few = partial(simulate_ensemble, w.system, material_angular_velocity=many[:1024], **how)
         label = f"{key}, {MEMBERS} bodies to 1e-09: heyoka.py in batches / simulate_ensemble"
         if find_spec("heyoka") is None:
-            found.append(Row(label, None, "×", goal, note="heyoka.py is not installed"))
+            found.append(Row(label, None, "×", note="heyoka.py is not installed"))
         else:
             theirs, theirs_few = heyoka_reaching(key, many, ours().quaternion.values[:, -1])
             calls |= {"theirs": theirs, "few": few, "theirs, few": theirs_few}
         seconds = fastest(calls)
         if "theirs" in seconds:
-            found.append(Row(label, seconds["theirs"] / seconds["ours"], "×", goal))
+            found.append(Row(label, seconds["theirs"] / seconds["ours"], "×"))
             found.append(Row("   the same with 1024 bodies", seconds["theirs, few"] / seconds["few"], "×"))
         found.append(Row(f"   closed form {key}: a body", 1e6 * seconds["ours"] / MEMBERS, "µs"))
         found.append(Row(f"   closed form {key}: members/s/core", MEMBERS / seconds["ours"], "1/s"))
@@ -126,9 +126,8 @@ def steps() -> list[Row]:
     for name in ("lie-midpoint", "energy-momentum"):
         for case in cases:
             lanes, alone = 1e9 * times[name, case, "lanes"] / (LANES * STEPS), 1e9 * times[name, case, "alone"] / STEPS
-            goal = 4 if name == "lie-midpoint" and case in "AC" else None
             label = f"{name} 2, {case}: one at a time / {LANES} in lanes"
-            found.append(Row(label, alone / lanes, "×", goal))
+            found.append(Row(label, alone / lanes, "×"))
             found += [Row("   a step in lanes", lanes, "ns"), Row("   a step, one at a time", alone, "ns")]
     w, W = workload("C"), starts("C", BODIES)
     whole = partial(
@@ -166,8 +165,8 @@ def gravity_gradients() -> list[Row]:
         calls: Timed = {"kernel": kernel, "whole": partial(run, material_angular_velocity=W, threads=2)}
         seconds = fastest(calls)
         label = f"gravity gradient, {name}"
-        found.append(Row(f"{label}: a step and body", 1e9 * seconds["kernel"] / (few * 120), "ns", 250, at_most=True))
-        found.append(Row(f"{label}: 10^5 bodies, 120 steps", seconds["whole"], "s", 3, at_most=True))
+        found.append(Row(f"{label}: a step and body", 1e9 * seconds["kernel"] / (few * 120), "ns"))
+        found.append(Row(f"{label}: 10^5 bodies, 120 steps", seconds["whole"], "s"))
     return found
 
 
@@ -181,7 +180,7 @@ def exponents() -> list[Row]:
     seconds = fastest({"map": partial(lyapunov_ensemble, top, material_angular_velocity=W, **how)}, 2)["map"]
     step, minutes = 1e9 * seconds / (points**2 * count), seconds * (whole / points) ** 2 / 60
     label = f"Lyapunov map of {whole} × {whole} throws, {count} steps, two threads: {points} × {points} of them, scaled"
-    return [Row(label, minutes, "min", 10, at_most=True), Row("   a step and body, with its tangents", step, "ns")]
+    return [Row(label, minutes, "min"), Row("   a step and body, with its tangents", step, "ns")]
 
 
 def threads() -> list[Row]:
@@ -214,7 +213,7 @@ def a_million() -> list[Row]:
     limits = (5, 60)
     seconds = fastest(calls, 2)
     return [
-        Row(f"10^6 members of case 1, {key}, two threads", s, "s", limit, at_most=True)
+        Row(f"10^6 members of case 1, {key}, two threads", s, "s")
         for (key, s), limit in zip(seconds.items(), limits, strict=True)
     ]
 

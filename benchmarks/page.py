@@ -67,8 +67,7 @@ def shown(topic: str, about: Measured) -> Table:
         return Table("", about.tables[0].header, about.tables[0].cells)
     found: dict[tuple[str, str], list[Row]] = {}
     for row in about.rows:
-        is_beneath = row.goal is None and row.name.startswith(" ")
-        if row.measured is not None and not is_beneath and row.unit != "MB":
+        if row.measured is not None and not row.name.startswith(" "):  # not: beneath another
             what = row.name.rpartition(": ")[2].partition(", grows like")[0]
             found.setdefault((what, row.unit), []).append(row)
     return Table("", ["what", "measured"], [together(what, rows) for (what, _), rows in found.items()])
@@ -152,6 +151,6 @@ def markdown(table: Table) -> list[str]:
     def line(cells: list[str]) -> str:
         return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
-    rule = ["---"] + ["---" if column == "verdict" else "---:" for column in table.header[1:]]
+    rule = ["---"] + ["---:" for _ in table.header[1:]]
     title = ["", f"**{table.title}**"] if table.title else []
     return [*title, "", line(table.header), line(rule), *map(line, table.cells)]

@@ -1,4 +1,4 @@
-"""What a benchmark reports: a figure measured in this run beside what it is held to."""
+"""What a benchmark reports: a figure measured in this run."""
 
 from __future__ import annotations
 
@@ -13,33 +13,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Row:
-    """One figure; `goal` is a lower bound unless `at_most`. None: there is nothing to hold it to."""
+    """One figure."""
 
     name: str
     measured: float | None
     unit: str
-    goal: float | None = None
-    at_most: bool = False
     note: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """Return "met", "missed", or what stands in the way of a verdict."""
-        if self.measured is None:
-            return "not measured"
-        if self.goal is None:
-            return ""
-        return "met" if (self.measured <= self.goal if self.at_most else self.measured >= self.goal) else "MISSED"
 
     @property
     def value(self) -> str:
         """Return the figure with its unit."""
         return "–" if self.measured is None else f"{digits(self.measured)} {self.unit}".strip()
-
-    @property
-    def bound(self) -> str:
-        """Return the goal as text."""
-        return "" if self.goal is None else f"{'≤' if self.at_most else '≥'} {self.goal:g}"
 
 
 @dataclass(frozen=True)

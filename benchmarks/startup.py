@@ -79,18 +79,18 @@ def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
             times[name].append(child(commands[name], **variables))
     warm = {name: median(found) for name, found in times.items()}
     return [
-        Row("import nontwist, with the names for a run, beyond NumPy", warm["names"] - warm["numpy"], "s", 0.2, True),
+        Row("import nontwist, with the names for a run, beyond NumPy", warm["names"] - warm["numpy"], "s"),
         Row("   Python and NumPy alone", warm["numpy"], "s"),
-        *(Row(f"{name}: first result", warm[f"one {name}"], "s", 0.6, True) for name in SCHEMES),
-        *(Row(f"{name}: first ensemble", warm[f"many {name}"], "s", 0.9, True) for name in SCHEMES[:-1]),
+        *(Row(f"{name}: first result", warm[f"one {name}"], "s") for name in SCHEMES),
+        *(Row(f"{name}: first ensemble", warm[f"many {name}"], "s") for name in SCHEMES[:-1]),
         Row("   first result as a dataset, gauss", warm["dataset"], "s"),
         Row("   the same where Dask is installed", warm["dataset and Dask"], "s"),
-        Row("nontwist --help", warm["help"], "s", 0.3, True),
+        Row("nontwist --help", warm["help"], "s"),
         Row("nontwist check FILE", warm["check"], "s"),
-        Row("nontwist run FILE", warm["run"], "s", 1.3, True),
-        Row("nontwist twist FILE, no figures", warm["twist"], "s", 1.2, True),
-        Row("nontwist twist FILE", warm["twist with figures"], "s", 2.2, True),
-        Row("first block of a Dask worker", median(_of_workers(folder, variables)), "s", 1, True),
+        Row("nontwist run FILE", warm["run"], "s"),
+        Row("nontwist twist FILE, no figures", warm["twist"], "s"),
+        Row("nontwist twist FILE", warm["twist with figures"], "s"),
+        Row("first block of a Dask worker", median(_of_workers(folder, variables)), "s"),
     ]
 
 

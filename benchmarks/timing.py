@@ -115,7 +115,7 @@ def kernel_calls(call: Callable[[], Any]) -> Callable[[], None] | None:
     call()
     found: list[tuple[Any, tuple[Any, ...]]] = []
     marches: list[Callable[[], None]] = []
-    single_run.known.cache_clear()  # else a run that is repeated is a call that was laid out before
+    single_run._cached.cache_clear()  # else a run that is repeated is a call that was laid out before
     with _recording(found), _recording_marches(marches):
         call()
     if not found and not marches:

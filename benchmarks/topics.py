@@ -16,11 +16,9 @@ TOPICS = {  # the name of the module, and its title on the page
     "ensembles": "Ensembles",
     "derivatives": "Derivatives",
     "sweeps": "Sweeps",
-    "longruns": "Long runs",
     "startup": "Start-up",
     "frames": "Frames and twist",
     "files": "Result files",
-    "pages": "Pages in a browser",
 }
 
 

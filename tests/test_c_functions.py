@@ -23,6 +23,7 @@ from nontwist import (
     stepper,
 )
 from nontwist.errors import SimulationError, Status
+from refusals import refused_as
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 CALLED = ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])
@@ -176,46 +177,20 @@ def of_complex(t, d, w, m):
     pass
 
 
-HAS = f"function must have the C signature {SIGNATURE}; its signature is "
-REFUSED = {
-    "not declared": (lambda: moment(ctypes.CDLL(None).abs), f"{HAS}int (...), as its argtypes are not set"),
-    "of one number": (
-        lambda: moment(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)),
-        f"{HAS}double (double)",
-    ),
-    "of floats": (
-        lambda: moment(ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [ctypes.POINTER(ctypes.c_float)])(print)),
-        f"{HAS}void (double, float *, float *, float *)",
-    ),
-    "SciPy's integrand": (
-        lambda: moment(LowLevelCallable(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int, DOUBLES)(max))),
-        f"{HAS}double (int, double *)",
-    ),
-    "complex": (
-        lambda: moment(of_complex),
-        f"{HAS}none of C: Cannot convert Numba type 'complex128' to ctypes type",
-    ),
-    "user data": (
-        lambda: moment(LowLevelCallable(in_numba.ctypes, ctypes.c_void_p(1))),
-        "function is a LowLevelCallable with user_data, which loads do not pass on; leave it out",
-    ),
-    "null": (
-        lambda: moment(ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])(0)),
-        "function is a null pointer; give the address of a function",
-    ),
-    "of time, along directors": (
-        lambda: body_moment(in_numba),
-        "body_moment accepts a function of time in Python; moment(function) accepts a C function",
-    ),
-    "of time, along axes": (
-        lambda: space_moment(LowLevelCallable(in_numba.ctypes)),
-        "space_moment accepts a function of time in Python; moment(function) accepts a C function",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_refused_with_the_right_signature(case):
-    make, message = REFUSED[case]
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        make()
+test_refused_with_the_right_signature = refused_as(
+    {
+        "not declared": lambda: moment(ctypes.CDLL(None).abs),
+        "of one number": lambda: moment(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)),
+        "of floats": lambda: moment(
+            ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [ctypes.POINTER(ctypes.c_float)])(print)
+        ),
+        "SciPy's integrand": lambda: moment(
+            LowLevelCallable(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int, DOUBLES)(max))
+        ),
+        "complex": lambda: moment(of_complex),
+        "user data": lambda: moment(LowLevelCallable(in_numba.ctypes, ctypes.c_void_p(1))),
+        "null": lambda: moment(ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])(0)),
+        "of time, along directors": lambda: body_moment(in_numba),
+        "of time, along axes": lambda: space_moment(LowLevelCallable(in_numba.ctypes)),
+    }
+)

@@ -39,6 +39,7 @@ from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
 from nontwist.loads.c_functions import Moment
 from nontwist.spec import Spec
+from refusals import says
 from test_derivatives import AXIS, EYE, R0, START, W0, WEIGHT, J, inertia_entry, states_apart
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
@@ -521,16 +522,16 @@ def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
 
 
 @pytest.mark.parametrize(
-    ("slope", "message"),
+    "slope",
     [
-        (lambda t, d, w: np.zeros((3, 3)), r"returned the shapes (3,), (3,), (3,) at t = "),
-        (lambda t, d, w: (np.zeros((3, 3, 3)), np.full((3, 3), np.nan)), "is not finite at t = "),
-        (lambda t, d, w: 1 / 0, "raised ZeroDivisionError at t = "),
+        lambda t, d, w: np.zeros((3, 3)),
+        lambda t, d, w: (np.zeros((3, 3, 3)), np.full((3, 3), np.nan)),
+        lambda t, d, w: 1 / 0,
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
-def test_derivatives_that_are_wrong(slope, message):
-    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+def test_derivatives_that_are_wrong(slope):
+    with says() as caught:
         sensitivities(standard(J), t_end=0.2, step=0.1, load=moment(push, derivative=slope))
     assert "the derivative test_called_derivatives.<lambda> " in str(caught.value)
     assert "let it return two arrays: by the directors, (3, 3, 3), " in str(caught.value)

@@ -20,6 +20,7 @@ from nontwist.cli import app
 from nontwist.cli.options import place
 from nontwist.cli.twist_commands import twist_command
 from nontwist.runfile.document import Integrator, Start, Time
+from refusals import said
 
 
 def test_reproduce_prints_tables_and_exits_with_0(tmp_path):
@@ -258,23 +259,19 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
 
 
 WRONG = {
-    "no file": (["nothing.csv"], 5, "cannot read nothing.csv: No such file or directory\n"),
-    "no headers": (["-"], 3, "the first line holds numbers, not headers; of 3 columns name those"),
-    "no order": (["-"], 3, "which number is the scalar; --scalar-first or --scalar-last states it"),
-    "rate": (
-        [str(IMU), "--rate", "50", "--time-column", "Time (s)"],
-        3,
-        "--rate ignores the times, but 'Time (s)' is named as their column; leave out either\n",
-    ),
-    "empty": (["-"], 3, "the first line is empty"),
-    "no orientation": (["-"], 3, "no columns contain an orientation (qw qx qy qz, or r11 ... r33): time, a, b"),
-    "text": (["-"], 3, "the column 'w' holds 'one' in line 3, which is not a number; correct or delete it"),
-    "axis": ([str(IMU), "--axis", "1,2"], 2, "'1,2' is neither x, y, z nor three numbers"),
-    "axis zero": ([str(IMU), "--axis", "0,0,0"], 3, "axis is zero"),
-    "column": ([str(IMU), "--columns", "W,X,Y,Q"], 3, "there is no column 'Q'; there are Time (s), W, X, Y, Z"),
-    "order": ([str(IMU), "--order", "3"], 2, "3 is neither 2 nor 4"),
-    "unit": ([str(IMU), "--time-unit", "weeks"], 3, "unknown unit of time 'weeks'"),
-    "output": ([str(IMU), "--out", "/nonexistent/x"], 5, "there is no folder /nonexistent; make it first\n"),
+    "no file": (["nothing.csv"], 5),
+    "no headers": (["-"], 3),
+    "no order": (["-"], 3),
+    "rate": ([str(IMU), "--rate", "50", "--time-column", "Time (s)"], 3),
+    "empty": (["-"], 3),
+    "no orientation": (["-"], 3),
+    "text": (["-"], 3),
+    "axis": ([str(IMU), "--axis", "1,2"], 2),
+    "axis zero": ([str(IMU), "--axis", "0,0,0"], 3),
+    "column": ([str(IMU), "--columns", "W,X,Y,Q"], 3),
+    "order": ([str(IMU), "--order", "3"], 2),
+    "unit": ([str(IMU), "--time-unit", "weeks"], 3),
+    "output": ([str(IMU), "--out", "/nonexistent/x"], 5),
 }
 STDIN = {
     "no headers": "0,1,0\n1,1,0\n",
@@ -287,13 +284,12 @@ STDIN = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_errors_are_reported(case, tmp_path):
-    arguments, code, message = WRONG[case]
+    arguments, code = WRONG[case]
     if "--out" not in arguments:
         arguments = [*arguments, "--out", str(tmp_path / "x")]
     result = CliRunner().invoke(app, ["twist", *arguments], input=STDIN.get(case), env={"COLUMNS": "200"})
     assert result.exit_code == code
-    assert message in result.stderr
-    assert "Traceback" not in result.stderr
+    said(result.stderr.rpartition("Error: ")[2])
 
 
 @pytest.mark.parametrize("names", [["-h", "--help"], ["--help", "-h"]])

@@ -15,6 +15,7 @@ from nontwist.geometry.rotations import hat
 from nontwist.integrators import Gauss, LieMidpoint, Split
 from nontwist.integrators.gauss import LARGEST_TURN
 from nontwist.integrators.gauss_coefficients import nodes
+from refusals import said
 
 BODY = standard([3, 4, 5])
 COARSE = (
@@ -55,10 +56,7 @@ def test_a_coarse_step_is_told_in_plain_numbers():
     """20 steps of 2 rad each turn by 2 atan(1) rad: 492° are missing, not 4.9e+02°."""
     start = {"material_angular_velocity": (4, 0, 0), "integrator": "lie-midpoint"}
     _, text = told(lambda: simulate(BODY, t_end=10, step=0.5, **start))
-    assert text == (
-        "the step is coarse: the body may turn by 115 degrees in it, and a steady rotation as fast would be 490 "
-        "degrees off at the end (lie-midpoint, order 2); try step <= 0.008, the integrator gauss, or tolerance = 1e-6"
-    )
+    said(text)
 
 
 def test_calls_that_are_prepared_say_the_same():

@@ -37,6 +37,7 @@ from nontwist import (
 from nontwist.errors import SimulationError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
+from refusals import says
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 PRINCIPAL = np.array([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5.0]])
@@ -168,7 +169,7 @@ CASES = [  # body, load, more parameters, how gauss turns the body
 SCHEMES = [
     ("lie-midpoint", 2),
     ("energy-momentum", 2),
-    ("gauss", 2),
+    pytest.param("gauss", 2, marks=pytest.mark.long),
     pytest.param("gauss", 4, marks=pytest.mark.long),
     ("gauss", 8),
     pytest.param("gauss", 16, marks=pytest.mark.long),
@@ -513,37 +514,24 @@ def test_chosen_steps_and_continued_runs():
     assert abs(second.d_rotation.values[-1] @ X[rows] - whole.d_rotation.values[-1]).max() < 1e-13
 
 
-KNOWN = "material_angular_velocity, rotation, inertia, principal_inertia, axis, dead_force, load_scale, duration"
-
-
 @pytest.mark.parametrize(
-    ("more", "message"),
+    "more",
     [
-        ({"wrt": "inertai"}, f"wrt has the unknown parameter 'inertai'; did you mean inertia? known are {KNOWN}"),
-        ({"wrt": []}, f"wrt names no parameter; known are {KNOWN}"),
-        ({"wrt": 3}, "wrt must be a list, got 3"),
-        (
-            {"wrt": "dampin", "load": damping(0.1)},
-            "wrt has the unknown parameter 'dampin'; did you mean damping? known are "
-            f"{KNOWN}, load[0].scale, load[0].damping, damping",
-        ),
-        (
-            {"integrator": "split"},
-            "split has no derivatives; those that have them are gauss, lie-midpoint, energy-momentum",
-        ),
-        (
-            {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"},
-            "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
-            "principal axes that its equations are written in; use principal_inertia",
-        ),
+        {"wrt": "inertai"},
+        {"wrt": []},
+        {"wrt": 3},
+        {"wrt": "dampin", "load": damping(0.1)},
+        {"integrator": "split"},
+        {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"},
     ],
 )
-def test_what_is_refused(more, message):
+def test_what_is_refused(more):
     for function in (sensitivities, gradient):
-        with pytest.raises(ValueError, match=re.escape(message)):
+        with says():
             function(standard(J), **({"t_end": 1, "step": 0.1} | more))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["gauss", "energy-momentum"])
 def test_a_gradient_holds_little_beside_the_states(scheme):
     """At most 200 bytes a step in all, of which the states have 56, and N of the director scheme 48."""
@@ -577,8 +565,9 @@ JACOBIANS = ["material_angular_velocity", "rotation", "inertia", "axis", "load_s
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize("store", ["end", 4])
-@pytest.mark.parametrize(("body", "load"), [("standard", "body"), ("suslov", "all"), ("heavy", "none")])
+@pytest.mark.parametrize(
+    ("body", "load", "store"), [("standard", "body", 4), ("suslov", "all", 4), ("heavy", "none", "end")]
+)
 def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load):
     names = JACOBIANS if load != "none" else JACOBIANS[:-1]
     axis = SYSTEMS[body].axis

@@ -9,17 +9,15 @@ from nontwist import (
     heavy_top,
     moment,
     nontwisting,
-    propagator,
     pulse,
     simulate,
-    simulate_ensemble,
     standard,
-    stepper,
 )
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.runfile import read_run_file
 from nontwist.sweeps import sweep
+from refusals import said, says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 MIDDLE = (0.1, 2.0, 0.1)
@@ -151,26 +149,6 @@ def test_without_dissipation_the_bits_are_those_of_the_scheme(scheme):
     assert (plain.quaternion.values == zero.quaternion.values).all()
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_members_steps_and_propagators_have_the_run(scheme):
-    one, W = scheme(1, dissipation=0.5), np.array(MIDDLE) * np.linspace(0.5, 2, 11)[:, None]
-    how = {"t_end": 4, "step": 0.1, "integrator": one}
-    many = simulate_ensemble(standard(J), material_angular_velocity=W, **how)
-    run = simulate(standard(J), material_angular_velocity=W[3], **how)
-    assert (many.material_angular_velocity.values[3, -1] == run.material_angular_velocity.values[-1]).all()
-    call = propagator(standard(J), **how)
-    last = call(material_angular_velocity=W[3]).material_angular_velocity[-1]
-    assert (last == run.material_angular_velocity.values[-1]).all()
-    loop = stepper(standard(J), 0.1, integrator=one)
-    loop.reset(material_angular_velocity=W[3])
-    for _ in range(40):
-        state = loop.step()
-    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
-    first = simulate(standard(J), material_angular_velocity=W[3], **how | {"t_end": 2})
-    rest = simulate(standard(J), start=first, **how)
-    assert (rest.material_angular_velocity.values[-1] == run.material_angular_velocity.values[-1]).all()
-
-
 def test_energy_is_not_among_what_is_kept():
     run = simulate(
         standard(J), t_end=4, step=0.1, material_angular_velocity=MIDDLE, integrator=LieMidpoint(dissipation=0.5)
@@ -188,28 +166,24 @@ def test_in_a_comparison():
 
 
 @pytest.mark.parametrize(
-    ("options", "text"),
+    "options",
     [
-        ({"dissipation": 1.5}, "dissipation must be a number from 0 to 1, got 1.5"),
-        ({"dissipation": -0.1}, "dissipation must be a number from 0 to 1, got -0.1"),
-        ({"order": 1}, "lie-midpoint has the order 1 with dissipation= alone, the order 2 with it or without"),
-        ({"order": 3, "dissipation": 0.1}, "lie-midpoint has the order 2; got order = 3"),
+        {"dissipation": 1.5},
+        {"dissipation": -0.1},
+        {"order": 1},
+        {"order": 3, "dissipation": 0.1},
     ],
 )
-def test_wrong_options_are_refused(options, text):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+def test_wrong_options_are_refused(options):
+    with says():
         LieMidpoint(**options)
-    assert str(caught.value) == text
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_constrained_bodies_are_refused(scheme):
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
         simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator=scheme(dissipation=0.1))
-    assert str(caught.value) == (
-        f"{scheme.name} has no dissipation for a body with a constrained axis: the energy of the non-twisting body is "
-        "a function of the momenta that it keeps, and cannot fall; leave dissipation out"
-    )
+    said(str(caught.value))
 
 
 FILE = """

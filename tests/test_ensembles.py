@@ -1,6 +1,5 @@
 """Many runs at once: each is the run of `simulate`, bit for bit the same in any company and any number of threads."""
 
-import json
 import re
 from contextlib import nullcontext
 
@@ -31,7 +30,8 @@ from nontwist import (
 )
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
-from nontwist.integrators import INTEGRATORS, stack_march
+from nontwist.integrators import stack_march
+from refusals import says
 
 RNG = np.random.default_rng(8)
 M = 17
@@ -72,37 +72,6 @@ def one(bodies, arguments, i, **how):
     own |= {key: own[key][i] for key in ("rotation", "material_angular_velocity")}
     load = arguments["load"]
     return integrate(bodies[i], **own, load=None if load is None else arguments["load_scale"][i] * load, **how)
-
-
-def difference(many, i, run):
-    """Largest difference of the stored states of member i from a run, W relative to its size."""
-    R = Rotation.from_quat(many.quaternion.values[i])
-    W = np.stack([d @ np.cross(d, v).sum(0) / 2 for d, v in zip(run.directors, run.director_velocities, strict=True)])
-    apart = abs(R.as_matrix().swapaxes(1, 2) - run.directors).max()
-    return max(apart, abs(many.material_angular_velocity.values[i] - W).max() / max(1, abs(W).max()))
-
-
-@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("name", RANDOM)
-def test_a_member_is_the_run_of_simulate(name, load, integrator):
-    bodies, arguments = problem(name, load)
-    how = {"t_end": 5, "step": 0.005, "order": 2, "integrator": integrator}
-    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, store=250, variables="all")
-    for i in (0, 7, 15, 16):
-        run = one(bodies, arguments, i, **how, store=250)
-        apart = difference(many, i, run), abs(many.director_velocities.values[i] - run.director_velocities).max()
-        assert max(apart) <= 1e-12 * max(1, abs(run.director_velocities).max())
-
-
-@pytest.mark.parametrize(("integrator", "order"), [("gauss", n) for n in (4, 6, 8)])
-@pytest.mark.parametrize("name", RANDOM)
-def test_a_member_is_the_run_of_simulate_in_every_order(name, integrator, order):
-    bodies, arguments = problem(name, "sum")
-    how = {"t_end": 2, "step": 0.02, "integrator": integrator, "order": order}
-    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how)
-    assert list(many.time.values) == [0, 2]
-    assert difference(many, 3, one(bodies, arguments, 3, **how, store="end")) <= 1e-12
 
 
 @pytest.mark.parametrize("name", RANDOM)
@@ -195,58 +164,33 @@ def test_a_load_that_ends_ends_all(monkeypatch):
 
 
 REFUSED = {
-    "lengths": (
-        {"material_angular_velocity": np.ones((5, 3)), "load_scale": np.ones(4)},
-        "every member axis must have the same length, or 1; the lengths are: material_angular_velocity 5, load_scale 4",
-    ),
-    "stack": (
-        {"system": DirectorSystem.stack([standard(PAPER_J)] * 3), "rotation": Rotation.random(2, rng=RNG)},
-        "the lengths are: system 3, rotation 2",
-    ),
-    "empty": ({"material_angular_velocity": np.ones((0, 3))}, "material_angular_velocity has no members"),
-    "velocity": ({"angular_velocity": np.ones((5, 2))}, "angular_velocity must have the shape (n, 3), got (5, 2)"),
-    "velocities": (
-        {"angular_velocity": [1, 0, 0], "material_angular_velocity": [1, 0, 0]},
-        "give material_angular_velocity= or angular_velocity=, not both",
-    ),
-    "not finite": ({"angular_velocity": [[1, 0, 0], [1, np.nan, 0]]}, "angular_velocity[1, 1] = nan is not finite"),
-    "scale": ({"load_scale": np.ones((2, 2))}, "load_scale must be a number or have the shape (m,), got (2, 2)"),
-    "spin": (
-        {"system": nontwisting(PAPER_J), "material_angular_velocity": [[1, 2, 0], [1, 2, 0.5]]},
-        "the initial angular velocity of member 1 has the component 0.5 rad/s along the constrained body axis "
-        "[0.0, 0.0, 1.0]; project=True removes it",
-    ),
-    "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; available: 'all', directors, "),
-    "interval": (
-        {"variables": "load_work"},
-        "no variable 'load_work'; those of intervals come as statistics, with reduce=; available",
-    ),
-    "reduction": ({"reduce": "mean"}, "unknown statistic 'mean'; known are drift, extrema, averages, total_twist"),
-    "exact": ({"integrator": "exact", "reduce": "drift"}, "exact takes no steps to reduce over"),
-    "threads": ({"threads": 0}, "threads must be a whole number >= 1, got 0"),
-    "t_end": ({"t_end": None}, "give t_end="),
-    "step": ({"step": 0.03}, "step = 0.03 s does not divide the span of 0.1 s"),
-    "state": (
-        {"step": None, "load": moment(lambda t, d, w: -w), "integrator": "lie-midpoint"},
-        "a load that is a function of the state has no bound",
-    ),
-    "start": ({"start": np.eye(3)}, "start= must be a run or an ensemble; for attitudes alone there is rotation="),
-    "closed form": (
-        {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None, "load_scale": [1, 1]},
-        "member 0: exact has no closed-form solution for a Suslov body",
-    ),
-    "no body": (
-        {"system": DirectorSystem.stack},
-        "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), got <function",
-    ),
+    "lengths": {"material_angular_velocity": np.ones((5, 3)), "load_scale": np.ones(4)},
+    "stack": {"system": DirectorSystem.stack([standard(PAPER_J)] * 3), "rotation": Rotation.random(2, rng=RNG)},
+    "empty": {"material_angular_velocity": np.ones((0, 3))},
+    "velocity": {"angular_velocity": np.ones((5, 2))},
+    "velocities": {"angular_velocity": [1, 0, 0], "material_angular_velocity": [1, 0, 0]},
+    "not finite": {"angular_velocity": [[1, 0, 0], [1, np.nan, 0]]},
+    "scale": {"load_scale": np.ones((2, 2))},
+    "spin": {"system": nontwisting(PAPER_J), "material_angular_velocity": [[1, 2, 0], [1, 2, 0.5]]},
+    "variable": {"variables": ["speed"]},
+    "interval": {"variables": "load_work"},
+    "reduction": {"reduce": "mean"},
+    "exact": {"integrator": "exact", "reduce": "drift"},
+    "threads": {"threads": 0},
+    "t_end": {"t_end": None},
+    "step": {"step": 0.03},
+    "state": {"step": None, "load": moment(lambda t, d, w: -w), "integrator": "lie-midpoint"},
+    "start": {"start": np.eye(3)},
+    "closed form": {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None, "load_scale": [1, 1]},
+    "no body": {"system": DirectorSystem.stack},
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 @pytest.mark.filterwarnings("ignore:the load")
 def test_refused_with_the_value(case):
-    given, message = REFUSED[case]
-    with pytest.raises(ValueError, match=re.escape(message)):
+    given = REFUSED[case]
+    with says():
         simulate_ensemble(**{"system": standard(PAPER_J), "t_end": 0.1, "step": 0.01, **given})
 
 
@@ -337,31 +281,6 @@ def test_statistics_one_by_one_are_those_of_lanes(integrator):
     assert abs(np.sum(many.quaternion * other.quaternion, axis=2)).values == pytest.approx(1, abs=1e-8)
 
 
-@pytest.mark.parametrize("name", list(BODIES))
-@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
-def test_variables_are_those_of_simulate(name, integrator):
-    how = {
-        "t_end": 0.5,
-        "step": 0.01,
-        "project": True,
-        "load": sine([1, 2, 0.5], 3),
-        "integrator": integrator,
-        "order": 2,
-    }
-    how |= {"angular_velocity": [1, -2, 0.5], "rotation": Rotation.from_rotvec([0.3, -1, 0.2]), "store": 10}
-    many = simulate_ensemble(BODIES[name](), **how, variables="all").isel(member=0)
-    run = simulate(BODIES[name](), **how)
-    for key, variable in run.data_vars.items():
-        if variable.dims[0] == "time":
-            assert many[key].dims == variable.dims
-            assert many[key].attrs == variable.attrs
-            sign = np.sign(float(run.quaternion.values[0] @ many.quaternion.values[0])) if key == "quaternion" else 1
-            scale = max(1, float(abs(variable).max()))
-            assert sign * many[key].values == pytest.approx(variable.values, abs=1e-12 * scale), key
-    assert json.loads(many.attrs["integrator"]) == json.loads(run.attrs["integrator"])
-    assert many.attrs["system"] == run.attrs["system"]
-
-
 @pytest.mark.parametrize("name", ["standard", "nontwisting"])
 def test_closed_forms(name):
     bodies, arguments = problem(name, m=40)
@@ -442,14 +361,3 @@ def test_an_ensemble_as_a_file(tmp_path):
 def test_progress_reaches_the_end(capsys):
     simulate_ensemble(standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=np.ones((40, 3)), progress=True)
     assert "members" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name != "exact"])
-def test_every_integrator_runs_an_ensemble(integrator):
-    W = [[1, -2, 0], [0.5, 1, 0]]
-    many = simulate_ensemble(
-        nontwisting(PAPER_J), t_end=1, step=0.01, material_angular_velocity=W, integrator=integrator
-    )
-    for i in range(2):
-        Lam = exact.free_nontwisting(PAPER_J, W[i], [1.0])[0][0]
-        assert Rotation.from_quat(many.quaternion[i, -1]).as_matrix() == pytest.approx(Lam, abs=1e-4)

@@ -28,6 +28,7 @@ from nontwist.driver.events import Search
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
 from nontwist.runfile import read_run_file
+from refusals import says
 
 BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
@@ -336,34 +337,21 @@ def test_output_times_are_every_so_many_seconds_and_the_end(every, times, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new"),
     [
-        ('column = "t"', 'column = "u"', "there is no column 'u'; there are t, frame"),
-        (', column = "t"', "", "it has 2 columns (t, frame); column = ... must name one of them"),
-        ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times contains 6 s, outside of the run from 0 s to 5 s"),
-        (
-            '{ file = "camera.csv", column = "t" }',
-            "{ every = 1e-9 }",
-            "time.times: a table with every (it makes 5e+09 times, at most 1e+07 are possible) -> increasing numbers",
-        ),
-        (
-            '{ file = "camera.csv", column = "t" }',
-            "{ every = 0 }",
-            "time.times.every: 0 -> a positive number, s: ",
-        ),
-        ('{ file = "camera.csv", column = "t" }', "[0, 1], store = 2", "with times= leave store= out"),
-        (
-            "cosine = 0.5",
-            "axis = [0, 0, 0]",
-            'event.1.axis: [0, 0, 0] -> 3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": components along '
-            "the directors",
-        ),
-        ('"spin-below"', '"spin"', 'event.2.kind: "spin" -> one of "axis-crosses", "spin-below"'),
-        ("terminal = 2", "terminal = -1", "event.0.terminal"),
+        ('column = "t"', 'column = "u"'),
+        (', column = "t"', ""),
+        ('{ file = "camera.csv", column = "t" }', "[0, 6]"),
+        ('{ file = "camera.csv", column = "t" }', "{ every = 1e-9 }"),
+        ('{ file = "camera.csv", column = "t" }', "{ every = 0 }"),
+        ('{ file = "camera.csv", column = "t" }', "[0, 1], store = 2"),
+        ("cosine = 0.5", "axis = [0, 0, 0]"),
+        ('"spin-below"', '"spin"'),
+        ("terminal = 2", "terminal = -1"),
     ],
 )
-def test_wrong_tables_are_named(tmp_path, old, new, message):
+def test_wrong_tables_are_named(tmp_path, old, new):
     (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n", encoding="utf-8")
     (tmp_path / "run.toml").write_text(FILE.replace(old, new), encoding="utf-8")
-    with pytest.raises(RunFileError, match=re.escape(message)):
+    with says(RunFileError):
         read_run_file(tmp_path / "run.toml")

@@ -72,18 +72,6 @@ def octant(n):
     return np.concatenate([*sides, AXES[:1]])
 
 
-def random_path(rng):
-    k = np.arange(1, 5)
-    a, b = rng.normal(size=(2, 4, 3)) / k[:, None]
-    shift = 1.5 * rng.normal(size=3)
-
-    def d3(t):
-        x = shift + np.cos(np.multiply.outer(t, k)) @ a + np.sin(np.multiply.outer(t, k)) @ b
-        return x / np.linalg.norm(x, axis=-1, keepdims=True)
-
-    return d3
-
-
 COUNTS = np.array([80, 160, 320, 640, 1280])
 
 

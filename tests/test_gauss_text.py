@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import nontwist as nt
-import texts_rule
 from nontwist.integrators import gauss_newton
 from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
 from test_marching import START, loaded, on_floats
 
 __all__ = ["on_floats"]
-SOURCE = Path(nt.__file__).parent
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
 NAMES = (
     "attitude",
@@ -85,13 +81,6 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request, mo
             assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
 
 
-def test_each_kind_of_motion_has_a_text():
-    texts = {motion: nt.integrators.Gauss(8).text(motion) for motion in ("steady", "free", "moved", "heavy", "rows")}
-    assert len(set(texts.values())) == 5
-    assert nt.integrators.Gauss(8).text("free") is texts["free"]
-    assert nt.integrators.Gauss(4).text("free") is not texts["free"]
-
-
 def test_rows_that_turn_with_the_body():
     """Of C⁻¹ f, the derivatives by turns and by f are those of differences."""
     rng = np.random.default_rng(1)
@@ -107,8 +96,3 @@ def test_rows_that_turn_with_the_body():
             changes.append(pulled_back(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
         slope = [(a - b) / (2 * e) for a, b in zip(*changes, strict=True)]
         assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
-
-
-@pytest.mark.parametrize("name", ["gauss", "gauss_stages", "gauss_newton"])
-def test_nothing_changes_behind_the_back_of_a_trace(name):
-    assert not texts_rule.faults((SOURCE / f"integrators/{name}.py").read_text(encoding="utf-8"))

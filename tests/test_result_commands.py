@@ -29,6 +29,7 @@ from nontwist import (
     twist,
 )
 from nontwist.cli.summaries import print_rows, shown_unit
+from refusals import said
 
 W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}
 
@@ -147,48 +148,43 @@ def test_what_is_not_finite_is_null_in_json(tmp_path):
 
 EXAMPLES = Path(package.__file__).parent / "runfile" / "examples"
 ENDS = {
-    "no file": (["info", "none.nc"], 5, "no such file: none.nc"),
-    "a folder": (["info", "."], 5, ".: Is a directory"),
-    "foreign": (["info", __file__], 3, "is not a NetCDF-4 file but text, '"),
-    "foreign too": (["export", __file__], 3, "is not a NetCDF-4 file but text, '"),
-    "npz on stdout": (["export", "FREE", "--to", "npz"], 2, "NPZ is binary: name a file, --out FILE.npz"),
-    "format": (["export", "FREE", "--to", "xls"], 2, "'xls' is not one of 'csv', 'npz', 'json'"),
-    "run file as recording": (["twist", "RUNFILE"], 3, "standard.toml is a run file, not a recording: nontwist run "),
-    "run file to watch": (["view", "RUNFILE"], 3, "standard.toml is a run file, not a result: nontwist run "),
-    "run file to describe": (["info", "RUNFILE"], 3, "standard.toml is a run file, not a result: nontwist run "),
-    "run file to export": (["export", "RUNFILE"], 3, "standard.toml is a run file, not a result: nontwist run "),
-    "run file to fit": (["fit", "RUNFILE"], 3, "standard.toml is a run file, not a recording: nontwist run "),
-    "page to watch": (["view", "PAGE"], 3, "page.html is a page or a picture, not a result: open it in a browser\n"),
-    "a name of an argument": (["info", "relative_to.nc"], 5, "no such file: relative_to.nc"),
-    "another word": (["plot", "FREE"], 2, "No such command 'plot'. Did you mean 'view'?"),
-    "a function": (["steer"], 2, "No such command 'steer'. In Python: nontwist.steer"),
-    "a slip": (["chek", "RUNFILE"], 2, "No such command 'chek'. Did you mean 'check'"),
-    "no word": (["bogus"], 2, "No such command 'bogus'."),
-    "suffix": (["export", "FREE", "--out", "x.mat"], 2, "x.mat does not end in .csv or .npz or .json"),
-    "two formats": (["export", "FREE", "--to", "csv", "--out", "x.json"], 2, "x.json does not end in .csv"),
-    "page": (["view", "FREE", "--out", "x.gif"], 2, "x.gif does not end in .html; --gif x.gif writes that"),
-    "playground": (["play", "--out", "x.pdf"], 2, "x.pdf does not end in .html"),
-    "twist": (
-        ["twist", "FREE", "--out", "x.csv"],
-        2,
-        "x.csv names one file; --out x writes x.nc; --csv adds the curves",
-    ),
-    "run file": (["example", "case1", "--out", "x.nc"], 2, "x.nc does not end in .toml"),
-    "folder": (["reproduce", "--out", "x.pdf"], 2, "x.pdf would be a folder"),
-    "page of checks": (["validate", "--page", "x.html"], 2, "x.html does not end in .md"),
-    "no folder": (["export", "FREE", "--out", "none/x.csv"], 5, "there is no folder"),
+    "no file": (["info", "none.nc"], 5),
+    "a folder": (["info", "."], 5),
+    "foreign": (["info", __file__], 3),
+    "foreign too": (["export", __file__], 3),
+    "npz on stdout": (["export", "FREE", "--to", "npz"], 2),
+    "format": (["export", "FREE", "--to", "xls"], 2),
+    "run file as recording": (["twist", "RUNFILE"], 3),
+    "run file to watch": (["view", "RUNFILE"], 3),
+    "run file to describe": (["info", "RUNFILE"], 3),
+    "run file to export": (["export", "RUNFILE"], 3),
+    "run file to fit": (["fit", "RUNFILE"], 3),
+    "page to watch": (["view", "PAGE"], 3),
+    "a name of an argument": (["info", "relative_to.nc"], 5),
+    "another word": (["plot", "FREE"], 2),
+    "a function": (["steer"], 2),
+    "a slip": (["chek", "RUNFILE"], 2),
+    "no word": (["bogus"], 2),
+    "suffix": (["export", "FREE", "--out", "x.mat"], 2),
+    "two formats": (["export", "FREE", "--to", "csv", "--out", "x.json"], 2),
+    "page": (["view", "FREE", "--out", "x.gif"], 2),
+    "playground": (["play", "--out", "x.pdf"], 2),
+    "twist": (["twist", "FREE", "--out", "x.csv"], 2),
+    "run file": (["example", "case1", "--out", "x.nc"], 2),
+    "folder": (["reproduce", "--out", "x.pdf"], 2),
+    "page of checks": (["validate", "--page", "x.html"], 2),
+    "no folder": (["export", "FREE", "--out", "none/x.csv"], 5),
 }
 
 
 @pytest.mark.parametrize("case", ENDS)
 def test_how_they_end(files, case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    arguments, code, message = ENDS[case]
+    arguments, code = ENDS[case]
     given = {"FREE": files / "free.nc", "RUNFILE": EXAMPLES / "standard.toml", "PAGE": files / "page.html"}
     result = nontwist(*[str(given.get(word, word)) for word in arguments])
     assert result.exit_code == code
-    assert message in result.stderr
-    assert "Traceback" not in result.stderr
+    said(result.stderr.rpartition("Error: ")[2])
     assert result.stdout == ""
     assert list(tmp_path.iterdir()) == []
 

@@ -13,15 +13,12 @@ from nontwist import (
     moment,
     nontwisting,
     open_run,
-    propagator,
     pulse,
     rotation,
     rotor,
     save_run,
     simulate,
-    simulate_ensemble,
     standard,
-    stepper,
     suslov,
 )
 from nontwist.analysis.invariants import drifts
@@ -30,30 +27,12 @@ from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.sweeps import sweep
+from refusals import said, says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 W0 = np.array([0.4, -1.1, 0.7])
-TABLE = rotor((1, 2, -0.5), [0.3, 1.1, 1.55], [2.0, 5.0, -1.0]) + rotor((0, 0, 1), 1.5)
 SCHEMES = [("gauss", 2), ("gauss", 8), ("lie-midpoint", 2), ("energy-momentum", 2)]
 pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a step")
-
-
-@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
-@pytest.mark.parametrize("load", [rotor((1, -1, 2), 3.0), TABLE], ids=["constant", "table"])
-def test_total_momentum_and_energy_balance_close_to_round_off(scheme, order, load):
-    """Also with kinks of the table inside of steps, of which 0.07 s has one in each."""
-    run = simulate(
-        standard(J), t_end=2.1, step=0.07, material_angular_velocity=W0, load=load, integrator=scheme, order=order
-    )
-    total, K = run.total_momentum.values, run.kinetic_energy.values
-    assert abs(total - total[0]).max() < 1e-13
-    assert abs(np.diff(K) - run.load_work.values).max() < 1e-13
-    impulse = np.diff(run.spatial_momentum.values, axis=0) - run.moment.values * 0.07
-    assert abs(impulse).max() < 1e-13
-    if len(load.breakpoints) == 0:
-        assert abs(K - K[0]).max() < 1e-13
-    spent = np.linalg.norm(rotation(run).apply(run.rotor_momentum.values) + run.spatial_momentum.values - total)
-    assert spent < 1e-13
 
 
 @pytest.mark.parametrize(("scheme", "order"), [*SCHEMES, ("continuous", None)])
@@ -154,36 +133,6 @@ def test_a_constant_rotor_is_a_moment_without_work():
     assert abs(as_rotor.directors.values - as_moment.directors.values).max() < 1e-13
 
 
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
-def test_members_steps_outputs_and_propagators_have_the_run(scheme):
-    W = W0 * np.linspace(0.5, 2, 11)[:, None]
-    scale = np.linspace(0.5, 2, 11)
-    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2}
-    many = simulate_ensemble(
-        standard(J), material_angular_velocity=W, load=TABLE, load_scale=scale, variables="all", **how
-    )
-    one = simulate(standard(J), material_angular_velocity=W[3], load=scale[3] * TABLE, **how)
-    for name in ("material_angular_velocity", "rotor_momentum", "total_momentum"):
-        assert abs(many[name].values[3, -1] - one[name].values[-1]).max() < 1e-13
-    same = simulate_ensemble(standard(J), material_angular_velocity=W, load=TABLE, **how)
-    one = simulate(standard(J), material_angular_velocity=W[3], load=TABLE, **how)
-    assert (same.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
-    call = propagator(standard(J), load=TABLE, **how)
-    run = simulate(standard(J), material_angular_velocity=W0, load=TABLE, **how)
-    last = call(material_angular_velocity=W0).material_angular_velocity[-1]
-    assert (last == run.material_angular_velocity.values[-1]).all()
-    loop = stepper(standard(J), 0.05, load=TABLE, integrator=scheme)
-    loop.reset(material_angular_velocity=W0)
-    for _ in range(40):
-        state = loop.step()
-    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
-    between = simulate(
-        standard(J), times=[0, 0.333, 1.2345, 2], step=0.05, material_angular_velocity=W0, load=TABLE,
-        integrator=scheme, order=2,
-    )  # fmt: skip
-    assert abs(between.total_momentum.values - between.total_momentum.values[0]).max() < 1e-13
-
-
 def test_a_heavy_gyrostat_keeps_energy_and_vertical_momentum():
     top = heavy_top([2, 2.2, 1], 1.5, (0.1, 0, 0.6))
     run = simulate(top, t_end=3, material_angular_velocity=(1, 2, 5), load=rotor((0, 0, 1), 4.0))
@@ -207,28 +156,24 @@ def test_what_is_kept_and_what_is_recorded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "text"),
+    "arguments",
     [
-        (((0, 0, 0), 1.0), "axis of the rotor is zero: it must be a direction in the body"),
-        (((0, 0, 1), [0, 1]), "rotor needs the values that belong to its times: rotor(axis, times, values)"),
-        (((0, 0, 1), [0], [1.0]), "a table needs at least 2 times, got 1"),
-        (((0, 0, 1), [0, 0], [1.0, 2.0]), "times must increase, but times[1] = 0 follows times[0] = 0"),
-        (((0, 0, 1), np.nan), "momentum = nan is not finite"),
+        ((0, 0, 0), 1.0),
+        ((0, 0, 1), [0, 1]),
+        ((0, 0, 1), [0], [1.0]),
+        ((0, 0, 1), [0, 0], [1.0, 2.0]),
+        ((0, 0, 1), np.nan),
     ],
 )
-def test_wrong_rotors_are_refused(arguments, text):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+def test_wrong_rotors_are_refused(arguments):
+    with says():
         rotor(*arguments)
-    assert str(caught.value) == text
 
 
 def test_an_integrator_without_rotors_says_so():
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
         simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split")
-    assert str(caught.value) == (
-        "split does not accept rotors: its free motion between the kicks is that of the body without them; "
-        "use the integrator gauss"
-    )
+    said(str(caught.value))
 
 
 def test_the_good_part_of_a_run_that_fails_is_kept():
@@ -271,30 +216,18 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("keys", "text"),
+    "keys",
     [
-        (
-            "momentum = 1, times = [0, 1]",
-            r"load\.0\.momentum: 1(\.0)? \(a rotor has a momentum, or times and values, or a file\) -> ",
-        ),
-        (
-            "scale = 2",
-            r"load\.0\.momentum: missing \(a rotor has a momentum, or times and values, or a file\) -> ",
-        ),
-        (
-            "momentum = [1, 2]",
-            r"toml: load\.0\.momentum: \[1, 2\] -> a number, kg m² s⁻¹, in place of times and values$",
-        ),
-        (
-            "times = [0, 1], values = [1]",
-            r"load\.0\.values: \[1(\.0)?\] \(values must have the shape \(2,\), got \(1,\)\) -> a momentum for ",
-        ),
+        "momentum = 1, times = [0, 1]",
+        "scale = 2",
+        "momentum = [1, 2]",
+        "times = [0, 1], values = [1]",
     ],
 )
-def test_wrong_rotors_in_run_files(tmp_path, keys, text):
+def test_wrong_rotors_in_run_files(tmp_path, keys):
     path = tmp_path / "run.toml"
     path.write_text(FILE.replace("ROTOR", keys), encoding="utf-8")
-    with pytest.raises(ValueError, match=text):
+    with says():
         read_run_file(path)
 
 

@@ -21,6 +21,7 @@ from nontwist.cli.outcomes import code_of
 from nontwist.cli.run_commands import example_names
 from nontwist.errors import RunFileError, Status
 from nontwist.runfile import read_run_file
+from refusals import said, says
 
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
 TIME = "[time]\nt_end = 1\nstep = 0.1\n"
@@ -44,9 +45,7 @@ def test_the_first_five_minutes(here):
     assert all(name in listed.stdout for name in example_names())
     copied = nontwist("example", "heavy_top")
     assert copied.exit_code == 0
-    assert copied.stderr == (
-        "written: heavy_top.toml; next: nontwist check heavy_top.toml, nontwist run heavy_top.toml\n"
-    )
+    said(copied.stderr)
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
     Path("heavy_top.toml").write_text(text, encoding="utf-8")
     checked = nontwist("check", "heavy_top.toml")
@@ -153,9 +152,7 @@ def test_step_and_tolerance_replace_each_other(here):
         (["time.tolerance=1e-3"], None, 1e-3),
     ):
         if len(options) == 2 and "1e-3" in options[1]:
-            with pytest.raises(
-                RunFileError, match=r"time\.tolerance: 0\.001 -> left out beside step, or step left out"
-            ):
+            with says(RunFileError):
                 read_run_file("run.toml", options)
             continue
         time = read_run_file("run.toml", options).time
@@ -170,11 +167,7 @@ def test_a_tolerance_for_too_many_steps_is_refused(here):
     start = START.replace("0.3, 0.2", "30, 20")
     here(BODY + start + "[time]\nt_end = 1\ntolerance = 1e-20\n[integrator]\nname = 'lie-midpoint'\n")
     words = re.sub(r"\de\+\d\d", "N", nontwist("check", "run.toml").stderr)
-    assert words == (
-        "run.toml: time.tolerance: 1e-20 (tolerance = 1e-20 would take about N steps, and at most N are taken: ask for "
-        "less, or choose an integrator of higher order) -> a positive number up to 0.1, rad, in place of step: a bound "
-        "of the error of the attitude, and of that of the angular velocity relative to its largest size\n"
-    )
+    said(words)
     assert nontwist("precision", "run.toml", "--target", "1e-3").exit_code == 0
 
 
@@ -210,54 +203,17 @@ def test_paths_of_results(here):
 
 KNOWN = "known are title, body, start, load, time, integrator, event, output, sweep\n"
 REFUSED = {
-    "there already": (
-        ["run.toml", "--out", "old.nc"],
-        5,
-        "old.nc exists; choose another name, or overwrite it: --force\n",
-    ),
-    "figure there": (
-        ["run.toml", "--figures"],
-        5,
-        "run-path.png exists; choose another name, or overwrite it: --force\n",
-    ),
-    "no folder": (["run.toml", "--out", "no/x.nc"], 5, "there is no folder {here}/no; make it first\n"),
-    "same output": (
-        ["run.toml", "sub/run.toml"],
-        5,
-        "run.toml and sub/run.toml would both write run.nc; give each an output.path of its own\n",
-    ),
-    "no file": (["nothing.toml"], 5, "nothing.toml: No such file or directory\n"),
-    "no ending": (["run"], 5, "run: No such file or directory; did you mean run.toml?\n"),
-    "example": (
-        ["case2.toml"],
-        5,
-        "case2.toml: No such file or directory; nontwist example case2 copies it here\n",
-    ),
-    "a result": (
-        ["case2.nc"],
-        5,
-        "case2.nc: No such file or directory; did you mean case2.toml? results are written by nontwist run, from run "
-        "files\n",
-    ),
-    "folder": (["sub"], 5, "sub: Is a directory\n"),
-    "bad files": (
-        ["run.toml", "bad.toml", "worse.toml"],
-        3,
-        "bad.toml: body.mass: -1 -> a positive number, kg\n"
-        "bad.toml: time: missing -> a table [time]\n"
-        f"bad.toml: bdy: unknown key -> did you mean body? {KNOWN}"
-        'worse.toml: line 1: a: 1 looks like YAML -> TOML: [body] on a line, below it kind = "standard"; nontwist '
-        "example shows whole files\n",
-    ),
-    "bad override": (
-        ["run.toml", "--set", "body.mss=2", "--set", "time.step=0.3"],
-        3,
-        "run.toml: body.mss: unknown key -> did you mean mass? known are kind, inertia, axis, mass, centre_of_mass, "
-        "gravity, spin, physical\n"
-        "run.toml: time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
-        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
-        "with gauss an error of 1e-8 at most\n",
-    ),
+    "there already": (["run.toml", "--out", "old.nc"], 5),
+    "figure there": (["run.toml", "--figures"], 5),
+    "no folder": (["run.toml", "--out", "no/x.nc"], 5),
+    "same output": (["run.toml", "sub/run.toml"], 5),
+    "no file": (["nothing.toml"], 5),
+    "no ending": (["run"], 5),
+    "example": (["case2.toml"], 5),
+    "a result": (["case2.nc"], 5),
+    "folder": (["sub"], 5),
+    "bad files": (["run.toml", "bad.toml", "worse.toml"], 3),
+    "bad override": (["run.toml", "--set", "body.mss=2", "--set", "time.step=0.3"], 3),
     "integrator": (
         [
             "run.toml",
@@ -269,14 +225,13 @@ REFUSED = {
             "body.centre_of_mass=[0, 0, 0.1]",
         ],
         3,
-        "run.toml: exact has no closed-form solution for gravity and other dead forces; use the integrator gauss\n",
     ),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_refused_before_anything_runs(case, here):
-    arguments, code, message = REFUSED[case]
+    arguments, code = REFUSED[case]
     here(BODY + TIME)
     Path("sub").mkdir()
     here(BODY + TIME, "sub/run.toml")
@@ -286,7 +241,8 @@ def test_what_is_refused_before_anything_runs(case, here):
     here("old", "run-path.png")
     before = files()
     result = nontwist("run", *arguments)
-    assert (result.exit_code, result.stdout, result.stderr) == (code, "", message.replace("{here}", str(Path.cwd())))
+    assert (result.exit_code, result.stdout) == (code, "")
+    said(result.stderr.replace(str(Path.cwd()), "HERE"))
     assert files() == before
 
 
@@ -371,9 +327,7 @@ def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request)
     end = float(kept.time[-1])
     assert 0.2 < end < 1
     assert kept.attrs["status"] == Status.INTERRUPTED
-    assert nontwist("check", "run.nc").stderr == (
-        "run.nc: the file: a result (NetCDF) -> a run file (TOML); nontwist info shows results\n"
-    )
+    said(nontwist("check", "run.nc").stderr)
     by = "" if number == signal.SIGINT else f" ({number.name})"
     assert f"run.toml: interrupted{by} at t = {end:.12g} s, after " in result.stderr
     assert f"run.toml: the completed part, up to t = {end:.12g} s, is saved in run.nc" in result.stderr
@@ -516,24 +470,22 @@ def test_a_run_file_resumes_a_run_bit_for_bit(here):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ("time.t_start=1.5", "time.t_start: 1.5 -> 1.0, the last time of run.nc"),
-        ('start.run="no.nc"', 'start.run: "no.nc" (no such file: no.nc) -> a result file of a run of this body'),
-        ('start.run="rest.toml"', "is not a NetCDF-4 file but text"),
-        ("start.angular_velocity.body=[0, 1, 0]", "start.angular_velocity: given -> left out beside start.run"),
-        (
-            'sweep={over=[{key="body.inertia.0", kind="list", values=[3, 4]}]}',
-            'start.run: "run.nc" -> left out: members',
-        ),
+        "time.t_start=1.5",
+        'start.run="no.nc"',
+        'start.run="rest.toml"',
+        "start.angular_velocity.body=[0, 1, 0]",
+        'sweep={over=[{key="body.inertia.0", kind="list", values=[3, 4]}]}',
     ],
 )
-def test_what_cannot_be_resumed(here, change, message):
+def test_what_cannot_be_resumed(here, change):
     here(BODY + START + TIME)
     here(REST, "rest.toml")
     assert nontwist("run", "run.toml").exit_code == 0
     result = nontwist("check", "rest.toml", "--set", change)
-    assert (result.exit_code, message in result.stderr) == (3, True), result.stderr
+    assert result.exit_code == 3
+    said(result.stderr)
 
 
 def test_the_dissipation_of_an_integrator_is_told(here):

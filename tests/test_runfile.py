@@ -41,15 +41,11 @@ from nontwist.runfile.loads import Tables
 from nontwist.runfile.section import toml_text
 from nontwist.runfile.tables import Start
 from nontwist.runfile.toml_data import document
+from refusals import said, says
 from runfile_documents import documents
 
 A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
 
-KINDS_OF_LOADS = (
-    '"constant", "csv", "damping", "rotor", "dipole", "pulse", "sine", "table", "dry_friction", "wheel", '
-    '"director_forces", "potential", "spring", "gravity_gradient"'
-)
-YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 PLACE = Path(__file__).parents[1]
 EXAMPLES = PLACE / "src" / "nontwist" / "runfile" / "examples"
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
@@ -81,248 +77,80 @@ def lines(write, text, *overrides):
     return [line.removeprefix(f"{path}: ") for line in found]
 
 
-VALUES = 'TOML, with numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
-VECTOR = "3 numbers, rad/s, or in the stated unit: components along the directors"
 ONE_LINE = {
-    "JSON": ('{"body": {}}', f"line 1: this looks like JSON -> {TOML}"),
-    "comma": ("[body]\nmass = 0,5\n", "line 2: mass = 0,5 -> a decimal point: mass = 0.5"),
-    "commas": (
-        "[body]\ncentre_of_mass = [0,0 0,0 0,6]\n",
-        "line 2: centre_of_mass = [0,0 0,0 0,6] -> decimal points, and commas between numbers: [0.5, 0.0, -1.0]",
-    ),
-    "semicolons": (
-        "[body]\ngravity = [0.0; 0.0; -9.81]\n",
-        "line 2: gravity = [0.0; 0.0; -9.81] -> decimal points, and commas between numbers: [0.5, 0.0, -1.0]",
-    ),
-    "typographic quotes": (
-        "[body]\nkind = “heavy_top”\n",
-        'line 2: kind = “heavy_top” -> straight quotes: "standard"',
-    ),
-    "no brackets": ("start\n", "line 1: start -> a table in brackets, [start], or a value, start = ..."),
-    "YAML": ("body:\n  kind: standard\n", f"line 1: body: looks like YAML -> {TOML}"),
-    "bare word": ("[body]\nkind = standard\n", 'line 2: kind = standard -> text in quotes: kind = "standard"'),
-    "bare words": ("title = My top\n", 'line 1: title = My top -> text in quotes: title = "My top"'),
-    "unit": (
-        "[body]\nmass = 0.5 kg\n",
-        "line 2: mass = 0.5 kg -> a number without a unit (kg, m, s, N m, rad): mass = 0.5",
-    ),
-    "key twice": (
-        '[body]\nkind = "standard"\nkind = "suslov"\n',
-        'line 3: kind = "suslov" is given a second time -> each key and table once; [[load]] may repeat',
-    ),
-    "table twice": (
-        f"{BODY}{TIME}[body]\n",
-        "line 7: [body] is given a second time -> each key and table once; [[load]] may repeat",
-    ),
-    "expression": (
-        "a = 1/7\n",
-        f"line 1, column 6: a = 1/7 (expected newline or end of document after a statement) -> {VALUES}",
-    ),
-    "UTF-16": ("[body]".encode("utf-16"), "line 1: UTF-16 text -> UTF-8 text: save the file in this encoding"),
-    "Latin-1": (
-        b'title = "ok"\n# caf\xe9\n',
-        "line 2: the byte 0xe9, which is not UTF-8 -> UTF-8 text: save the file in this encoding",
-    ),
-    "nested": ("a = " + "[" * 10**5, "the file: lists or tables nested too deeply -> lists of lists of numbers"),
-    "digits": ("a = " + "9" * 5000, "the file: a number of thousands of digits -> numbers up to 1e60"),
-    "dots": ("a." * 10**5 + "a = 1", "the file: a key of more than 32 parts -> keys such as body.inertia"),
-    "spaced dots": ('"a" .\t' * 10**5 + "a = 1", "the file: a key of more than 32 parts -> keys such as body.inertia"),
-    "infinite": (
-        BODY + TIME.replace("end = 1", "end = inf"),
-        "time.t_end: inf -> a number after t_start, s; finite, at most 1e+60",
-    ),
-    "1e400": (
-        BODY + TIME.replace("end = 1", "end = 1e400"),
-        "time.t_end: 1e400 -> a number after t_start, s; finite, at most 1e+60",
-    ),
-    "10^400": (
-        BODY + TIME.replace("end = 1", "end = 1" + "0" * 400),
-        f"time.t_end: 1{'0' * 56}... -> a number after t_start, s; finite, at most 1e+60",
-    ),
-    "nan": (
-        f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [0, nan, 0] }}",
-        f"start.angular_velocity.body.1: nan -> {VECTOR}; finite, at most 1e+60",
-    ),
-    "tiny": (f"{BODY}mass = 1e-100\n{TIME}", "body.mass: 0.0 -> a positive number, kg"),
-    "boolean": (f"{BODY}mass = true\n{TIME}", "body.mass: true -> a positive number, kg"),
-    "empty": ("", "body: missing -> a table [body]"),
-    "load table": (
-        f"{BODY}{TIME}[load]\nkind = 'sine'\n",
-        "load: a table with kind -> tables [[load]], in double brackets, at most 1000",
-    ),
-    "list of bodies": ("[[body]]\nx = 1\n" + TIME, "body: a list of tables -> a table [body]"),
-    "unknown section": (
-        f"{BODY}{TIME}[intergrator]\n",
-        "intergrator: unknown key -> did you mean integrator? known are title, body, start, load, time, integrator, "
-        "event, output, sweep",
-    ),
-    "a key without its table": (
-        f"mass = 1\n{BODY}{TIME}",
-        "mass: unknown key -> did you mean body.mass? known are title, body, start, load, time, integrator, event, "
-        "output, sweep",
-    ),
-    "a name of other programs": (
-        f"{BODY}{TIME}dt = 0.1\n",
-        "time.dt: unknown key -> did you mean step? known are t_end, t_start, step, tolerance, store, times",
-    ),
-    "a name of other programs without its table": (
-        f"omega = [0, 0, 1]\n{BODY}{TIME}",
-        "omega: unknown key -> did you mean start.angular_velocity? known are title, body, start, load, time, "
-        "integrator, event, output, sweep",
-    ),
-    "a word for a list": (
-        f'{BODY}{TIME}[output]\nfigures = "path"\n',
-        'output.figures: "path" -> did you mean ["path"]? a list of "momenta", "energy", "path": figures drawn next to '
-        "the result",
-    ),
-    "escape": (
-        f'"\\u001b[2J" = 1\n{BODY}{TIME}',
-        '"\\u001b[2J": unknown key -> known are title, body, start, load, time, integrator, event, output, sweep',
-    ),
-    "unknown key": (
-        BODY + TIME.replace("t_end", "t_start = 0\nt_edn"),
-        "time.t_end: missing -> a number after t_start, s",
-    ),
-    "key of another kind": (
-        f"{BODY}{TIME}[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [0, 1]\nvalues = [[0, 0, 1], [0, 0, 1]]\n"
-        "file = 'moment.csv'\n",
-        "load.0.file: unknown key -> known are scale, kind, frame, times, values; it belongs to kind = "
-        '"csv" or "rotor"',
-    ),
-    "nearest word": (
-        BODY.replace("standard", "Standard") + TIME,
-        'body.kind: "Standard" -> did you mean "standard"? "standard", "nontwisting", "suslov" or "heavy_top"',
-    ),
-    "triangle": (
-        BODY.replace("2.5", "5") + TIME,
-        "body.inertia: [1.0, 2.0, 5.0] (inertia violates the triangle inequality: principal moments 1, 2, 5, but "
-        "5 > 1 + 2; no distribution of mass has such moments, body.physical = false accepts them) -> inertia about the "
-        "fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, "
-        "lengths = [0.1, 0.2, 0.3] } }",
-    ),
-    "no axis": (
-        BODY.replace("standard", "suslov") + TIME,
-        'body.axis: missing -> 3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": the held direction in the '
-        "body",
-    ),
-    "axis by an unknown letter": (
-        BODY.replace("standard", "suslov") + 'axis = "w"\n' + TIME,
-        'body.axis: "w" -> 3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": the held direction in the body',
-    ),
-    "option beside the integrator": (
-        BODY + TIME + '[integrator]\nname = "lie-midpoint"\ndissipation = 0.5\n',
-        "integrator.dissipation: unknown key -> did you mean options.dissipation? known are name, order, options, "
-        "options.dissipation, options.moments, options.method, options.rtol, options.atol, options.form",
-    ),
-    "axis": (
-        f"{HELD}axis = [1, 0, 0]\n{TIME}",
-        'body.axis: [1.0, 0.0, 0.0] -> left out for kind = "nontwisting"; "suslov" takes an axis',
-    ),
-    "no centre": (
-        f"{BODY}mass = 1\n{TIME}",
-        "body.centre_of_mass: missing -> 3 numbers, m: from the fixed point to the centre of mass, in body components, "
-        "where gravity acts",
-    ),
-    "two shapes": (
-        f'[body]\nkind = "standard"\n[body.inertia]\ncuboid = {{ mass = 1, lengths = [1, 1, 1] }}\n'
-        f"ellipsoid = {{ mass = 1, semi_axes = [1, 1, 1] }}\n{TIME}",
-        "body.inertia: a table with cuboid and ellipsoid -> a table with one of cuboid, cylinder, ellipsoid, points, "
-        "mesh",
-    ),
-    "mass of a shape": (
-        f'[body]\nkind = "standard"\nmass = 1\ninertia = {{ cuboid = {{ mass = 1, lengths = [1, 1, 1] }} }}\n{TIME}',
-        "body.mass: 1.0 -> left out: the shape in body.inertia brings it",
-    ),
-    "two forms": (
-        f"{BODY}{TIME}[start]\nrotation = {{ matrix = 1, vector = 2 }}",
-        "start.rotation: a table with matrix, vector -> one of { matrix = [...] }, "
-        "{ quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
-        "{ euler = [...], sequence = ..., unit = ... }",
-    ),
-    "quaternion": (
-        f'{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 1, 0, 0], order = "wxyz" }}',
-        "start.rotation.quaternion: [1.0, 1.0, 0.0, 0.0] (quaternion must have the length 1, it has 1.41421) -> "
-        "4 numbers of length 1, in the stated order",
-    ),
-    "no order": (
-        f"{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 0, 0, 0] }}",
-        'start.rotation.order: missing -> "wxyz" (scalar first) or "xyzw" (scalar last)',
-    ),
-    "spin": (
-        f"{HELD}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 0.5] }}",
-        "start.angular_velocity: [1.0, 2.0, 0.5] (the initial angular velocity has the component 0.5 rad/s along the "
-        "constrained body axis [0.0, 0.0, 1.0]) -> one without spin about the constrained axis of the body; "
-        "start.project = true removes it",
-    ),
-    "load kind": (
-        f'{BODY}{TIME}[[load]]\nkind = "impulse"\n',
-        f'load.0.kind: "impulse" -> did you mean "pulse"? one of {KINDS_OF_LOADS}',
-    ),
-    "no load kind": (
-        f"{BODY}{TIME}[[load]]\n",
-        f"load.0.kind: missing -> one of {KINDS_OF_LOADS}{YOUR_OWN}",
-    ),
-    "pulse": (
-        f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nstart = 2\nend = 1\n',
-        "load.0.end: 1.0 (pulse must end after it starts, got start = 2 s, end = 1 s) -> a number, s: after start",
-    ),
-    "no file": (
-        f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n',
-        'load.0.file: "load.csv" (it cannot be read: No such file or directory) -> ' + A_CSV_FILE,
-    ),
-    "t_end": (
-        BODY + TIME.replace("end = 1", "end = -1"),
-        "time.t_end: -1.0 (t_start = 0.0) -> a number after t_start, s",
-    ),
-    "step": (
-        BODY + TIME.replace("0.1", "0.3"),
-        "time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
-        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
-        "with gauss an error of 1e-8 at most",
-    ),
-    "10^12 steps": (
-        BODY + TIME.replace("0.1", "1e-12"),
-        "time.step: 1e-12 (that is 1e+12 steps) -> a step for at most 1e+11 steps",
-    ),
-    "automatic step": (
-        f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
-        "time.step: missing (the automatic step would take 1.39e+09 steps, more than 1e+07; choose a step) ->"
-        " a positive number that divides the span, s; left out: at most 0.05 rad a step, or "
-        "with gauss an error of 1e-8 at most",
-    ),
-    "store": (
-        f"{BODY}{TIME}store = 0\n",
-        'time.store: 0 -> a whole number of steps >= 1, or "end" for the first and the last state only',
-    ),
-    "order": (
-        f"{BODY}{TIME}[integrator]\norder = 5\n",
-        "integrator.order: 5 (gauss has the order 2, 4, 6, 8, 12, 16; got order = 5) -> one of 2, 4, 6, 8, 12, 16",
-    ),
-    "no order of exact": (
-        f'{BODY}{TIME}[integrator]\nname = "exact"\norder = 2\n',
-        "integrator.order: 2 -> left out: exact has no order",
-    ),
-    "option": (
-        f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ rtoll = 1e-9 }}\n',
-        "integrator.options.rtoll: unknown key -> did you mean rtol? known are method, rtol, atol, form",
-    ),
-    "value of an option": (
-        f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ method = "RK4" }}\n',
-        "integrator.options: a table with method (method must be one of RK23, RK45, DOP853, Radau, BDF, LSODA; got "
-        "'RK4') -> a table of the integrator's own options",
-    ),
-    "path": (
-        f'{BODY}{TIME}[output]\npath = "run.csv"\n',
-        'output.path: "run.csv" -> a file name with the ending ".nc", like result.nc, relative to the run file',
-    ),
+    "JSON": '{"body": {}}',
+    "comma": "[body]\nmass = 0,5\n",
+    "commas": "[body]\ncentre_of_mass = [0,0 0,0 0,6]\n",
+    "semicolons": "[body]\ngravity = [0.0; 0.0; -9.81]\n",
+    "typographic quotes": "[body]\nkind = “heavy_top”\n",
+    "no brackets": "start\n",
+    "YAML": "body:\n  kind: standard\n",
+    "bare word": "[body]\nkind = standard\n",
+    "bare words": "title = My top\n",
+    "unit": "[body]\nmass = 0.5 kg\n",
+    "key twice": '[body]\nkind = "standard"\nkind = "suslov"\n',
+    "table twice": f"{BODY}{TIME}[body]\n",
+    "expression": "a = 1/7\n",
+    "UTF-16": "[body]".encode("utf-16"),
+    "Latin-1": b'title = "ok"\n# caf\xe9\n',
+    "nested": "a = " + "[" * 10**5,
+    "digits": "a = " + "9" * 5000,
+    "dots": "a." * 10**5 + "a = 1",
+    "spaced dots": '"a" .\t' * 10**5 + "a = 1",
+    "infinite": BODY + TIME.replace("end = 1", "end = inf"),
+    "1e400": BODY + TIME.replace("end = 1", "end = 1e400"),
+    "10^400": BODY + TIME.replace("end = 1", "end = 1" + "0" * 400),
+    "nan": f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [0, nan, 0] }}",
+    "tiny": f"{BODY}mass = 1e-100\n{TIME}",
+    "boolean": f"{BODY}mass = true\n{TIME}",
+    "empty": "",
+    "load table": f"{BODY}{TIME}[load]\nkind = 'sine'\n",
+    "list of bodies": "[[body]]\nx = 1\n" + TIME,
+    "unknown section": f"{BODY}{TIME}[intergrator]\n",
+    "a key without its table": f"mass = 1\n{BODY}{TIME}",
+    "a name of other programs": f"{BODY}{TIME}dt = 0.1\n",
+    "a name of other programs without its table": f"omega = [0, 0, 1]\n{BODY}{TIME}",
+    "a word for a list": f'{BODY}{TIME}[output]\nfigures = "path"\n',
+    "escape": f'"\\u001b[2J" = 1\n{BODY}{TIME}',
+    "unknown key": BODY + TIME.replace("t_end", "t_start = 0\nt_edn"),
+    "key of another kind": f"{BODY}{TIME}[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [0, 1]\n"
+    "values = [[0, 0, 1], [0, 0, 1]]\nfile = 'moment.csv'\n",
+    "nearest word": BODY.replace("standard", "Standard") + TIME,
+    "triangle": BODY.replace("2.5", "5") + TIME,
+    "no axis": BODY.replace("standard", "suslov") + TIME,
+    "axis by an unknown letter": BODY.replace("standard", "suslov") + 'axis = "w"\n' + TIME,
+    "option beside the integrator": BODY + TIME + '[integrator]\nname = "lie-midpoint"\ndissipation = 0.5\n',
+    "axis": f"{HELD}axis = [1, 0, 0]\n{TIME}",
+    "no centre": f"{BODY}mass = 1\n{TIME}",
+    "two shapes": f'[body]\nkind = "standard"\n[body.inertia]\ncuboid = {{ mass = 1, lengths = [1, 1, 1] }}\n'
+    f"ellipsoid = {{ mass = 1, semi_axes = [1, 1, 1] }}\n{TIME}",
+    "mass of a shape": f'[body]\nkind = "standard"\nmass = 1\n'
+    f"inertia = {{ cuboid = {{ mass = 1, lengths = [1, 1, 1] }} }}\n{TIME}",
+    "two forms": f"{BODY}{TIME}[start]\nrotation = {{ matrix = 1, vector = 2 }}",
+    "quaternion": f'{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 1, 0, 0], order = "wxyz" }}',
+    "no order": f"{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 0, 0, 0] }}",
+    "spin": f"{HELD}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 0.5] }}",
+    "load kind": f'{BODY}{TIME}[[load]]\nkind = "impulse"\n',
+    "no load kind": f"{BODY}{TIME}[[load]]\n",
+    "pulse": f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nstart = 2\nend = 1\n',
+    "no file": f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n',
+    "t_end": BODY + TIME.replace("end = 1", "end = -1"),
+    "step": BODY + TIME.replace("0.1", "0.3"),
+    "10^12 steps": BODY + TIME.replace("0.1", "1e-12"),
+    "automatic step": f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
+    "store": f"{BODY}{TIME}store = 0\n",
+    "order": f"{BODY}{TIME}[integrator]\norder = 5\n",
+    "no order of exact": f'{BODY}{TIME}[integrator]\nname = "exact"\norder = 2\n',
+    "option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ rtoll = 1e-9 }}\n',
+    "value of an option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ method = "RK4" }}\n',
+    "path": f'{BODY}{TIME}[output]\npath = "run.csv"\n',
 }
 
 
 @pytest.mark.parametrize("case", ONE_LINE)
 def test_errors_are_reported_in_a_line(case, write):
-    text, line = ONE_LINE[case]
-    assert lines(write, text)[0] == line
+    said(lines(write, ONE_LINE[case])[0])
 
 
 def test_a_hundred_megabytes_are_refused_unread(tmp_path):
@@ -633,19 +461,18 @@ def test_overrides(write):
 
 
 @pytest.mark.parametrize(
-    ("override", "message"),
+    "override",
     [
-        ("body.mass", "body.mass -> KEY=VALUE, for example body.mass=2.5"),
-        ("body.kind=suslov", "body.kind=suslov: suslov is not a TOML value -> "),
-        ("body.kind=suslov", """; for text 'body.kind="suslov"'"""),
-        ("body.mass=1/7", "body.mass=1/7: 1/7 is not a TOML value -> "),
-        ("body.mass=0,6", "; with a decimal point body.mass=0.6"),
-        ("start.run=rock.nc", """; for text 'start.run="rock.nc"'"""),
-        ("body.mass=2\nbody.kind=1", "body.mass=2\nbody.kind=1 -> one value on one line"),
+        "body.mass",
+        "body.kind=suslov",
+        "body.mass=1/7",
+        "body.mass=0,6",
+        "start.run=rock.nc",
+        "body.mass=2\nbody.kind=1",
     ],
 )
-def test_invalid_overrides(override, message, write):
-    with pytest.raises(ValueError, match=re.escape(message)):
+def test_invalid_overrides(override, write):
+    with says():
         read(write, BODY + TIME, override)
 
 
@@ -758,16 +585,16 @@ def outcome(data):
     except RunFileError as error:
         for line in str(error).splitlines():
             assert re.fullmatch(r"doc: \S+.*: .+ -> .+", line), line
-        return
+        return str(error)
     coming = forecast(run_file)
     if coming.steps > 2000 or (run_file.integrator.name == "continuous" and coming.steps * coming.turn > 1e3):
-        return
+        return "long"
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=UserWarning)
         try:
             run = run_file.simulate()
-        except (ValueError, SimulationError):
-            return
+        except (ValueError, SimulationError) as error:
+            return str(error)
     assert all(np.isfinite(v.values).all() for v in run.variables.values() if v.dtype.kind == "f")
     scheme = run_file.integrator.name
     by_order_only = ("total_energy", "energy_balance") if scheme == "split" else ()
@@ -775,6 +602,7 @@ def outcome(data):
         rounding = 10 * np.finfo(float).eps * rounded(run_file, run)[drift.units]
         bound = 1e-9 if scheme == "continuous" else 1e-11
         assert name in by_order_only or drift.relative < bound or drift.absolute < rounding, (name, drift, rounding)
+    return "run"
 
 
 def rounded(run_file, run):
@@ -790,14 +618,14 @@ def rounded(run_file, run):
     return {"1": 0.0, "kg m2 s-1": momentum, "J": momentum * speed + moments * speed * (time[-1] - time[0])}
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(documents())
-def test_generated_documents_end_in_a_sound_run_or_a_clear_error(data):
-    outcome(data)
+@pytest.mark.parametrize("count", [100, pytest.param(10_000, marks=pytest.mark.long)])
+def test_generated_documents_end_in_a_sound_run_or_a_clear_error(count):
+    ends = []
 
+    @settings(max_examples=count, deadline=None, derandomize=True)
+    @given(documents())
+    def each(data):
+        ends.append(outcome(data))
 
-@pytest.mark.long
-@settings(max_examples=10_000, deadline=None)
-@given(documents())
-def test_ten_thousand_generated_documents(data):
-    outcome(data)
+    each()
+    assert ends.count("run") >= 0.6 * len(ends), ends

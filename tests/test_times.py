@@ -17,7 +17,6 @@ from nontwist import (
     integrate,
     moment,
     nontwisting,
-    propagator,
     pulse,
     resample,
     simulate,
@@ -29,6 +28,7 @@ from nontwist import (
 from nontwist.errors import SimulationError, SimulationInterrupt, Status
 from nontwist.integrators import INTEGRATORS, Continuous, Gauss, Split
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
+from refusals import says
 
 TOP = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
 R0, W0 = Rotation.from_rotvec([0.5, 0.1, 0]), (1.0, -2.0, 6.0)
@@ -161,16 +161,6 @@ def test_a_member_is_a_run_with_outputs_as_well(name):
             assert np.array_equal(run[variable].values, many[variable].values[i]), variable
 
 
-def test_a_propagator_gives_the_run():
-    how = {"t_end": 2, "step": 0.1, "times": TIMES, "integrator": "gauss"}
-    call, run = propagator(TOP, **how), integrate(TOP, **how, **START)
-    for _ in range(2):
-        again = call(**START)
-        for array in ARRAYS:
-            assert np.array_equal(getattr(run, array), getattr(again, array)), array
-    assert again.to_dataset().identical(run.to_dataset())
-
-
 def test_integrators_in_python_have_outputs_too():
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": W0, "load": SPACE}
     x = np.array([0.05, 0.1, 0.37, 0.99])
@@ -242,9 +232,7 @@ def test_resampling_is_what_the_run_has_passed_through(name):
 def test_resampling_needs_the_functions_of_a_load():
     load = body_moment(lambda t: (np.sin(t), 1.0, 0.0)) + SPACE
     run = simulate(standard([3, 4, 5]), t_end=1, step=0.1, load=load, integrator="gauss", material_angular_velocity=W0)
-    with pytest.raises(
-        ValueError, match=r"holds the function .*<lambda>, which is not stored in the dataset; pass load="
-    ):
+    with says():
         resample(run, [0.55])
     asked = simulate(run_system(run), t_end=1, step=0.1, times=[0.55], load=load, integrator="gauss", **W_ONLY)
     assert resample(run, [0.55], load).directors.values == pytest.approx(asked.directors.values, abs=1e-14)

@@ -32,15 +32,12 @@ from nontwist import (
     standard,
 )
 from nontwist.driver import completion, tolerance
-from nontwist.driver.planning import planned
-from nontwist.driver.starts import start_of_one
-from nontwist.driver.tolerance import _partners, finer, first_step
 from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import largest_velocity
-from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
+from refusals import says
 from tolerance_problems import Motion, Task, error_of, generated, truth
 
 BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
@@ -202,20 +199,17 @@ def test_members_within_one_grid_have_bits_of_their_own():
 
 
 WRONG = [
-    ({"step": 0.1, "tolerance": 1e-6}, "give step= or tolerance=, not both"),
-    ({"tolerance": 0.2}, "tolerance must be at most 0.1 rad, got 0.2"),
-    ({"tolerance": -1}, "tolerance must be positive"),
-    ({"tolerance": 1e-6, "integrator": "exact"}, "exact has no steps that tolerance= could choose"),
-    (
-        {"tolerance": 1e-6, "integrator": "continuous"},
-        "continuous has no steps that tolerance= could choose; its own are Continuous",
-    ),
+    {"step": 0.1, "tolerance": 1e-6},
+    {"tolerance": 0.2},
+    {"tolerance": -1},
+    {"tolerance": 1e-6, "integrator": "exact"},
+    {"tolerance": 1e-6, "integrator": "continuous"},
 ]
 
 
-@pytest.mark.parametrize(("how", "message"), WRONG)
-def test_what_is_refused(how, message):
-    with pytest.raises(ValueError, match=message):
+@pytest.mark.parametrize("how", WRONG)
+def test_what_is_refused(how):
+    with says():
         integrate(BODY, t_end=1, **{**GAUSS, **how}, **W)
 
 
@@ -275,9 +269,7 @@ def test_an_undeclared_kink_is_told():
     def coarse(t):  # whose jumps no refinement meets
         return (np.sign(np.sin(4321 * t)), 0, 0)
 
-    with pytest.raises(
-        ValueError, match=r"^tolerance = 0\.002 is not reached: .*; name the times where the load jumps"
-    ):
+    with says():
         integrate(standard([3e-4, 4e-4, 5e-4]), t_end=1, load=body_moment(coarse), tolerance=0.002, order=16, **GAUSS)
     declared = body_moment(jump.terms[0].function, breakpoints=[SWITCH])
     run = integrate(nontwisting([3, 4, 5]), t_end=1, load=declared, tolerance=1e-12, **GAUSS)
@@ -311,27 +303,9 @@ def test_a_run_whose_end_hangs_on_its_start_is_told_the_tolerance_it_can_have():
     assert run.error_estimate <= run.tolerance
 
 
-@pytest.mark.parametrize("counts", [(1,), (2,), (4, 1, 6), (3, 5, 8)])
-def test_the_finer_grid_shares_nodes(counts):
-    grid = stretched(np.arange(len(counts) + 1.0), counts)
-    fine = finer(grid)
-    assert all(b >= 1.5 * a for a, b in zip(np.diff(grid.numbers), np.diff(fine.numbers), strict=True))
-
-    def times(one, k):
-        return np.interp(k, one.numbers, one.borders)
-
-    shared, numbers = _partners(grid, np.arange(fine.steps + 1))
-    assert times(fine, shared) == pytest.approx(times(grid, numbers), abs=1e-15)
-    assert {0, grid.steps} <= set(numbers.tolist())
-    assert len(shared) >= 1 + sum(n // 2 for n in counts)
-
-
 def test_steps_do_not_shrink_with_tolerances_below_round_off():
     """They are refused after a run, which was as long as they were small."""
     body = standard([3, 4, 5])
-    begin = start_of_one(body, None, None, None, (1, 2, 3), None, False)
-    plans = [planned(body, None, "gauss", 8, None, 1.0, None, None, "end", 0.0, goal) for goal in (1e-101, 2.0**-52)]
-    assert len({first_step(plan, begin) for plan in plans}) == 1
     with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
         simulate(body, t_end=1, tolerance=1e-101, material_angular_velocity=(1, 2, 3))
 
@@ -391,7 +365,7 @@ def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radiu
     assert run.directors[-1, 2] == pytest.approx([0, 0, -1], abs=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(12))
 def test_no_body_is_faster_than_its_bound(seed):
     """Slender ones, with and without weight, moments in space, and damping that couples the axes."""
     r = np.random.default_rng(seed)

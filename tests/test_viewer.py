@@ -47,6 +47,7 @@ from nontwist.viewer.cameras import camera_of
 from nontwist.viewer.content import STATES, content
 from nontwist.viewer.drawing import Motion
 from nontwist.viewer.panels import POINTS
+from refusals import said, says
 
 
 @pytest.fixture(scope="module")
@@ -141,9 +142,7 @@ def test_recordings_are_shown_as_runs_are(case3):
     assert Rotation.from_quat(q).as_matrix()[:, :, 2] == pytest.approx(turns.apply([1 / 3, 2 / 3, 2 / 3]), abs=1e-6)
     with pytest.raises(ValueError, match=r"the recording has no times; use view\(twist\(motion, time\)\)"):
         view(turns)
-    with pytest.raises(
-        ValueError, match="the twist about an axis fixed in space; the page shows axes fixed in the body"
-    ):
+    with says():
         view(twist(turns, free.time.values, axis_frame="space"))
 
 
@@ -153,14 +152,9 @@ def test_the_page_says_what_the_box_and_the_arrows_are():
     assert about["Box"] == "the inertia of the body"
     assert "Arrows" not in about
     seen = content(twist(run, axis="x"))
-    assert seen["about"]["Box"] == (
-        "generic, since a recording has no inertia: its longest edge need not be that of the body"
-    )
+    said(seen["about"]["Box"])
     assert seen["about"]["Arrows"] == "n: the body axis (1, 0, 0); t₁, t₂: fixed in the body, perpendicular to n"
-    assert seen["watch"] == (
-        "The wedge is the twist: the angle by which the body has turned about its axis, relative to a non-twisting "
-        "frame."
-    )
+    said(seen["watch"])
     held = content(simulate(suslov([3, 4, 5], (0, 1, 0)), t_end=1, step=0.05, material_angular_velocity=(1, 0, 1)))
     assert held["about"]["Arrows"] == "n: the body axis (0, 1, 0); t₁, t₂: fixed in the body, perpendicular to n"
     assert held["watch"].startswith("The body may not turn about n: ")
@@ -234,16 +228,13 @@ def test_a_run_in_words():
 
 
 def test_what_is_no_run_is_refused(case3):
-    for bad, message in (
-        (
-            42,
-            r"view accepts runs of simulate, .*, recordings with their times, and what twist returns for them; got 42",
-        ),
-        (case3[0].drop_vars("kinetic_energy"), "not a run of simulate: it lacks kinetic_energy"),
-        (case3[0].isel(time=[0]), "the run has a single state"),
-        (case3[0].expand_dims(member=3), r"an ensemble of 3 runs; view\(run.isel\(member=0\)\) shows one"),
+    for bad in (
+        42,
+        case3[0].drop_vars("kinetic_energy"),
+        case3[0].isel(time=[0]),
+        case3[0].expand_dims(member=3),
     ):
-        with pytest.raises(ValueError, match=message):
+        with says():
             view(bad)
 
 
@@ -310,10 +301,7 @@ def test_a_recording_that_needs_options_names_them(tmp_path):
     )
     shown = nontwist(str(path), "--out", str(tmp_path / "both.html"), "--no-open")
     assert shown.exit_code == 3
-    assert shown.stderr == (
-        f"{path}: more than one set of columns contains an orientation (a_qx, a_qy, a_qz, a_qw; b_qx, b_qy, b_qz, "
-        "b_qw); --body takes one of a, b; or name the columns to take: --columns\n"
-    )
+    said(shown.stderr)
 
 
 def test_the_title_of_a_run_file_is_that_of_the_page(case3, tmp_path, monkeypatch):
@@ -354,16 +342,15 @@ def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
 def test_errors_are_reported(case3, tmp_path):
     save_run(case3[0], tmp_path / "run.nc")
     save_run(case3[0].drop_vars("kinetic_energy"), tmp_path / "part.nc")
-    for arguments, code, message in (
-        (["nothing.nc"], 5, "no such file: nothing.nc"),
-        ([tmp_path / "run.nc", tmp_path / "part.nc"], 3, "the second run: not a run of simulate: it lacks kinetic"),
-        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5, "there is no folder /nonexistent; make it first"),
-        ([], 2, "Missing argument"),
+    for arguments, code in (
+        (["nothing.nc"], 5),
+        ([tmp_path / "run.nc", tmp_path / "part.nc"], 3),
+        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5),
+        ([], 2),
     ):
         result = nontwist(*arguments, *["--no-open"] * bool(arguments))
         assert result.exit_code == code
-        assert message in result.stderr
-        assert "Traceback" not in result.stderr
+        said(result.stderr.rpartition("Error: ")[2])
 
 
 CHART = "document.querySelector('.chart').toDataURL()"

@@ -1,9 +1,7 @@
 """Every writer asks before it replaces, and one function opens every file that is written."""
 
-import ast
 import errno
 import os
-from collections import Counter
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -14,13 +12,10 @@ from typer.models import OptionInfo
 from typer.testing import CliRunner
 
 pytest.importorskip("resource")
-import nontwist
 from faults.writers import WRITERS, prepare
 from nontwist import plot
 from nontwist.cli import app
 from nontwist.io.whole import reserved_path
-
-SOURCE = Path(nontwist.__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -108,55 +103,6 @@ def test_every_command_that_writes_asks_and_is_tried():
     asking = {name for name, hints in options.items() if "force" in hints}
     assert asking == writing - {"sweep"}
     assert asking == {name.split()[0] for name in WRITERS if name not in PYTHON}
-
-
-WRITES = {"savefig", "savetxt", "savez", "to_csv", "to_netcdf", "tofile", "write_bytes", "write_text"}
-INTO_OPEN_FILES = {
-    ("cli/options.py", "write_text"): 1,  # of the formatter of help
-    ("io/exports.py", "savez"): 1,
-    ("io/exports.py", "to_csv"): 1,
-    ("io/whole.py", "open"): 1,
-    ("paper/reproduction.py", "savetxt"): 1,
-    ("plot/journals.py", "savefig"): 2,
-    ("viewer/films.py", "savefig"): 1,
-}
-
-
-def writing(call):
-    """The name of a call that may write a file: one of `WRITES`, or an `open` that does not only read."""
-    name = getattr(call.func, "attr", getattr(call.func, "id", ""))
-    if name != "open":
-        return name if name in WRITES else None
-    if call.args and ast.unparse(call.args[0]) == "os.devnull":
-        return None
-    texts = [one.value for one in [*call.args, *(k.value for k in call.keywords)] if isinstance(one, ast.Constant)]
-    return name if any(set("wax+") & set(text) and set(text) <= set("rwaxbt+") for text in map(str, texts)) else None
-
-
-def test_files_are_written_in_one_place():
-    """Each of these calls writes into memory or into what `written` yields; a new one is looked at, and listed here."""
-    found = Counter(
-        (path.relative_to(SOURCE).as_posix(), name)
-        for path in SOURCE.rglob("*.py")
-        if any(name in (text := path.read_text(encoding="utf-8")) for name in ("open", *WRITES))
-        for call in ast.walk(ast.parse(text))
-        if isinstance(call, ast.Call) and (name := writing(call))
-    )
-    assert found == INTO_OPEN_FILES
-
-
-def test_the_last_test_sees_what_it_looks_for():
-    for text in (
-        'open(p, "w")',
-        'p.open("xb")',
-        'open(p, mode="a")',
-        'open(p, "r+")',
-        "p.write_text(t)",
-        "f.savefig(p)",
-    ):
-        assert writing(ast.parse(text, mode="eval").body), text
-    for text in ("open(p)", 'open(p, "rb")', 'p.open(encoding="utf-8")', "webbrowser.open(url)", "zarr.open_group(p)"):
-        assert not writing(ast.parse(text, mode="eval").body), text
 
 
 def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any
 
 from docutils.nodes import Node
+from sphinx.addnodes import desc_signature
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import logging
@@ -69,7 +70,14 @@ class Public(SphinxDirective):
                 lines += [f".. autodata:: {module}.{name}", "   :no-value:", "", *comment(namespace, name), ""]
             else:
                 lines += [f".. autofunction:: {module}.{name}", ""]
-        return self.parse_text_to_nodes("\n".join(lines))
+        entries = self.parse_text_to_nodes("\n".join(lines))
+        for entry in entries:
+            for signature in entry.findall(desc_signature):
+                name = f"nontwist.{signature['fullname']}"  # where the page of a source that has both kinds leads
+                if name not in self.state.document.ids:
+                    signature["ids"].append(name)
+                    self.state.document.ids[name] = signature
+        return entries
 
 
 def complain(app: Sphinx, env: object) -> None:

@@ -117,7 +117,7 @@ class Exact(Integrator):
         if systems.has_dead_force:
             return _no_solution(FORCES)
         if systems.axis is not None and not (is_fine := is_principal(systems)).all():
-            return f"member {int(is_fine.argmin())}: " * (len(systems) > 1) + _no_solution(SUSLOV)
+            return f"member {int(is_fine.argmin())}: " * (len(problem) > 1) + _no_solution(SUSLOV)
         if load.rotors:
             return None
         if load.depends_on_state:

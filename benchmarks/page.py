@@ -32,7 +32,7 @@ passes in shuffled order. A range covers as many figures as the number behind it
 [measured.csv](performance/measured.csv) has each of them, and those of start-up, outputs, single steps, sweeps, frames,
 files and pages.
 """
-ON_THE_PAGE = ("workprecision", "defaults", "ensembles", "derivatives", "longruns")
+ON_THE_PAGE = ("workprecision", "defaults", "ensembles", "derivatives")
 
 
 def page_of(found: dict[str, Measured]) -> str:
@@ -67,7 +67,8 @@ def shown(topic: str, about: Measured) -> Table:
         return Table("", about.tables[0].header, about.tables[0].cells)
     found: dict[tuple[str, str], list[Row]] = {}
     for row in about.rows:
-        if row.measured is not None and not row.name.startswith(" "):  # not: beneath another
+        is_beneath = row.name.startswith(" ")
+        if row.measured is not None and not is_beneath and row.unit != "MB":
             what = row.name.rpartition(": ")[2].partition(", grows like")[0]
             found.setdefault((what, row.unit), []).append(row)
     return Table("", ["what", "measured"], [together(what, rows) for (what, _), rows in found.items()])

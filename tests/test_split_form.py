@@ -132,7 +132,9 @@ def test_what_is_refused():
     body, q = standard(PAPER_J), np.stack([np.eye(3), np.diag([1, 1, -1.0])])
     with pytest.raises(ValueError, match=r"^directors\[1\] is not an orthonormal, right-handed triad of rows$"):
         split_form.momentum(body, q, np.zeros(3))
-    with pytest.raises(ValueError, match=r"^momentum_perp\[1\] is not tangent at the director of the axis; split_mom"):
+    with pytest.raises(
+        ValueError, match=r"^momentum_perp\[1\] is not tangent at the director of the axis; split_form.mom"
+    ):
         split_form.rates(body, np.eye(3), [[1, 0, 0], [1, 0, 1e-8]], 0)
     with pytest.raises(ValueError, match=r"^the leading axes must .* got directors \(2, 3, 3\), angular"):
         split_form.energy(body, q[[0, 0]], np.zeros((3, 3)))

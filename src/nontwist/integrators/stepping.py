@@ -120,5 +120,6 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
     q, v = (np.array(part) for part in zip(*states, strict=True))
     used_most = None if counts is None else np.array([iterations], dtype=np.int64)
     means = whole.means.of_integrals(between[None], outputs.length[:n], used_most).of_one
-    parts = [None if array is None else array[first:] for array in (q, v, *list(means.values())[:4])]
-    return March._make([*parts, failure])
+    parts: list[Any] = [None if array is None else array[first:] for array in (q, v, *list(means.values())[:4])]
+    q, v, multipliers, moment, work, most = parts
+    return March(q, v, multipliers, moment, work, most, failure)

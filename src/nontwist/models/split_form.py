@@ -226,7 +226,7 @@ def _split_states(
     lead, states = _states(directors, momentum_perp=(perp, (3,)), momentum_par=(par, ()), **given)
     d = (np.eye(3)[2] if body.axis is None else body.axis) @ states[0]
     bad = np.abs(dot(d, states[1])) > TOLERANCE * norm(states[1]) + TINY
-    reason = "is not tangent at the director of the axis; momentum returns the tangent part"
+    reason = "is not tangent at the director of the axis; split_form.momentum returns the tangent part"
     refuse(bad.reshape(lead), "momentum_perp", reason)
     return lead, states
 

@@ -73,7 +73,9 @@ def body_table(system: DirectorSystem) -> dict[str, Any]:
     """Return the table of a body."""
     kind = system.name.split(" ")[0]
     if kind not in BODIES or "mass" in BODIES[kind].takes:
-        kind = "standard" if system.axis is None else "suslov"
+        is_held = system.axis is not None
+        fitting = (name for name, one in BODIES.items() if ("axis" in one.takes) == is_held and "mass" not in one.takes)
+        kind = next(fitting)
     table = {"kind": kind, "inertia": system.inertia.tolist()}
     if "axis" in BODIES[kind].takes and system.axis is not None:
         table["axis"] = system.axis.tolist()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nontwist import integrate, propagator, simulate, stepper
-from nontwist.integrators import INTEGRATORS, Problem
+from nontwist.integrators import INTEGRATORS, IVP
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
 
@@ -41,10 +41,10 @@ def rows() -> list[Row]:
     return [*found, *overhead()]
 
 
-def problem(w: Workload) -> Problem:
+def problem(w: Workload) -> IVP:
     """Return the prepared problem, all steps stored."""
     start = np.eye(4)[3:], np.array([w.velocity], dtype=float)
-    return Problem(stacked(w.system), *start, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1), intervals=True)
+    return IVP(stacked(w.system), *start, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1), intervals=True)
 
 
 def marching(name: str, key: str) -> Callable[[], Any]:

@@ -46,7 +46,7 @@ from nontwist.fitting.bodies import Model, Pivot, Wheel, symmetric
 from nontwist.fitting.estimating import whole
 from nontwist.fitting.linear import weak_form
 from nontwist.fitting.orienting import continuous
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals
 from nontwist.fitting.solving import Solution
 from nontwist.fitting.speeds import as_speed
 
@@ -183,7 +183,7 @@ def truth(case: Case) -> tuple[Any, Any]:
         speed = as_speed(time, readings)
         values = np.interp(speed.knots, *case.speed)
     stretch = Stretch(time, rates, speed, attitudes, attitudes is None or len(case.recording) == 3)
-    problem = Problem([stretch], Priors(BIAS, SCALE), case.noise, "linear", whole([stretch]), case.model, case.tilt)
+    problem = Shooting([stretch], Priors(BIAS, SCALE), case.noise, "linear", whole([stretch]), case.model, case.tilt)
     unit = case.model.unit
     at = Unknowns(case.inertia / unit, case.bias, case.scale, case.start[None], case.more, values)
     r, A = residuals(problem, at)

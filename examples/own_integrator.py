@@ -19,7 +19,7 @@ import numpy as np
 from nontwist import Load, body_moment, heavy_top, integrate, nontwisting, rotations, space_moment, suslov
 from nontwist.geometry.arrays import Array
 from nontwist.integrators import INTEGRATORS, Continuous
-from nontwist.integrators.base import SPIN, Failure, Integrator, March, Problem, Status
+from nontwist.integrators.base import IVP, SPIN, Failure, Integrator, March, Status
 from nontwist.integrators.stepping import Step, march
 
 TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights
@@ -55,11 +55,11 @@ class MuntheKaas(Integrator):
     orders: ClassVar[tuple[int, ...]] = tuple(TABLEAUX)
     order: int = 4
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why the body is not accepted, or None if it is."""
         return None if problem.systems.spin is None else SPIN.format(self.name)
 
-    def march_one(self, problem: Problem) -> March:
+    def march_one(self, problem: IVP) -> March:
         """Integrate `problem` step by step."""
         if reason := self.refusal(problem):
             raise ValueError(reason)
@@ -67,7 +67,7 @@ class MuntheKaas(Integrator):
         return march(problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float)
 
 
-def step(problem: Problem, nodes: Sequence[float], weights: Sequence[float], k: int, q: Array, v: Array) -> Step:
+def step(problem: IVP, nodes: Sequence[float], weights: Sequence[float], k: int, q: Array, v: Array) -> Step:
     """Take the step `k` from directors `q` and their velocities `v`, both by rows."""
     n, h = problem.system.axis, problem.step_at(k)
     constraints = 0 if n is None else 1
@@ -96,7 +96,7 @@ def step(problem: Problem, nodes: Sequence[float], weights: Sequence[float], k: 
     return Step(q1, v1, np.full(constraints, mu), m, h * power, 0, None)
 
 
-def rates(problem: Problem, t: float, q: Array, W: Array) -> tuple[Array, float, Array]:
+def rates(problem: IVP, t: float, q: Array, W: Array) -> tuple[Array, float, Array]:
     """Return W', the multiplier μ and the spatial moment of the load."""
     body = problem.system
     m = problem.load.moment(t, q, W @ q)

@@ -18,7 +18,7 @@ from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.engine.sampling import Nodes
 from nontwist.integrators import INTEGRATORS
-from nontwist.integrators.base import Problem
+from nontwist.integrators.base import IVP
 from nontwist.integrators.compiled import Compiled
 from nontwist.kernels.elements import sqrt
 from nontwist.kernels.vectors import compensated, cross
@@ -58,7 +58,7 @@ class LieEuler(Compiled):
     orders: ClassVar[tuple[int, ...]] = (1,)
     order: int = 1
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why a problem is not accepted that the step has no term for, None if it is."""
         is_free = problem.systems.axis is None and not problem.systems.has_dead_force
         if is_free and all(isinstance(term, Damping) for term in problem.load.terms):

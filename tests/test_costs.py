@@ -27,7 +27,7 @@ from nontwist.driver import costs, grid
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
-from nontwist.integrators import DEFAULT, INTEGRATORS, Continuous, Problem, continuous, exact_solution
+from nontwist.integrators import DEFAULT, INTEGRATORS, IVP, Continuous, continuous, exact_solution
 from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
 from nontwist.models.stack import stacked
@@ -92,7 +92,7 @@ def told(path):
 
 
 def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
-    return Problem(stacked(system), np.eye(4)[3:], np.array([W]), load, 0.0, span, steps, np.array([0, steps]))
+    return IVP(stacked(system), np.eye(4)[3:], np.array([W]), load, 0.0, span, steps, np.array([0, steps]))
 
 
 # exact

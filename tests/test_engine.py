@@ -26,7 +26,7 @@ from nontwist import (
 )
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.compiled import Compiled
-from nontwist.integrators.problem import Problem
+from nontwist.integrators.problem import IVP
 from nontwist.integrators.stack_march import StackMarch
 
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
@@ -65,7 +65,7 @@ def stack(bodies, W, load, scales, steps=60):
     load = compiled_load(pushing) + damping(0.1) if load is None else load
     q = np.tile([0.5, 0.5, -0.5, 0.5], (len(W), 1))
     grid = 0.0, 0.02 * steps, steps, np.arange(steps + 1)
-    return Problem(DirectorSystem.stack(bodies), q, W, load, *grid, scales, intervals=True)
+    return IVP(DirectorSystem.stack(bodies), q, W, load, *grid, scales, intervals=True)
 
 
 def starts(body, m):

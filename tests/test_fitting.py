@@ -20,7 +20,7 @@ from nontwist.fitting.estimating import estimate, short, whole
 from nontwist.fitting.linear import pencil, turns, with_moments
 from nontwist.fitting.motions import Motion, RunawayError, responses
 from nontwist.fitting.quality import correlation, noise_of
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
+from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import triangle
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
@@ -181,7 +181,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
     lanes = short([stretch])
     assert len(lanes) > 2
     assert [one.joined for one in lanes] == [True] * (len(lanes) - 1) + [False]
-    problem = Problem([stretch], PRIORS, 1e-3, "linear", lanes)
+    problem = Shooting([stretch], PRIORS, 1e-3, "linear", lanes)
     starts = stretch.rates[[one.first for one in lanes]]
     at = Unknowns(J, np.array([0.01, 0, 0.02]), 1.01, starts)
 

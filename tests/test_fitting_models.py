@@ -31,7 +31,7 @@ from nontwist.fitting.chart import Weighed, of_a_body
 from nontwist.fitting.estimating import short
 from nontwist.fitting.linear import with_moments
 from nontwist.fitting.motions import Motion, responses
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
+from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import as_speed, refined
 from nontwist.fitting.telling import covariance, quantile, walled
 from nontwist.geometry.tensors import ENTRIES
@@ -142,7 +142,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
     recording = swing()
     stretch = Stretch(recording.time.values, recording.gyroscope.values)
     lanes, model = short([stretch]), Model(Pivot(MASS, FAR, None, 9.81), damping=1, unit=0.05)
-    problem = Problem([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
+    problem = Shooting([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
     downs = np.random.default_rng(1).normal(size=(len(lanes), 3))
     starts = np.concatenate([stretch.rates[[one.first for one in lanes]], downs], axis=1)
 
@@ -166,7 +166,7 @@ def test_the_derivatives_with_a_rotor_and_a_constraint_are_those_of_differences(
         short([stretch]),
         Model(pivot, damping=1, wheel=wheel, constraint=np.array([0.0, 0.8, 0.6]), unit=6e-4),
     )
-    problem = Problem([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
+    problem = Shooting([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
     down = np.tile([[0.0, 0.6, -0.8]], (len(lanes), 1))
     starts = np.concatenate([stretch.rates[[one.first for one in lanes]], down], axis=1)
     parts = np.cumsum([6, len(beside), 3, 1, starts.size])

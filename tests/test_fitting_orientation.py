@@ -18,7 +18,7 @@ from nontwist.fitting.estimating import short
 from nontwist.fitting.motions import Motion, responses
 from nontwist.fitting.orienting import continuous, derived_rates, noise_of_attitudes, scatter_of_attitudes
 from nontwist.fitting.result import Part
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
+from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import constant
 from nontwist.fitting.telling import quantile
 from nontwist.runfile import read_run_file
@@ -96,7 +96,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(model, has_gy
     speed = constant(time, 40.0) if model.wheel is not None else None
     stretch = Stretch(time, rates, speed, q, has_gyroscope)
     lanes = short([stretch])
-    problem = Problem([stretch], Priors(0.02, 0.01), 1e-3, "linear", lanes, model, TILT)
+    problem = Shooting([stretch], Priors(0.02, 0.01), 1e-3, "linear", lanes, model, TILT)
     rng = np.random.default_rng(0)
     # far from the recorded attitudes, where the second order of T counts
     parts = [rates[[one.first for one in lanes]]]

@@ -16,7 +16,7 @@ from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short
 from nontwist.fitting.orienting import continuous
 from nontwist.fitting.sensing import Sensor
-from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals, stacked
+from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals, stacked
 from nontwist.fitting.speeds import constant
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
@@ -76,7 +76,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(model, places
     deviation = np.zeros(7)
     deviation[places] = 0.1
     sensor = Sensor(np.array([0.1, 0.4, -0.2, 0.9, 1.1, 1.2, 0.004]), deviation)
-    problem = Problem([stretch], Priors(0.02, 0.01, sensor), 1e-3, "linear", lanes, model, TILT)
+    problem = Shooting([stretch], Priors(0.02, 0.01, sensor), 1e-3, "linear", lanes, model, TILT)
     firsts = [one.first for one in lanes]
     parts = [rates[firsts], q[firsts]]
     if model.pivot is not None:

@@ -15,7 +15,7 @@ from llvmlite import binding
 from nontwist import Load, heavy_top, nontwisting, sine, standard, suslov
 from nontwist.engine.outputs import CALL, IN_BLOCK
 from nontwist.engine.records import BLOCK
-from nontwist.integrators import INTEGRATORS, Problem
+from nontwist.integrators import INTEGRATORS, IVP
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 
@@ -52,7 +52,7 @@ def prepared(name, order, body, load):
     if system.axis is not None:
         W -= (system.axis @ W) * system.axis
     start = np.eye(4)[3:], W[None]
-    problem = Problem(stacked(system), *start, LOADS[load], 0.0, 1.0, 20, np.arange(21), intervals=True)
+    problem = IVP(stacked(system), *start, LOADS[load], 0.0, 1.0, 20, np.arange(21), intervals=True)
     sound = StackMarch._run
 
     def record(self, todo, width, first, last):

@@ -29,7 +29,7 @@ from nontwist import (
 from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, Split, stack_march
-from nontwist.integrators.problem import Problem
+from nontwist.integrators.problem import IVP
 from nontwist.models.stack import stacked
 from refusals import says
 
@@ -368,7 +368,7 @@ def test_a_step_under_moments_of_the_moving_frame_is_forecast_as_one():
     """A held body takes them by quadrature; others have a substep for each node of the composition."""
     start, grid = (np.eye(4)[3:], np.array([[1.0, 2, 0]])), (0.0, 0.01, 100, np.array([0, 100]))
     seconds = [
-        Split(order=4).cost(Problem(stacked(body), *start, load, *grid), 2).seconds
+        Split(order=4).cost(IVP(stacked(body), *start, load, *grid), 2).seconds
         for body in (nontwisting(PAPER_J), BODIES["standard"]())
         for load in (sine((1, 2, 0.5), 0.7), damping(0.3))
     ]

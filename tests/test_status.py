@@ -22,7 +22,7 @@ from nontwist import (
 )
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS, LieMidpoint, time_grid
-from nontwist.integrators.problem import Problem
+from nontwist.integrators.problem import IVP
 from nontwist.models.stack import stacked
 from refusals import says
 
@@ -32,7 +32,7 @@ ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (0.1, 3
 
 
 def grid(t_start, t_end, N):
-    return Problem(stacked(BODY), np.eye(4)[3:], np.zeros((1, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
+    return IVP(stacked(BODY), np.eye(4)[3:], np.zeros((1, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
 
 
 def test_grids_begin_and_end_exactly():

@@ -28,7 +28,7 @@ from nontwist.driver.single_run import PreparedPlan, integrated
 from nontwist.driver.starts import start_of_one
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.integrators.problem import Problem
+from nontwist.integrators.problem import IVP
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
@@ -239,7 +239,7 @@ def test_a_long_table_is_marched_in_one_call():
 
 
 def test_steps_differ_from_stretch_to_stretch():
-    problem = Problem(stacked(BODY), np.eye(4)[3:], np.ones((1, 3)), Load(), 0.0, 3.0, 6, np.array([0, 6]))
+    problem = IVP(stacked(BODY), np.eye(4)[3:], np.ones((1, 3)), Load(), 0.0, 3.0, 6, np.array([0, 6]))
     assert (problem.step, problem.step_at(5)) == (0.5, 0.5)
     several = replace(problem, stretches=stretched((0, 1, 3), (4, 2)))
     assert [several.step_at(k) for k in range(6)] == [0.25] * 4 + [1.0] * 2

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..integrators.base import Integrator, Outcome, Problem, Status
+from ..integrators.base import IVP, Integrator, Outcome, Status
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
 from .variables import (
@@ -46,7 +46,7 @@ def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
 
 
 def dataset(
-    scheme: Integrator, ensemble: Problem, outcome: Outcome, variables: tuple[str, ...], reduce: tuple[str, ...]
+    scheme: Integrator, ensemble: IVP, outcome: Outcome, variables: tuple[str, ...], reduce: tuple[str, ...]
 ) -> xarray.Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
@@ -71,7 +71,7 @@ def dataset(
     return assembled(found, placed, _record(scheme, ensemble))
 
 
-def rotor_momenta(ensemble: Problem, times: Array) -> Array | None:
+def rotor_momenta(ensemble: IVP, times: Array) -> Array | None:
     """Return the momentum of the rotors of members at (k,) times, (m or 1, k, 3); None where there are none."""
     if not ensemble.load.rotors:
         return None
@@ -85,7 +85,7 @@ def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:
     return {"long_name": "how the run of the member ended", **flags}
 
 
-def _of_members(ensemble: Problem) -> dict[str, Any]:
+def _of_members(ensemble: IVP) -> dict[str, Any]:
     """Return the variables that differ between members, without the starts: bodies and scales of the load."""
     systems, found = ensemble.systems, dict[str, Any]()
     if len(systems) > 1:
@@ -106,7 +106,7 @@ def _of_members(ensemble: Problem) -> dict[str, Any]:
     return found
 
 
-def _record(scheme: Integrator, ensemble: Problem) -> dict[str, Any]:
+def _record(scheme: Integrator, ensemble: IVP) -> dict[str, Any]:
     """Return the settings of the runs as plain attributes."""
     systems, scale = ensemble.systems, ensemble.load_scale
     load = float(scale[0]) * ensemble.load if len(scale) == 1 and ensemble.load.terms else ensemble.load

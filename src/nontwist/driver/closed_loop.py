@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_number, as_positive, vector
 from ..geometry.values import shown
-from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
+from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
@@ -25,8 +25,7 @@ from .completion import OVERFLOW
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
 from .planning import internal_states, resolve_integrator
-from .problem import OfStart, part_of
-from .problem import Problem as Posed
+from .problem import OfStart, Problem, part_of
 from .starts import BodyState, start_of_one
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def stepper(
-    system: DirectorSystem | Posed,
+    system: DirectorSystem | Problem,
     step: float | None = None,
     *,
     integrator: str | Integrator = "lie-midpoint",
@@ -88,7 +87,7 @@ def stepper(
     >>> max(abs(W) for W in state.material_angular_velocity) < 0.05
     True
     """
-    problem = system if isinstance(system, Posed) else Posed(system)
+    problem = system if isinstance(system, Problem) else Problem(system)
     step = problem.step if step is None else step
     if step is None:
         raise ValueError("give step=, the length of all steps")
@@ -290,7 +289,7 @@ class Stepper:
                 "count times from a start at 0"
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
-        problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
+        problem = IVP(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         internal = internal_states(systems, self.load, begin, t)
         rest = None if internal is None or internal.shape[1] == self._own else internal[:, self._own :]
         numbers = self._single.begin(replace(problem, internal=rest))

@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 
 from ..geometry.values import number_text
-from ..integrators import Integrator, Problem
+from ..integrators import IVP, Integrator
 
 COARSE_STEP = "the step is coarse"
 COARSE, FINE = 0.1, 0.002  # rad at the end: that is reported, and that of the step that is advised
 
 
-def phase_error(scheme: Integrator, problem: Problem, fastest: float) -> float:
+def phase_error(scheme: Integrator, problem: IVP, fastest: float) -> float:
     """Return by how much a steady rotation at `fastest` rad/s is off at the end, rad."""
     if scheme.turns_exactly(problem):
         return 0.0
@@ -35,7 +35,7 @@ def unremarkable(scheme: Integrator, step: float, span: float) -> float:
     return min(scheme.largest_turn / step, math.cbrt(12 * COARSE / span) / math.cbrt(step) ** 2)
 
 
-def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | None:
+def coarseness(scheme: Integrator, problem: IVP, fastest: float) -> str | None:
     """Return what to say of a step in which a body that turns at up to `fastest` rad/s turns too far; else None."""
     if scheme.any_times or problem.asked is not None or (scheme.is_exact_without_load and problem.is_free):
         return None

@@ -17,7 +17,7 @@ from ..analysis.variables import NODES, observables, potentials_of
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
 from ..integrators import Integrator, Status
-from ..integrators.base import Failure, Outcome, Problem
+from ..integrators.base import IVP, Failure, Outcome
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
 from ..integrators.wheels import as_gyrostat, of_locked, put_works_between, with_wheels, with_works
@@ -36,7 +36,7 @@ NOT_INCREASING = "the output times do not increase up to t_end"
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
 
 
-def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
+def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate `problem` and check the outcome, which depends on the arguments alone.
 
     Members that fail the check are marked as failed; after the valid states of a member its numbers are NaN.
@@ -77,7 +77,7 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
     return outcome._replace(reasons=reasons)
 
 
-def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
+def _march(scheme: Integrator, problem: IVP, threads: int) -> Outcome:
     """Integrate a problem, one with wheels as that of gyrostats, member by member."""
     if not problem.load.wheels:
         return scheme.march(problem, threads)
@@ -90,7 +90,7 @@ def _march(scheme: Integrator, problem: Problem, threads: int) -> Outcome:
     return found.at(whole, problem)
 
 
-def between(scheme: Integrator, problem: Problem, states: States) -> States | None:
+def between(scheme: Integrator, problem: IVP, states: States) -> States | None:
     """Return the states of one body at the times asked for, as `Integrator.between`."""
     if not problem.load.wheels:
         return scheme.between(problem, states)
@@ -109,7 +109,7 @@ def between(scheme: Integrator, problem: Problem, states: States) -> States | No
     return whole
 
 
-def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
+def _failed_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
     """Yield members with numbers that are not finite or missing states, their valid states, and the failure."""
     done, expected, times = outcome.failures[:, 0] == Status.OK, len(problem.output), problem.output
     at_end = problem.asked is not None or times[-1] == problem.t_end
@@ -129,7 +129,7 @@ def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, i
             yield i, 1, problem.failed(1, Status.NOT_FINITE, OVERFLOW.format(name))
 
 
-def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
+def _is_safe(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:
     """Whether nothing of a member can overflow, and its quaternions are of unit length, (m,)."""
     m, k = outcome.states.quaternion.shape[:2]
     E = np.maximum(abs(problem.systems.euler_inertia).max(axis=(1, 2)), 1.0)
@@ -143,7 +143,7 @@ def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
     return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(problem, outcome).all(axis=1))
 
 
-def _finite_columns(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
+def _finite_columns(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:
     """Whether what was observed is finite, (m, COLUMNS); a reaction moment has no first value, a free body none."""
     assert outcome.observed is not None
     finite = np.isfinite(outcome.observed)
@@ -153,7 +153,7 @@ def _finite_columns(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
     return np.asarray(finite.all(axis=1), dtype=np.bool_)
 
 
-def _ends_of_member(problem: Problem, outcome: Outcome, i: int) -> Iterator[tuple[int, str]]:
+def _ends_of_member(problem: IVP, outcome: Outcome, i: int) -> Iterator[tuple[int, str]]:
     """Yield how many states come before the first that is not valid, and what is wrong with it, for each variable."""
     n = int(outcome.good[i])
     own = outcome.states.part(slice(i, i + 1), slice(n))

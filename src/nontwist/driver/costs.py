@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from ..integrators import Integrator, Problem
+from ..integrators import IVP, Integrator
 from ..integrators.costs import Cost
 from . import grid
 
@@ -12,15 +12,13 @@ LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
 STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
 
 
-def run_cost(scheme: Integrator, problem: Problem, states: int) -> Cost:
+def run_cost(scheme: Integrator, problem: IVP, states: int) -> Cost:
     """Return the estimated cost of a run that stores `states`; `problem.stored` is ignored."""
     cost = scheme.cost(problem, states)
     return cost._replace(seconds=cost.seconds + states * STATE_NS * 1e-9, size=cost.size + states * grid.STATE)
 
 
-def members_cost(
-    scheme: Integrator, problem: Problem, members: int, states: int, size: int = 0, threads: int = 1
-) -> Cost:
+def members_cost(scheme: Integrator, problem: IVP, members: int, states: int, size: int = 0, threads: int = 1) -> Cost:
     """Return the estimated cost of `members` like `problem`, whose states need `size` bytes."""
     one, threads = scheme.cost(problem, states), min(threads, members)
     together = scheme.together > 0 and problem.load.is_compiled

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES, Described, assembled, coordinates
 from ..geometry.arrays import Array, as_array
-from ..integrators import Problem
+from ..integrators import IVP
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.memory_tangents import RememberingSteps, require_derivatives
@@ -23,8 +23,7 @@ from ..models.system import DirectorSystem
 from .grid import stored_steps
 from .parameters import EVERY, Parameters
 from .planning import Plan
-from .problem import OfStored, plan_of, posed, start_of, takes
-from .problem import Problem as Posed
+from .problem import OfStored, Problem, plan_of, posed, start_of, takes
 from .single_run import AT_REST, PreparedPlan, integrated, run_of
 from .starts import Starts
 
@@ -36,7 +35,7 @@ class Solved(NamedTuple):
     """A run with all its states, and what its derivatives are made of."""
 
     run: Trajectory
-    problem: Problem
+    problem: IVP
     kept: NDArray[np.int64]  # (steps,) 1 where the end of a step is stored
     rows: NDArray[np.int64]  # numbers of the stored states
     removed: float  # rad/s, of the velocity that was given, along the constrained axis
@@ -44,7 +43,7 @@ class Solved(NamedTuple):
 
 @takes(OfStored)
 def sensitivities(
-    system: DirectorSystem | Posed,
+    system: DirectorSystem | Problem,
     *,
     wrt: str | Iterable[str] = EVERY,
     **keywords: Unpack[OfStored],
@@ -118,7 +117,7 @@ def sensitivities(
 
 @takes(OfStored)
 def gradient(
-    system: DirectorSystem | Posed,
+    system: DirectorSystem | Problem,
     *,
     d_rotation: ArrayLike | None = None,
     d_material_angular_velocity: ArrayLike | None = None,
@@ -206,7 +205,7 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     return Solved(run, problem, kept, rows, float(begin.removed[0])), Parameters(problem, wrt, linearised_by(plan))
 
 
-def differentiable(plan: Plan, begin: Starts) -> Problem:
+def differentiable(plan: Plan, begin: Starts) -> IVP:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
     linearised_by(plan)

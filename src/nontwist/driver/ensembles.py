@@ -14,7 +14,7 @@ from ..errors import warn
 from ..geometry.arrays import largest_size
 from ..geometry.values import as_whole
 from ..integrators import DEFAULT, Status
-from ..integrators.base import Outcome, Problem
+from ..integrators.base import IVP, Outcome
 from ..integrators.time_grid import stretched
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
@@ -23,8 +23,7 @@ from .coarseness import coarseness
 from .costs import cores, members_cost
 from .grid import SMALL, automatic_grid, free_memory
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
-from .problem import OfEnsemble, every_stored, plan_of, posed, starts_of, takes
-from .problem import Problem as Posed
+from .problem import OfEnsemble, Problem, every_stored, plan_of, posed, starts_of, takes
 from .tolerance import controlled, first_grid
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
 @takes(OfEnsemble, "variables", "reduce", "progress", "threads", store="end")
 def simulate_ensemble(
-    system: DirectorSystem | SystemStack | Posed,
+    system: DirectorSystem | SystemStack | Problem,
     *,
     variables: str | Iterable[str] = ("quaternion", "material_angular_velocity"),
     reduce: str | Iterable[str] = (),
@@ -165,13 +164,13 @@ def simulate_ensemble(
     return with_messages(many, problem, outcome)
 
 
-def messages(problem: Problem, outcome: Outcome) -> dict[int, str]:
+def messages(problem: IVP, outcome: Outcome) -> dict[int, str]:
     """Return the messages of failed members, as `simulate` raises them."""
     failed = np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist()
     return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
 
 
-def with_messages(many: xarray.Dataset, problem: Problem, outcome: Outcome) -> xarray.Dataset:
+def with_messages(many: xarray.Dataset, problem: IVP, outcome: Outcome) -> xarray.Dataset:
     """Return an ensemble with the messages of failed members, and warn of them."""
     failed = messages(problem, outcome)
     if not failed:

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.trajectory import Events
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, stacked_states
-from ..integrators.base import Failure, Integrator, Outcome, Problem, Status
+from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.problem import Intervals
 from .events import Event, Part, Root, Search, parts
 
@@ -94,7 +94,7 @@ class Kept:
         return Outcome(states.part(None), np.array([n]), failures, reasons, means, None, memory)
 
 
-def march(scheme: Integrator, problem: Problem, events: tuple[Event, ...]) -> Ended:
+def march(scheme: Integrator, problem: IVP, events: tuple[Event, ...]) -> Ended:
     """March one body, and find events.
 
     Raises

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_axis, as_number
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole, shown
-from ..integrators.base import Integrator, Outcome, Problem
+from ..integrators.base import IVP, Integrator, Outcome
 from ..integrators.costs import largest_velocity
 from ..integrators.problem import onward, started
 from . import completion
@@ -96,7 +96,7 @@ class Part(NamedTuple):
     """A part of a run, with its states at the times at which functions are evaluated, the first its start."""
 
     scheme: Integrator
-    problem: Problem
+    problem: IVP
     outcome: Outcome
     first: int  # number of its first node
 
@@ -150,7 +150,7 @@ class Crossing(NamedTuple):
     values: tuple[float, float]
 
 
-def parts(scheme: Integrator, problem: Problem) -> Iterator[Part]:
+def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
     """Yield the parts of a run, one after the other, up to the one that fails or reaches the end."""
     wanted = problem.output
     if problem.off_grid:
@@ -178,7 +178,7 @@ def parts(scheme: Integrator, problem: Problem) -> Iterator[Part]:
         node, size, state, memory = last, min(2 * size, LARGEST), outcome.states.part(0, -1), outcome.memory
 
 
-def checked_times(problem: Problem, inside: int, wanted: Array) -> Array:
+def checked_times(problem: IVP, inside: int, wanted: Array) -> Array:
     """Return the nodes of a part, times between them that divide each step in so many, and those that are wanted."""
     nodes = problem.times(np.arange(problem.steps + 1))
     between = nodes[:-1, None] + np.diff(nodes)[:, None] * (np.arange(1, inside) / inside)

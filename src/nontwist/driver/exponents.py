@@ -13,7 +13,7 @@ from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole
-from ..integrators import Integrator, Problem, SimulationError, Status
+from ..integrators import IVP, Integrator, SimulationError, Status
 from ..integrators.base import Outcome
 from ..integrators.growing import Growth
 from ..integrators.linearised import Linearised, scheme_of
@@ -28,8 +28,7 @@ from .ensembles import with_messages
 from .grid import automatic_grid
 from .notices import announce, progress_bar, warn_of_grid, warn_of_step
 from .planning import Plan
-from .problem import OfMany, OfMotion, plan_of, posed, start_of, starts_of, takes
-from .problem import Problem as Posed
+from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
 from .tolerance import controlled
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ KNOWN = {"units": "s-1", "long_name": "mean rate of growth from the start", "sym
 
 
 @takes(OfMotion)
-def lyapunov(system: DirectorSystem | Posed, **keywords: Unpack[OfMotion]) -> xarray.Dataset:
+def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> xarray.Dataset:
     """Return the Lyapunov exponents of a motion, from its tangent flow.
 
     Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and orthonormalised
@@ -111,7 +110,7 @@ def _warn_of_hidden(plan: Plan) -> None:
 
 @takes(OfMany, "progress", "threads")
 def lyapunov_ensemble(
-    system: DirectorSystem | SystemStack | Posed,
+    system: DirectorSystem | SystemStack | Problem,
     *,
     progress: bool = False,
     threads: int | None = None,
@@ -188,7 +187,7 @@ def lyapunov_ensemble(
     return with_messages(many, problem, outcome)
 
 
-def grown(scheme: Integrator, problem: Problem, threads: int) -> tuple[Array, Outcome]:
+def grown(scheme: Integrator, problem: IVP, threads: int) -> tuple[Array, Outcome]:
     """Return the logarithms of what changes grow by until the end, (m, 6 or 5), NaN of members that fail.
 
     The outcome is without states: they are marched, and their steps linearised, some members at a time.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..integrators.base import Integrator, Outcome, Problem
+from ..integrators.base import IVP, Integrator, Outcome
 from ..integrators.members import one_by_one
 from .pieces import InPieces
 from .rubbing import STILL, Rubbed
@@ -18,7 +18,7 @@ ALONG = "dry_friction about the constrained axis does nothing, as the body does 
 DISSIPATION = "dry_friction sticks by a constraint, under which dissipation= is not possible; leave it out"
 
 
-def refusal(scheme: Integrator, problem: Problem) -> str | None:
+def refusal(scheme: Integrator, problem: IVP) -> str | None:
     """Return why a problem is not accepted, for its dry friction or for the integrator's reasons; None if it is."""
     own = problem.load.frictions
     if not own:
@@ -38,7 +38,7 @@ def refusal(scheme: Integrator, problem: Problem) -> str | None:
     return scheme.refusal(problem)
 
 
-def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
+def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate a stack of bodies under dry friction, or with wheels that have it, one after the other.
 
     Raises
@@ -53,7 +53,7 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
     return one_by_one(lambda one: _marching(scheme, one).march(), problem, threads)
 
 
-def _marching(scheme: Integrator, problem: Problem) -> InPieces:
+def _marching(scheme: Integrator, problem: IVP) -> InPieces:
     """Return the march of a problem of one body."""
     if not problem.load.frictions:
         return Bearings(scheme, problem)

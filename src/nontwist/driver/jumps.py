@@ -13,7 +13,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.attitudes import attitudes, directors
 from ..geometry.values import number_text, vector_text
-from ..integrators.base import Failure, Integrator, Problem, Status
+from ..integrators.base import IVP, Failure, Integrator, Status
 from ..integrators.problem import onward
 from ..loads import Load
 from ..loads.base import state_moment_at
@@ -31,7 +31,7 @@ WAYS = (
 )
 
 
-def named(scheme: Integrator, problem: Problem, failure: Failure) -> Failure:
+def named(scheme: Integrator, problem: IVP, failure: Failure) -> Failure:
     """Return how a problem of one body has failed: where its load jumps, if that is why an iteration has stalled."""
     terms = [term for term in problem.load.terms if term.kind in ("state", "forces") and not term.in_kernels]
     if failure.status is not Status.STALLED or not terms or problem.load.remembering:

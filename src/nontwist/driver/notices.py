@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from ..errors import warn
-from ..integrators import Integrator, Problem, Status
+from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
 from ..integrators.time_grid import Stretches
@@ -19,7 +19,7 @@ from .grid import load_messages
 from .signals import shown_bar
 
 
-def failure_message(problem: Problem, failure: Failure) -> str:
+def failure_message(problem: IVP, failure: Failure) -> str:
     """Return where and why a march stopped, with a remedy."""
     h, on_grid, began = problem.step_at(failure.step), not problem.off_grid, problem.began(failure.step)
     if failure.status is Status.INTERRUPTED:
@@ -57,7 +57,7 @@ def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: S
     return say(load_messages(load, systems, t0, t1, grid))
 
 
-def warn_of_step(scheme: Integrator, problem: Problem) -> bool:
+def warn_of_step(scheme: Integrator, problem: IVP) -> bool:
     """Warn of what the integrator says about the step; return whether it says nothing."""
     remark = scheme.remark(problem)
     return remark is None or say([remark])
@@ -73,7 +73,7 @@ def warn_of_cost(load: Load) -> bool:
     return not slow or say([text])
 
 
-def announce(cost: Cost, scheme: Integrator, problem: Problem) -> bool:
+def announce(cost: Cost, scheme: Integrator, problem: IVP) -> bool:
     """Refuse runs that exceed the free memory; warn of more than 10 s or 1 GB; return whether it is neither."""
     if (reason := costs.excess(cost)) is not None:
         raise ValueError(reason)

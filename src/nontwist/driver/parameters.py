@@ -18,7 +18,7 @@ from ..integrators.linear_inputs import Entries, Nodes
 from ..integrators.linearised import Changes, is_seen_from_orbit
 from ..integrators.load_samples import as_marched
 from ..integrators.memory_tangents import FIELDS, NAMES
-from ..integrators.problem import Problem
+from ..integrators.problem import IVP
 from ..loads.base import is_called, with_moments
 from ..loads.derivatives import (
     Slopes,
@@ -65,7 +65,7 @@ class Parameters:
 
     Parameters
     ----------
-    problem : Problem
+    problem : IVP
     names : list of str
     scheme : Compiled
     given : str
@@ -77,7 +77,7 @@ class Parameters:
         A name is unknown, or has no derivatives.
     """
 
-    def __init__(self, problem: Problem, names: Any, scheme: Compiled, given: str = "wrt") -> None:
+    def __init__(self, problem: IVP, names: Any, scheme: Compiled, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..integrators.base import Failure, Integrator, Outcome, Problem, Status
+from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.problem import Intervals, onward, scratch, started
 from ..loads import Load
 from . import completion, event_runs
@@ -62,7 +62,7 @@ class InPieces:
         Whether pieces have the states at all nodes.
     """
 
-    def __init__(self, scheme: Integrator, problem: Problem, load: Load) -> None:
+    def __init__(self, scheme: Integrator, problem: IVP, load: Load) -> None:
         self.scheme, self.problem, self.load, self.body = scheme, problem, load, problem.system
         self.t, self.modes, self.pieces, self.at_nodes = problem.t_start, Modes(), list[Piece](), False
         z = None if problem.internal is None else problem.internal[0].copy()
@@ -105,7 +105,7 @@ class InPieces:
         """Return the number of the step at whose beginning, or in which, a time is, by default that of the march."""
         return int(np.searchsorted(self.nodes, self.t if t is None else t, side="right")) - 1
 
-    def until(self, most: int = STEPS) -> Problem:
+    def until(self, most: int = STEPS) -> IVP:
         """Return the problem from here to the next node, from a node over `most` steps."""
         k = self.number()
         if self.t > self.nodes[k]:
@@ -113,7 +113,7 @@ class InPieces:
         one = onward(self.problem, k, min(k + most, self.problem.steps), self.state)
         return replace(one, load=self.load)
 
-    def to(self, t: float) -> Problem:
+    def to(self, t: float) -> IVP:
         """Return the problem of one step from here to a time."""
         grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "stretches": None, "progress": None}
         return replace(self.problem, t_start=self.t, t_end=t, asked=None, load=self.load, **grid, **started(self.state))
@@ -126,7 +126,7 @@ class InPieces:
 
     # ---- pieces
 
-    def marched(self, one: Problem, changes: Sequence[Change], at_nodes: bool = False) -> tuple[Piece, Change | None]:
+    def marched(self, one: IVP, changes: Sequence[Change], at_nodes: bool = False) -> tuple[Piece, Change | None]:
         """March a smooth problem to its end or to the first change."""
         known = self.problem.output
         inner = known[(known > one.t_start) & (known < one.t_end)]

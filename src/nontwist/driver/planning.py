@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
-from ..integrators import DEFAULT, INTEGRATORS, Integrator, Problem
+from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
 from ..integrators.time_grid import Stretches, stretched
 from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
@@ -73,13 +73,13 @@ class Plan(NamedTuple):
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.asked is not None and self.scheme.any_times
 
-    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> Problem:
+    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
         if stored is None:
             stored = stored_steps(grid.steps, "end" if self.asked is not None else self.store)
         if not self.off_grid:
             grid = joined(begin.grid, grid)
-        return Problem(
+        return IVP(
             self.systems,
             begin.quaternion,
             begin.velocity,

@@ -21,7 +21,7 @@ from ..analysis.joining import parts_of
 from ..analysis.trajectory import state_dataset, stretches_from
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
-from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
+from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError
 from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
@@ -109,7 +109,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
         one = stored.part(slice(0, 1))
         grid = stretched(t, np.ones(len(t) - 1))
         body, n = stacked(system), grid.steps
-        start = Problem(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
+        start = IVP(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
         start = replace(start, internal=one.internal)
         inner = completion.between(scheme, replace(start, asked=wanted[rest]), stored)
         if inner is not None:
@@ -123,7 +123,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
     for k, here in groups:
         own, asked = stored.part(slice(k, k + 1)), wanted[here]
         grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])
-        problem = Problem(
+        problem = IVP(
             stacked(system),
             own.quaternion,
             own.velocity,

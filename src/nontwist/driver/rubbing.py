@@ -36,7 +36,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
-from ..integrators.base import Integrator, Problem
+from ..integrators.base import IVP, Integrator
 from ..integrators.problem import Intervals, onward
 from ..loads import Load
 from ..loads.base import moment_at
@@ -73,7 +73,7 @@ class Rubbed(InPieces):
     limits, axes : of each contact c, N m, and a
     """
 
-    def __init__(self, scheme: Integrator, problem: Problem) -> None:
+    def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem, problem.load.without_frictions)
         self.limits = [term.limit for term in problem.load.frictions]
         self.axes: list[Array] = [np.zeros(3) if term.axis is None else term.axis for term in problem.load.frictions]

@@ -14,7 +14,7 @@ from ..analysis.trajectory import Trajectory
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..integrators import Integrator, Problem, SimulationError, SimulationInterrupt, Status, stack_march
+from ..integrators import IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.costs import largest_velocity, swing_rate
 from ..integrators.problem import Intervals
@@ -90,7 +90,7 @@ class PreparedPlan:
         return Trajectory._later(known, partial(self._march.read, found))
 
 
-def whole_of(plan: Plan, grid: Stretches) -> Problem:
+def whole_of(plan: Plan, grid: Stretches) -> IVP:
     """Return the problem of a plan at rest, the first and the last state stored."""
     return plan.problem(AT_REST, grid, np.array([0, grid.steps]))
 
@@ -299,7 +299,7 @@ def integrated(
         return trajectory(plan, problem, completion.march(plan.scheme, problem))
 
 
-def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | None = None) -> Trajectory:
+def trajectory(plan: Plan, problem: IVP, outcome: Outcome, ended: Ended | None = None) -> Trajectory:
     """Return the run of an outcome; raise an error that holds the partial run where it has failed."""
     failure, good = outcome.failure(), int(outcome.good[0])
     time = problem.output[:good]

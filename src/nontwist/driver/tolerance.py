@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 from ..errors import warn
 from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
-from ..integrators import Integrator, Problem, Status
+from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
 from ..integrators.costs import damping_rate, largest_velocity, swing_rate
 from ..integrators.time_grid import Stretches, stretched
@@ -78,7 +78,7 @@ class Controlled(NamedTuple):
     """A run or an ensemble within its tolerance."""
 
     scheme: Integrator
-    problem: Problem
+    problem: IVP
     outcome: Outcome
     tolerance: float
     estimate: float
@@ -89,7 +89,7 @@ class Trial(NamedTuple):
 
     scheme: Integrator
     grid: Stretches
-    problem: Problem
+    problem: IVP
     outcome: Outcome
 
     def has(self, *statuses: Status) -> bool:

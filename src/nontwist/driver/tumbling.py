@@ -22,7 +22,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
-from ..integrators.base import Integrator, Problem
+from ..integrators.base import IVP, Integrator
 from ..integrators.problem import Intervals
 from ..loads import Load, moment
 from .events import XTOL
@@ -47,7 +47,7 @@ class Tumbling(Rubbed):
         That of W in plane motion.
     """
 
-    def __init__(self, scheme: Integrator, problem: Problem) -> None:
+    def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem)
         self.direction: Array = np.zeros(3)
         self.is_plane = True

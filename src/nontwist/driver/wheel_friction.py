@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, directors
-from ..integrators.base import Integrator, Problem
+from ..integrators.base import IVP, Integrator
 from ..integrators.wheels import carrier, places
 from ..loads import Load
 from ..loads.calls import checked
@@ -61,7 +61,7 @@ class Bearings(InPieces):
     dry : numbers of those with dry friction, the contacts
     """
 
-    def __init__(self, scheme: Integrator, problem: Problem) -> None:
+    def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem, problem.load)
         found = list(places(self.load))
         self.wheels, self.places = [one.unscaled for one, _ in found], np.array([place for _, place in found])

@@ -22,7 +22,7 @@ from .linear import ROUND, WIDTHS, Guess, pencil, turns, with_moments
 from .motions import RunawayError
 from .orienting import finite_rows
 from .quality import WHITE, correlation
-from .shooting import Lane, Loss, Priors, Problem, Stretch, Unknowns
+from .shooting import Lane, Loss, Priors, Shooting, Stretch, Unknowns
 from .solving import CALLS, Solution, nearest_body, solve
 from .speeds import refined
 
@@ -108,7 +108,7 @@ def estimate(
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
     tried: list[Solution] = []
     for one in guesses(seen, model) if starts is None else starts:
-        first = Problem(stretches, priors, noise, loss, lanes, one.model, tilt)
+        first = Shooting(stretches, priors, noise, loss, lanes, one.model, tilt)
         at = begun(seen, lanes, one.downs)
         if one.model.constraint is not None:  # which steps keep, as it is linear
             at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
@@ -179,7 +179,7 @@ def _with_its_noise(found: Solution, calls: int) -> Solution:
     return found
 
 
-def _with_more_knots(found: Solution) -> tuple[Problem, Unknowns] | None:
+def _with_more_knots(found: Solution) -> tuple[Shooting, Unknowns] | None:
     """Return a problem with more knots of the speed of a rotor; None where the residuals do not ask for them."""
     row, stretches, speeds = 0, [], []
     for one, own in zip(found.problem.stretches, found.problem.speed_columns, strict=True):

@@ -15,7 +15,7 @@ from ..geometry.values import as_whole
 from .orienting import scatter_of_attitudes
 from .quality import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of
 from .sensing import AXES, DELAY, SCALES
-from .shooting import Problem, Unknowns
+from .shooting import Shooting, Unknowns
 from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
@@ -26,7 +26,7 @@ TINY = 1e-6  # of the speed: residuals of a recording without noise
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..driver.problem import Problem as Described
+    from ..driver.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -393,7 +393,7 @@ class Fit:
 
         return drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
 
-    def problem(self, recording: int = 0) -> Described:
+    def problem(self, recording: int = 0) -> Problem:
         """Return the motion that was fitted as a problem: the body, its start and its times.
 
         If nothing gives the scale, the trace is 1 kg m², or m|c| is 1 kg m. About a pivot the heading at the start is
@@ -406,7 +406,7 @@ class Fit:
 
         Returns
         -------
-        Problem
+        Shooting
             `simulate` runs it; ``problem.write(path)`` writes it as a run file.
 
         Raises
@@ -432,7 +432,7 @@ class Fit:
         return RunFile.model_validate(as_run(self, part)).problem
 
 
-def _only(problem: Problem, stretches: list[Any]) -> Problem:
+def _only(problem: Shooting, stretches: list[Any]) -> Shooting:
     from .estimating import whole
 
     return replace(problem, stretches=stretches, lanes=whole(stretches))

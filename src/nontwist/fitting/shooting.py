@@ -67,7 +67,7 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class Problem:
+class Shooting:
     """What is fitted: stretches, priors, the noise, rad/s, the loss, lanes, and the model."""
 
     stretches: Sequence[Stretch]
@@ -197,7 +197,7 @@ def reduced(row: Rows) -> Rows:
     return Rows(both[:, -1], both[:, :-1], row.columns)
 
 
-def residuals(problem: Problem, at: Unknowns) -> Residuals:
+def residuals(problem: Shooting, at: Unknowns) -> Residuals:
     """Return the residuals, and their derivatives: by J, `more`, bias, scale, errors, starts, speeds."""
     model, d, sensor = problem.model, problem.model.size, problem.priors.sensor
     begin, kicks = problem.states(at)

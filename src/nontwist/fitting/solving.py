@@ -19,7 +19,7 @@ from .bodies import Model
 from .chart import THINNEST, Chart, Weighed, of_a_body, of_trace_one
 from .motions import Motion, RunawayError, responses
 from .quality import correlation
-from .shooting import COMMON, Problem, Residuals, Rows, Unknowns, reduced, residuals, stacked
+from .shooting import COMMON, Residuals, Rows, Shooting, Unknowns, reduced, residuals, stacked
 
 FINE, CALLS = 1e-8, 40  # of cost and unknowns, relative; trials
 HELD = 1e6  # weight of what is held
@@ -27,7 +27,7 @@ WHITE, MOST = 5.0, 0.9999  # standard errors of a correlation; correlation
 FAR = 1e6  # residual of a motion that is none
 
 
-def counted(problem: Problem, found: Residuals) -> tuple[Array, Array]:
+def counted(problem: Shooting, found: Residuals) -> tuple[Array, Array]:
     """Return residuals and derivatives, as few as there are columns, whose squares add up to the loss.
 
     For soft_l1 residuals of the data are ``sign(r) √(2 √(1 + r²) - 2)``; gaps and priors stay as they are.
@@ -66,7 +66,7 @@ def smeared(x: Array, phi: float) -> Array:
 class Solution:
     """A least-squares solution: unknowns, cost, residuals over the noise and their derivatives."""
 
-    problem: Problem
+    problem: Shooting
     unknowns: Unknowns
     cost: float
     residuals: Residuals
@@ -235,7 +235,7 @@ class Solution:
 
 
 def solve(
-    problem: Problem,
+    problem: Shooting,
     start: Unknowns,
     held: tuple[Any, float] | None = None,
     accuracy: float = FINE,
@@ -246,7 +246,7 @@ def solve(
 
     Parameters
     ----------
-    problem : Problem
+    problem : Shooting
     start : Unknowns
     held : function and value, optional
         A function of J that returns a number and its derivative by the six entries: it is held at the value.

@@ -4,8 +4,8 @@ from ..errors import SimulationError as SimulationError
 from ..errors import SimulationInterrupt as SimulationInterrupt
 from ..errors import Status as Status
 from ..geometry.values import Registry
+from .base import IVP as IVP
 from .base import Integrator as Integrator
-from .base import Problem as Problem
 from .base import unregistrable
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum

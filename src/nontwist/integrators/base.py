@@ -1,6 +1,6 @@
 """What an integrator is, and the errors of a run that fails.
 
-An integrator is data: a frozen dataclass with a name, orders, options and one method: `march` takes a `Problem`, a
+An integrator is data: a frozen dataclass with a name, orders, options and one method: `march` takes a `IVP`, a
 stack of bodies, and returns its `Outcome`, or `march_one` takes the problem of one. Steps are those of `time_grid`.
 """
 
@@ -20,10 +20,10 @@ from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .costs import Cost, steps_cost, unresolved
 from .members import one_by_one, outcome_of
-from .problem import Failure, March, Outcome, Problem
+from .problem import IVP, Failure, March, Outcome
 
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
-__all__ = ["Failure", "Integrator", "March", "Outcome", "Problem", "SimulationError", "SimulationInterrupt", "Status"]
+__all__ = ["IVP", "Failure", "Integrator", "March", "Outcome", "SimulationError", "SimulationInterrupt", "Status"]
 
 
 class Prepared(Protocol):
@@ -74,7 +74,7 @@ class Integrator:
         """Whether its nodes lie on one trajectory, nearly, and states between them are found by power series."""
         return False
 
-    def between(self, problem: Problem, states: States) -> States | None:
+    def between(self, problem: IVP, states: States) -> States | None:
         """Return the states of one body at the times asked for, given those at all nodes of its grid.
 
         None where nodes do not lie on one trajectory, nearly.
@@ -111,12 +111,12 @@ class Integrator:
             )
         return cls.counts[order]
 
-    def march(self, problem: Problem, threads: int = 1) -> Outcome:
+    def march(self, problem: IVP, threads: int = 1) -> Outcome:
         """Integrate all members; by default one after the other, by `march_one`.
 
         Parameters
         ----------
-        problem : Problem
+        problem : IVP
             Of one body or of many.
         threads : int
 
@@ -138,7 +138,7 @@ class Integrator:
 
         return one_by_one(lambda one: outcome_of(one, at_any_times(self.march_one, one)), problem, threads)
 
-    def march_one(self, problem: Problem) -> March:
+    def march_one(self, problem: IVP) -> March:
         """Integrate a problem of one body. Integrators that do not define `march` define this method."""
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
 
@@ -146,15 +146,15 @@ class Integrator:
         """Return whether `prepared` accepts problems under this load."""
         return False
 
-    def prepared(self, problem: Problem) -> Prepared:
+    def prepared(self, problem: IVP) -> Prepared:
         """Prepare the march of a problem of one body for any start; a ValueError as of `march`."""
         raise NotImplementedError
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why `march` does not accept these bodies, start or load, without running it; None if it does."""
         return None
 
-    def require(self, problem: Problem) -> None:
+    def require(self, problem: IVP) -> None:
         """Raise what `refusal` returns as a ValueError; it takes dry friction nowhere but in a run."""
         if problem.load.frictions:
             raise ValueError("dry_friction acts in runs and ensembles alone; use simulate, or simulate_ensemble")
@@ -170,7 +170,7 @@ class Integrator:
             what = "wheels with friction, or a torque that is a function" if are_wheels else "loads with memory"
             raise ValueError(f"{self.name} does not take {what}; use gauss, which solves for their states")
 
-    def remark(self, problem: Problem) -> str | None:
+    def remark(self, problem: IVP) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
         return unresolved(problem, max(getattr(self, "order", 2), 2)) if self.is_a_stable else None
 
@@ -194,7 +194,7 @@ class Integrator:
         """The largest turn in a step, rad, up to which the right solution of its equations is found."""
         return pi / 3
 
-    def turns_exactly(self, problem: Problem) -> bool:
+    def turns_exactly(self, problem: IVP) -> bool:
         """Return whether steps of any length are exact for a steady rotation of the bodies of a problem."""
         return self.is_exact_without_load and problem.is_free
 
@@ -202,7 +202,7 @@ class Integrator:
         """Return the error of a step that turns by `theta`, rad, in a steady rotation; 0 if it is unknown."""
         return 0.0
 
-    def cost(self, problem: Problem, states: int) -> Cost:
+    def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march` if this number of `states` is stored; `problem.stored` is ignored."""
         return steps_cost(problem, problem.steps, self.nodes, self.substep_ns)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..loads import Load
-from .problem import Problem
+from .problem import IVP
 
 
 class Coasting:
@@ -22,7 +22,7 @@ class Coasting:
     end : (k,) int array, number of the step that follows the last one
     """
 
-    def __init__(self, problem: Problem, load: Load | None) -> None:
+    def __init__(self, problem: IVP, load: Load | None) -> None:
         """Find the stretches; without a load, of a scheme that is not exact, there are none."""
         self.begin: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self.end = self.begin

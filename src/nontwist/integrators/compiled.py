@@ -16,7 +16,7 @@ from ..engine.records import Parts
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
-from .base import Integrator, Outcome, Prepared, Problem
+from .base import IVP, Integrator, Outcome, Prepared
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 
@@ -86,14 +86,14 @@ class Compiled(Integrator):
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
         return abs(2 * atan(theta / 2) - theta)
 
-    def march(self, problem: Problem, threads: int = 1) -> Outcome:
+    def march(self, problem: IVP, threads: int = 1) -> Outcome:
         """Integrate all members, in lanes where there are many."""
         from .marching import march
 
         self.require(problem)
         return march(problem, threads, self)
 
-    def between(self, problem: Problem, states: States) -> States | None:
+    def between(self, problem: IVP, states: States) -> States | None:
         """Return the states of one body at the times asked for, given those at all nodes of its grid."""
         if not self.has_series(problem.systems, problem.load):
             return None
@@ -106,7 +106,7 @@ class Compiled(Integrator):
         is_plain = load.is_compiled and not (load.memories or load.frictions)
         return type(self).march is Compiled.march and is_plain
 
-    def prepared(self, problem: Problem) -> Prepared:
+    def prepared(self, problem: IVP) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""
         from .marching import dense_of
         from .prepared_march import PreparedMarch

@@ -33,7 +33,7 @@ from ..loads.forces import DirectorForces
 from ..loads.terms import Damping
 from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
-from .base import Failure, Integrator, March, Problem, Status
+from .base import IVP, Failure, Integrator, March, Status
 from .costs import Cost, largest_velocity
 
 MOST = 1e6  # steps of the solver in a run, half an hour
@@ -114,12 +114,12 @@ class Continuous(Integrator):
         """Return one instance for every tolerance used by `compare`."""
         return [cls(rtol=rtol, atol=rtol / 100) for rtol in cls.compared]
 
-    def cost(self, problem: Problem, states: int) -> Cost:
+    def cost(self, problem: IVP, states: int) -> Cost:
         """Return the cost of the outputs and of the steps expected from energy, impulse and damping."""
         steps = min(MOST, expected_steps(self, problem))
         return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
 
-    def march_one(self, problem: Problem) -> March:
+    def march_one(self, problem: IVP) -> March:
         """Integrate `problem` to its output times."""
         system = problem.system
         if system.spin is not None and self.form == "director":
@@ -186,7 +186,7 @@ def solver_of(method: str) -> Any:
 
 
 @np.errstate(all="ignore")
-def expected_steps(scheme: Continuous, problem: Problem) -> float:
+def expected_steps(scheme: Continuous, problem: IVP) -> float:
     """Return the expected number of steps of the solver; loads that are functions are not considered."""
     a, p = TURNS[scheme.method]
     known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
@@ -285,7 +285,7 @@ class _Director:
         dy[:9], dy[9:18] = y[9:18], v_dot.ravel()
 
 
-def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: bool) -> Callable[[float, Array], Array]:
+def _rates(problem: IVP, form: Any, first: float, last: float, may_reject: bool) -> Callable[[float, Array], Array]:
     """Return dy/dt; NaN, on which explicit methods shorten the step, where directors of a trial are far from unit."""
     if isinstance(form, _Spun):
         form.begin(first, last)
@@ -320,7 +320,7 @@ def parted(load: Load) -> tuple[Load, Load]:
     return Load(forces), Load(tuple(term for term in load.terms if term not in forces))
 
 
-def _sizes(problem: Problem, form: Any) -> Array:
+def _sizes(problem: IVP, form: Any) -> Array:
     """Return the size of every part of the state: directors, momenta or velocities, integrals, multipliers."""
     q, v = problem.directors, problem.velocities
     J, T = problem.system.convected_inertia, problem.t_end - problem.t_start
@@ -336,7 +336,7 @@ def _sizes(problem: Problem, form: Any) -> Array:
     return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + turned)
 
 
-def _damping_rate(problem: Problem) -> float:
+def _damping_rate(problem: IVP) -> float:
     """Return the largest eigenvalue of J⁻¹C, 1/s, in the plane that a constraint leaves."""
     J, C, n = problem.system.convected_inertia, problem.load.damping, problem.system.axis
     if n is not None:
@@ -345,12 +345,12 @@ def _damping_rate(problem: Problem) -> float:
     return float(abs(np.linalg.eigvals(np.linalg.solve(J, C))).max())
 
 
-def _steps(problem: Problem, count: int) -> int:
+def _steps(problem: IVP, count: int) -> int:
     """Return the number of steps, or of asked times, that lie before the stored state of number `count`."""
     return count if problem.asked is not None else int(problem.stored[max(count, 0)])
 
 
-def _limits(problem: Problem) -> Array:
+def _limits(problem: IVP) -> Array:
     last = float(problem.output[-1])
     spin = problem.system.spin
     known = (*problem.load.breakpoints, *(() if spin is None else spin.breakpoints))
@@ -358,7 +358,7 @@ def _limits(problem: Problem) -> Array:
     return np.unique([problem.t_start, *inner, last])
 
 
-def _march(problem: Problem, form: Any, y: Array, size: int, failure: Failure | None) -> March:
+def _march(problem: IVP, form: Any, y: Array, size: int, failure: Failure | None) -> March:
     pairs = [form.velocities(row) for row in y]
     q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
     sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.output[: len(y)])[:, None]

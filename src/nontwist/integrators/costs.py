@@ -18,7 +18,7 @@ from ..loads import Load
 from ..loads.base import forces_sampled
 from ..loads.terms import Function
 from ..models.stack import SystemStack
-from .problem import Problem
+from .problem import IVP
 
 ONE = np.ones(1)
 GONE = 7.0  # -log of what is left of a mode that has decayed
@@ -34,7 +34,7 @@ class Cost(NamedTuple):
     size: int  #: bytes in addition to the stored states
 
 
-def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -> Cost:
+def steps_cost(problem: IVP, steps: int, substeps: int, substep_ns: float) -> Cost:
     """Return the cost of steps that take `substep_ns` nanoseconds a substep without their load."""
     load, ns = problem.load, substep_ns
     if not load.is_compiled:
@@ -56,7 +56,7 @@ def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     return float((abs(scale) * rates).max())
 
 
-def unresolved(problem: Problem, order: int) -> str | None:
+def unresolved(problem: IVP, order: int) -> str | None:
     """Return what to say of damped modes in steps of h > order/λ, which do not resolve a decay at the rate λ.
 
     A kink of the load, as the start, excites such modes. Those of the rate order/h are gone in steps long after it.

@@ -30,7 +30,7 @@ from .listing import Outputs
 from .marching import intervals_in, states_in
 from .members import PerThread
 from .prepared_march import PreparedMarch
-from .problem import Problem
+from .problem import IVP
 from .stack_march import StackMarch
 
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
@@ -47,7 +47,7 @@ class Dense:
         Of the arrays of outputs; those are named as those of the march.
     """
 
-    def __init__(self, problem: Problem, scheme: Compiled) -> None:
+    def __init__(self, problem: IVP, scheme: Compiled) -> None:
         outputs, m = Outputs(problem), len(problem)
         node, since = np.append(0, outputs.node), np.append(0.0, outputs.since)
         is_inside, self._times = since > 0, np.append(problem.t_start, outputs.times)
@@ -135,7 +135,7 @@ class Between:
         return not (self._apart > APART).any()
 
 
-def between(scheme: Compiled, problem: Problem, states: States) -> States | None:
+def between(scheme: Compiled, problem: IVP, states: States) -> States | None:
     """Return the states of one body at the times asked for, given those at all nodes; None where these are apart."""
     plain = replace(problem, intervals=False, observed=False, progress=None)
     dense = Dense(plain, scheme)

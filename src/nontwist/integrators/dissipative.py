@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from ..geometry.arrays import as_number
 from ..geometry.values import among
-from .base import Problem
+from .base import IVP
 from .compiled import Compiled
 
 ORDERS = (1, 2)  # with dissipation
@@ -42,6 +42,6 @@ class Dissipative(Compiled):
         if not (chi > 0 and among(self.order, ORDERS)):
             super().__post_init__()
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why bodies with a constrained axis that are to lose energy are not accepted."""
         return REFUSAL.format(self.name) if self.dissipation and problem.systems.axis is not None else None

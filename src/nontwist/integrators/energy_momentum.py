@@ -101,7 +101,7 @@ from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
-from .base import SPIN, Problem
+from .base import IVP, SPIN
 from .compiled import Needs
 from .dissipative import Dissipative
 
@@ -163,7 +163,7 @@ class EnergyMomentum(Dissipative):
         if not among(self.moments, MOMENTS):
             raise ValueError(f"moments must be 'paper' or 'exact', got {shown(self.moments)}")
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
         return SPIN.format(self.name) if problem.systems.spin is not None else super().refusal(problem)
 

@@ -34,7 +34,7 @@ from ..models.system import DirectorSystem
 from .base import Integrator
 from .costs import Cost
 from .members import PerThread, in_threads, one_by_one, outcome_of, progress
-from .problem import Intervals, March, Outcome, Problem, scratch
+from .problem import IVP, Intervals, March, Outcome, scratch
 
 BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal
@@ -72,7 +72,7 @@ class Exact(Integrator):
     any_times: ClassVar[bool] = True
     together: ClassVar[float] = 1.0
 
-    def march(self, problem: Problem, threads: int = 1) -> Outcome:
+    def march(self, problem: IVP, threads: int = 1) -> Outcome:
         """Evaluate the solutions at the output times; under a load, one body after the other."""
         if (m := len(problem)) == 1:
             problem = problem.member(0)
@@ -102,12 +102,12 @@ class Exact(Integrator):
         """Whether `prepared` supports problems under this load: free motion only."""
         return not load.terms
 
-    def prepared(self, problem: Problem) -> PreparedSolution:
+    def prepared(self, problem: IVP) -> PreparedSolution:
         """Return the solution of the free motion of one body, prepared once for any start."""
         self.require(problem)
         return PreparedSolution(problem)
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why there is no closed-form solution, as far as that is quick to decide."""
         systems, load = problem.systems, with_moments(problem).load
         if load.rotors and not _is_gyrostat(problem):
@@ -133,7 +133,7 @@ class Exact(Integrator):
         motion = _turning(systems[0], problem.velocity[0], loaded_body.unrefined(load, edges[:-1], edges[1:]))[-1]
         return _no_solution(MOVING) if motion is None else loaded_body.too_many(load, problem.output)
 
-    def cost(self, problem: Problem, states: int) -> Cost:
+    def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`."""
         load, pieces = with_moments(problem).load, 0
         if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
@@ -143,7 +143,7 @@ class Exact(Integrator):
         return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
 
-def with_moments(problem: Problem) -> Problem:
+def with_moments(problem: IVP) -> IVP:
     """Return a problem with the moments of tables of forces along the directors in their place."""
     load = moments_of(problem.load)
     return problem if load == problem.load else replace(problem, load=load)
@@ -157,7 +157,7 @@ def _bodies(systems: SystemStack) -> tuple[Array, int]:
 class PreparedSolution:
     """The solution of a problem of one free body whose start is left open, from many threads."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: IVP) -> None:
         self._systems, since = problem.systems, problem.output - problem.t_start
         self._place, self._count = int(since[0] == 0.0), len(since)
         self._since = since[self._place :].copy()
@@ -204,7 +204,7 @@ def free_intervals(systems: SystemStack, W: Array, n: int) -> Intervals:
     return Intervals(np.repeat(mu[:, None], n, axis=1), none, np.zeros((m, n)), None, none)
 
 
-def _is_gyrostat(problem: Problem) -> bool:
+def _is_gyrostat(problem: IVP) -> bool:
     """Whether standard bodies carry rotors of constant momentum, and nothing else acts."""
     load, t0, t1 = problem.load, problem.t_start, problem.t_end
     if problem.systems.axis is not None or problem.systems.has_dead_force or len(load.rotors) < len(load.terms):
@@ -249,7 +249,7 @@ def _turning(
     return V, J, pieces, loaded_body.turning(J, J @ (V @ W), pieces)
 
 
-def _loaded(problem: Problem) -> March:
+def _loaded(problem: IVP) -> March:
     system, times = problem.system, problem.output
     if reason := _unsolved(system, problem.load):
         raise ValueError(reason)
@@ -266,7 +266,7 @@ def _loaded(problem: Problem) -> March:
     return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
 
 
-def _gyrostat(problem: Problem) -> Outcome:
+def _gyrostat(problem: IVP) -> Outcome:
     """Return the motion of a standard body with rotors of constant momentum; they act with -(Λ c)'."""
     out, times = scratch(problem), problem.output
     place = int(times[0] == problem.t_start)

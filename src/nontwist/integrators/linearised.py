@@ -39,7 +39,7 @@ from .compiled import Compiled
 from .gauss_derivatives import scratch_of
 from .linear_inputs import Entries, Nodes, Sampled
 from .load_samples import WIDTHS, as_marched, orbit_of, parts_of, sampled
-from .problem import Problem
+from .problem import IVP
 from .wheels import as_gyrostat
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
@@ -84,7 +84,7 @@ class Linearised:
 
     Parameters
     ----------
-    problem : Problem
+    problem : IVP
     integrator : Integrator
     wanted : names of the inputs whose matrices are made
     changes : for each number of the input "terms", terms that depend on the state, and what their numbers change by
@@ -103,7 +103,7 @@ class Linearised:
     """
 
     def __init__(
-        self, problem: Problem, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
+        self, problem: IVP, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
     ) -> None:
         scheme = scheme_of(integrator, problem.load)
         problem = as_gyrostat(problem) if problem.load.wheels else problem

@@ -20,7 +20,7 @@ from .coasting import Coasting
 from .load_samples import NOTHING, addresses
 
 if TYPE_CHECKING:
-    from .problem import Problem
+    from .problem import IVP
     from .stack_march import StackMarch
 
 RESOLVED = 4  # units in the last place of a time within which an output is at a node
@@ -39,7 +39,7 @@ class Outputs:
     has_start : bool, whether there is output at the start, which is left out of these arrays
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: IVP) -> None:
         times, last = np.asarray(problem.asked), problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
         j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))

@@ -25,7 +25,7 @@ from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import SystemStack
 from .compiled import Compiled
-from .problem import Problem
+from .problem import IVP
 from .rotors import at_nodes
 
 Ends = tuple[Array, Array, Array]
@@ -107,7 +107,7 @@ def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.where(first > 0, first + BYTES * nodes[:, None], 0)
 
 
-def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack, Load]:
+def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Load]:
     """Return bodies and load as a march takes them: linear potentials as dead forces, tables of forces as moments.
 
     Forces that are tables along the directors stay forces in a director scheme, whose multipliers know them.

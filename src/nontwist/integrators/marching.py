@@ -12,7 +12,7 @@ from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .compiled import Compiled
-from .problem import Intervals, Outcome, Problem, Status
+from .problem import IVP, Intervals, Outcome, Status
 from .stack_march import SAME, StackMarch
 
 NONE = np.zeros(0)
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .dense import Dense
 
 
-def dense_of(problem: Problem, scheme: Compiled) -> Dense | None:
+def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
     """Return what finds outputs between nodes, where these lie on one trajectory; None where they are substeps."""
     if problem.asked is None or not scheme.has_series(problem.systems, problem.load):
         return None
@@ -30,7 +30,7 @@ def dense_of(problem: Problem, scheme: Compiled) -> Dense | None:
     return Dense(problem, scheme)
 
 
-def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
+def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
         problem = tangent(problem)
@@ -72,7 +72,7 @@ def march(problem: Problem, threads: int, scheme: Compiled, can_be_dense: bool =
     return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned)
 
 
-def tangent(problem: Problem) -> Problem:
+def tangent(problem: IVP) -> IVP:
     """Return the problem with tangent velocities and the spin that the constraint prescribes, round-off of it apart."""
     W, axis, systems = problem.velocity, problem.systems.axis, problem.systems
     if axis is not None and systems.spin is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.attitudes import States, states_of, without_jumps
-from .problem import Intervals, March, Outcome, Problem, Status
+from .problem import IVP, Intervals, March, Outcome, Status
 
 BLOCK = 16
 
@@ -47,7 +47,7 @@ def in_threads(
         pool.shutdown(cancel_futures=True)
 
 
-def progress(problem: Problem, rounds: int = 1) -> Callable[[int], None]:
+def progress(problem: IVP, rounds: int = 1) -> Callable[[int], None]:
     """Return a callback that counts completed members and reports the fraction to `problem`; each takes `rounds`."""
     done = 0
 
@@ -60,7 +60,7 @@ def progress(problem: Problem, rounds: int = 1) -> Callable[[int], None]:
     return report
 
 
-def one_by_one(march: Callable[[Problem], Outcome], problem: Problem, threads: int) -> Outcome:
+def one_by_one(march: Callable[[IVP], Outcome], problem: IVP, threads: int) -> Outcome:
     """Integrate every member by itself.
 
     Raises
@@ -91,7 +91,7 @@ def one_by_one(march: Callable[[Problem], Outcome], problem: Problem, threads: i
     return Outcome(states, good, failures, reasons, intervals, turned=turned)
 
 
-def outcome_of(problem: Problem, march: March) -> Outcome:
+def outcome_of(problem: IVP, march: March) -> Outcome:
     """Return the outcome of a problem of one body from its march; missing states are NaN, missing intervals 0."""
     k, n, failure = len(problem.output), len(march.directors), march.failure
     p, W, N = states_of(march.directors, march.velocities)

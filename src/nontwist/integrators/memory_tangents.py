@@ -38,7 +38,7 @@ from .compiled import Compiled
 from .gauss_coefficients import TABLE, WIDTH, table
 from .linearised import ranged
 from .load_samples import as_marched
-from .problem import Problem
+from .problem import IVP
 from .rotors import at_nodes
 from .wheels import carrier, places
 
@@ -50,7 +50,7 @@ FIELDS = ("speed", "torque", "viscous")  # of wheels
 NAMES = "material_angular_velocity, rotation, and speed, torque and viscous of wheels"
 
 
-def require_derivatives(problem: Problem) -> None:
+def require_derivatives(problem: IVP) -> None:
     """Raise a ValueError where a problem with memory has no derivatives."""
     if problem.systems.spin is not None:
         raise ValueError("runs with memory have no derivatives where a spin is prescribed; leave spin= out")
@@ -68,7 +68,7 @@ class RememberingSteps:
 
     Parameters
     ----------
-    problem : Problem
+    problem : IVP
     scheme : `gauss`
     parameters : pairs of a wheel's number and the name of a field, None: of the start
 
@@ -78,7 +78,7 @@ class RememberingSteps:
         Numbers of a change: δ, W, z.
     """
 
-    def __init__(self, problem: Problem, scheme: Compiled, parameters: list[tuple[int, str] | None]) -> None:
+    def __init__(self, problem: IVP, scheme: Compiled, parameters: list[tuple[int, str] | None]) -> None:
         require_derivatives(problem)
         self.problem, self.parameters = problem.member(0), parameters
         systems, load = as_marched(self.problem, False)

@@ -50,7 +50,7 @@ class Failure(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem(OnGrid):
+class IVP(OnGrid):
     """Initial value problems of m bodies on one time grid."""
 
     systems: SystemStack  # of one body or of m
@@ -95,7 +95,7 @@ class Problem(OnGrid):
         """Director velocities of a problem of one at t_start, rows of (3, 3)."""
         return director_velocities(self.directors, self.velocity[0], None if self.normal is None else self.normal[0])
 
-    def member(self, i: int) -> Problem:
+    def member(self, i: int) -> IVP:
         """Return the problem of one member; its load is scaled."""
         scale = float(self.load_scale[i if len(self.load_scale) > 1 else 0])
         if len(self) == 1 and scale == 1:
@@ -104,12 +104,12 @@ class Problem(OnGrid):
         load = scale * self.load if self.load.terms else self.load
         return self._of(slice(i, i + 1), systems, load=load, load_scale=ONE)
 
-    def part(self, first: int, last: int) -> Problem:
+    def part(self, first: int, last: int) -> IVP:
         """Return the problem of some members."""
         own, scale = slice(first, last), self.load_scale
         return self._of(own, part_of(self.systems, first, last), load_scale=scale[own] if len(scale) > 1 else scale)
 
-    def _of(self, own: slice, systems: SystemStack, **changes: Any) -> Problem:
+    def _of(self, own: slice, systems: SystemStack, **changes: Any) -> IVP:
         arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
         return replace(self, systems=systems, progress=None, **parts, **changes)
@@ -196,14 +196,14 @@ class Outcome(NamedTuple):
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
     turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt over intervals, for the work of motors (`wheels`)
 
-    def times(self, problem: Problem) -> Array:
+    def times(self, problem: IVP) -> Array:
         """Return the times of the states: of a run that was stopped the last one is that of no output."""
         found = problem.output.copy()
         if self.end is not None:
             found[self.good[0] - 1] = problem.times(self.end)
         return found
 
-    def at(self, whole: Problem, problem: Problem) -> Outcome:
+    def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
         places, k, times = np.searchsorted(whole.output, problem.output), len(problem.output), self.times(whole)
         if self.end is None:
@@ -227,7 +227,7 @@ class Outcome(NamedTuple):
         return Failure(Status(int(status)), int(step), residual, turn, self.reasons.get(i, "")) if status else None
 
 
-def scratch(problem: Problem) -> Outcome:
+def scratch(problem: IVP) -> Outcome:
     """Return an outcome in which all states but the first are to be written."""
     m, k = len(problem), len(problem.output)
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)
@@ -243,12 +243,12 @@ def started(state: States) -> dict[str, Any]:
     return known | {"memory": None, "internal": internal}
 
 
-def onward(problem: Problem, first: int, last: int, state: States | None = None) -> Problem:
+def onward(problem: IVP, first: int, last: int, state: States | None = None) -> IVP:
     """Return the part of a problem of one body between two nodes of its grid.
 
     Parameters
     ----------
-    problem : Problem
+    problem : IVP
     first, last : int
         Numbers of the nodes.
     state : States, optional

@@ -21,7 +21,7 @@ from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
-from .base import Failure, Problem, Status
+from .base import IVP, Failure, Status
 from .compiled import Compiled
 from .listing import listed
 from .load_samples import WIDTHS
@@ -45,7 +45,7 @@ class SingleStep:
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         if load.wheels:
             system, load = carrier(system, load), load.without_wheels
-        self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
+        self.stack = IVP(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
         has_rotors = bool(self.load.rotors or self.load.wheels)
         march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors)
@@ -74,7 +74,7 @@ class SingleStep:
         # between is the kernel's to write, or zeros.
         self._written = _places((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
 
-    def begin(self, problem: Problem) -> Numbers:
+    def begin(self, problem: IVP) -> Numbers:
         """Return the numbers at the start of a problem; nothing but its body, start and memory is looked at."""
         march, director = self._march, self.scheme.is_director_scheme
         march.begin(problem if director else tangent(problem))

@@ -74,7 +74,7 @@ from ..kernels.elements import larger, logical_not, real, select, smaller, witho
 from ..kernels.memory import View, scratch
 from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of, taxicab
 from ..models.stack import is_principal, transverse_momentum
-from .base import SPIN, Problem
+from .base import IVP, SPIN
 from .coasting import Coasting
 from .compiled import ONCE, Compiled
 from .composition import fractions, nodes
@@ -143,7 +143,7 @@ class Split(Compiled):
         """The turn per step up to which no substep turns the body by more than 60°, rad."""
         return float(np.pi / 3 / abs(fractions(self.order)).max())
 
-    def turns_exactly(self, problem: Problem) -> bool:
+    def turns_exactly(self, problem: IVP) -> bool:
         """Whether a step is an exponential: without load, and with a constrained axis under body-fixed moments."""
         is_constrained = problem.systems.axis is not None and not problem.systems.has_dead_force
         is_along_frame = all(term.kind == "body" for term in problem.load.terms)
@@ -171,7 +171,7 @@ class Split(Compiled):
             return ONCE, GAUSS[self.order].nodes
         return fractions(self.order), nodes(self.order)
 
-    def refusal(self, problem: Problem) -> str | None:
+    def refusal(self, problem: IVP) -> str | None:
         """Return why rotors, a prescribed spin, or a constrained axis that is not principal are not accepted."""
         systems, rotors = problem.systems, problem.load.rotors
         if rotors or systems.spin is not None:
@@ -182,7 +182,7 @@ class Split(Compiled):
         reason = NOT_PRINCIPAL.format(np.linalg.norm(transverse_momentum(systems)[i]))
         return f"member {i}: {reason}" if len(systems) > 1 else reason
 
-    def cost(self, problem: Problem, states: int) -> Cost:
+    def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`: that of the steps while moments act."""
         system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
         coasting = None if system.dead_force.any() else problem.load

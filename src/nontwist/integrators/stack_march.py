@@ -32,7 +32,7 @@ from .compiled import Compiled
 from .listing import Listed, Outputs, legs, listed
 from .load_samples import NOTHING, Samples, as_marched, orbit_of, parts_of, sampled
 from .members import in_threads, progress
-from .problem import Failure, Problem, Status
+from .problem import IVP, Failure, Status
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
@@ -52,7 +52,7 @@ class StackMarch:
         Which of them marches each member.
     """
 
-    def __init__(self, stack: Problem, scheme: Compiled, **known: Any) -> None:
+    def __init__(self, stack: IVP, scheme: Compiled, **known: Any) -> None:
         """Lay out a stack; `known` are parts that there are in any case."""
         self.stack, self.scheme, self.needs = stack, scheme, scheme.needs
         self.outputs = None if stack.asked is None else Outputs(stack)
@@ -125,7 +125,7 @@ class StackMarch:
         parts = parts._replace(coasts=coasts, **changes)
         return kernel_of(self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes))
 
-    def begin(self, stack: Problem) -> None:
+    def begin(self, stack: IVP) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
         arrays, director = self.arrays, self.scheme.is_director_scheme
         arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity

@@ -11,7 +11,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, states_of
 from .listing import Outputs
-from .problem import Failure, March, Problem, Status, started
+from .problem import IVP, Failure, March, Status, started
 
 ORTHONORMAL = 1e-9
 ENDS = np.array([0, 1])
@@ -29,12 +29,12 @@ class Step(NamedTuple):
     failure: Failure | None
 
 
-def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array], Step], precision: Any) -> March:
+def march(problem: IVP, constraints: int, step: Callable[[int, Array, Array], Step], precision: Any) -> March:
     """Call ``step(k, directors, velocities)`` for all steps of the grid, and return the march.
 
     Parameters
     ----------
-    problem : Problem
+    problem : IVP
         Of one body.
     constraints : int
         Number of multipliers.
@@ -75,14 +75,14 @@ def _broken(k: int, q: Array) -> Failure | None:
     return Failure(Status.BROKEN, k, defect, np.nan)
 
 
-def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> March:
+def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
     """Return the states of one body at the asked times: each by a step of its own from the last node.
 
     Parameters
     ----------
     march_one : callable
         From a problem without asked times to its march.
-    problem : Problem
+    problem : IVP
 
     Returns
     -------

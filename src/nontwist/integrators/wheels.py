@@ -25,7 +25,7 @@ from ..loads.terms import chord
 from ..loads.wheels import Driven, Wheel
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, euler_inertia
-from .problem import Outcome, Problem
+from .problem import IVP, Outcome
 
 X, WEIGHTS = (leggauss(8)[0] + 1) / 2, leggauss(8)[1] / 2
 
@@ -63,7 +63,7 @@ def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
     return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
 
 
-def as_gyrostat(problem: Problem) -> Problem:
+def as_gyrostat(problem: IVP) -> IVP:
     """Return a problem of one body, with wheels, as that of their carrier."""
     one = problem.member(0)
     assert one.internal is not None
@@ -81,7 +81,7 @@ def as_gyrostat(problem: Problem) -> Problem:
     return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, internal=internal)
 
 
-def with_wheels(problem: Problem, states: States, times: Array) -> States:
+def with_wheels(problem: IVP, states: States, times: Array) -> States:
     """Return the states of `as_gyrostat` at times, with all internal states of the problem but works."""
     assert problem.internal is not None
     at, driven, first = np.append(problem.t_start, times), driven_columns(problem.load), problem.internal
@@ -97,7 +97,7 @@ def with_wheels(problem: Problem, states: States, times: Array) -> States:
     return states._replace(internal=internal)
 
 
-def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
+def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
     times = outcome.times(problem)
     outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
@@ -116,7 +116,7 @@ def of_locked(problem: Problem, outcome: Outcome) -> Outcome:
 # ---- the work of motors whose torques are known beforehand
 
 
-def with_works(problem: Problem) -> Problem:
+def with_works(problem: IVP) -> IVP:
     """Return a problem with the outputs of which works are made: also the start, and kinks of torques."""
     kinks = {t for one in problem.load.wheels if one.is_driven for t in one.breakpoints}
     if not any(one.is_driven and one.works for one in problem.load.wheels):
@@ -127,7 +127,7 @@ def with_works(problem: Problem) -> Problem:
     return replace(problem, intervals=True, asked=asked)
 
 
-def _put_works(problem: Problem, outcome: Outcome, times: Array) -> None:
+def _put_works(problem: IVP, outcome: Outcome, times: Array) -> None:
     """Put the works of driven wheels to the states: ``∫ τ Ω dt = Δh²/2I - n·∫ τ W dt``, τ linear between outputs."""
     z, first, turned = outcome.states.internal, problem.internal, outcome.turned
     assert z is not None
@@ -144,7 +144,7 @@ def _put_works(problem: Problem, outcome: Outcome, times: Array) -> None:
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
 
 
-def put_works_between(problem: Problem, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
+def put_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
     """Put the works of driven wheels to the states at the times asked for, given those at all nodes of the grid.
 
     They are quadratures of τ Ω since the node before; `velocities` gives W at increasing times.

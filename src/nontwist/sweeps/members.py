@@ -28,7 +28,7 @@ from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import Array
 from ..geometry.values import among
-from ..integrators import INTEGRATORS, Integrator, Problem
+from ..integrators import INTEGRATORS, IVP, Integrator
 from ..integrators.problem import COLUMNS
 from ..integrators.time_grid import stretched
 from ..models.bodies import BODIES, many_euler
@@ -312,7 +312,7 @@ class Members:
     def _states(self) -> tuple[str, ...]:
         return ensemble_dataset.checked(self.sweep.variables)
 
-    def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, Problem]:
+    def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, IVP]:
         """Return m members of one file, which differ in axes of an ensemble alone, and how to integrate them.
 
         Raises

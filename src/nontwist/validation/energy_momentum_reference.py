@@ -41,7 +41,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
-from ..integrators.base import Failure, Integrator, March, Problem, Status
+from ..integrators.base import IVP, Failure, Integrator, March, Status
 from ..integrators.stepping import Step, march
 from ..loads.base import Load, forces_at, state_moment_at
 from ..loads.forces import DirectorForces
@@ -193,7 +193,7 @@ class ReferenceEnergyMomentum(Integrator):
     orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 
-    def march_one(self, problem: Problem) -> March:
+    def march_one(self, problem: IVP) -> March:
         """Integrate `problem` step by step."""
         system, load = problem.system, problem.load
         A = constraint_matrices(system.axis)

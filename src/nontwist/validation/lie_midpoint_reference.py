@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
-from ..integrators.base import Failure, Integrator, March, Problem, Status
+from ..integrators.base import IVP, Failure, Integrator, March, Status
 from ..integrators.stepping import Step, march
 from ..loads.base import state_moment_at
 from ..models.system import DirectorSystem
@@ -81,7 +81,7 @@ class ReferenceLieMidpoint(Integrator):
     orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 
-    def march_one(self, problem: Problem) -> March:
+    def march_one(self, problem: IVP) -> March:
         """Integrate `problem` step by step."""
         system, load = problem.system, problem.load
         middle = problem.nodes(np.arange(problem.steps), np.array([0.5]))

@@ -15,7 +15,7 @@ from ..driver import integrate, simulate
 from ..driver.resampling import resample
 from ..exact import free_standard
 from ..geometry.arrays import Array
-from ..integrators import INTEGRATORS, Problem
+from ..integrators import INTEGRATORS, IVP
 from ..loads import Load, moment
 from ..models.bodies import BODIES, sample_bodies
 from ..models.catalogue import standard
@@ -54,7 +54,7 @@ def measured(title: str, body: DirectorSystem, w: tuple[float, float, float], lo
     """Measure the orders of all integrators on a problem, if they accept it."""
     how: Arguments = {"t_end": 2, "angular_velocity": w, "project": True, "load": load, "store": "end"}
     end = integrate(body, step=1, integrator=SHARP, **how).directors[-1]
-    task = Problem(stacked(body), np.eye(4)[3:], np.zeros((1, 3)), load, 0.0, 2.0, 1, np.array([0, 1]))
+    task = IVP(stacked(body), np.eye(4)[3:], np.zeros((1, 3)), load, 0.0, 2.0, 1, np.array([0, 1]))
     for name, cls in INTEGRATORS.items():
         for k in () if cls.variants()[0].refusal(task) else [k for k in cls.orders if k <= HIGHEST]:
             counts = cls.measuring(k)

@@ -295,6 +295,7 @@ NEEDED = (
         "quick",
         "project",
         "jax.function.step",
+        "stepper.step",
     ),
 )
 

@@ -1,5 +1,6 @@
 """A problem is one description: functions take it or its keywords, files hold it, and what does not fit is refused."""
 
+import dataclasses
 from dataclasses import FrozenInstanceError
 
 import numpy as np
@@ -77,6 +78,14 @@ def test_a_problem_cannot_be_changed():
 
 TABLE = ([0, 0.4, 1], [[0, 0, 1], [1, 0, 0], [0, 0.5, 0]])
 WRITTEN = {
+    "rod with an axis": Problem(
+        dataclasses.replace(BODY, axis=[0, 1, 0]), t_end=1, step=0.1, material_angular_velocity=(1, 0, 2)
+    ),
+    "named as another": Problem(nt.DirectorSystem(np.diag([3, 2, 1.5]), name="nontwisting probe"), t_end=1, **START),
+    "heavy": Problem(nt.heavy_top([3, 4, 5], 2.0, [0.1, 0.2, 0.5]), t_end=1, step=0.1, **START),
+    "rotor": Problem(BODY, t_end=1, step=0.1, load=nt.rotor((1, 2, 2), 3.0), **START),
+    "numpy": Problem(BODY, t_end=1, step=0.1, integrator="gauss", order=np.int64(4), **START),
+    "falling": Problem(BODY, t_end=8, events=nt.axis_crosses((0, 1, 0), (1, 0, 0), direction=0.5), **START),
     "free": Problem(BODY, t_end=1, step=0.1, **START),
     "tolerance": Problem(nt.standard(np.diag([3.0, 4, 5]) + 0.1), t_end=1, tolerance=1e-9, **START),
     "spun": Problem(nt.nontwisting([3, 4, 5], spin=([0, 1], [0, 2])), t_end=1, step=0.1, angular_velocity=(1, 0, 0)),
@@ -123,7 +132,13 @@ def test_a_problem_is_read_as_it_was_written(name, tmp_path):
     assert nt.simulate(Problem.read(tmp_path / "again.toml")).attrs["run_file"] == again.attrs["run_file"]
 
 
+def own_wheel(speed):
+    return 0.9 * speed
+
+
 REFUSED = {
+    "friction of a wheel": {"load": nt.wheel((1, 2, 2), 0.5, 3.0, friction=own_wheel)},
+    "motor of a wheel": {"load": nt.wheel((1, 2, 2), 0.5, 3.0, torque=lambda t, speed: 2 - speed)},
     "function": {"load": nt.moment(lambda t, directors, w: (0, 0, -w[2]))},
     "event": {"events": lambda t, state: state.material_angular_velocity[0]},
 }
@@ -167,3 +182,52 @@ def test_a_forecast_is_of_the_run(name):
 
 def test_what_cannot_be_run_is_forecast():
     assert PROBLEM.replace(integrator="split", load=nt.dry_friction(0.1)).forecast().problems[0][0] == "integrator"
+
+
+def test_one_run_has_no_load_scale(tmp_path):
+    for call in (nt.simulate, Problem.forecast, lambda problem: problem.write(tmp_path / "run.toml")):
+        with pytest.raises(ValueError, match="load_scale"):
+            call(PROBLEM.replace(load_scale=3.0))
+
+
+def test_a_keyword_wins_over_that_of_the_problem():
+    loop = nt.stepper(PROBLEM.replace(integrator="lie-midpoint"), integrator="gauss")
+    assert loop.integrator.name == "gauss"
+    with pytest.raises(TypeError, match="did you mean t_end"):
+        PROBLEM.replace(tend=1)
+    assert PROBLEM.replace(nt.standard([1, 1, 1])).system.inertia[0, 0] == 1
+    with pytest.raises(TypeError):
+        PROBLEM.given["step"] = 0.2
+    with pytest.raises(FrozenInstanceError):
+        del PROBLEM.given
+
+
+def test_a_start_that_a_function_does_not_take_is_refused():
+    run = nt.integrate(PROBLEM)
+    with pytest.raises(ValueError, match="propagator does not take start"):
+        nt.propagator(Problem(BODY, start=run, t_end=2, step=0.1))
+    with pytest.raises(ValueError, match="stepper does not take events"):
+        nt.stepper(PROBLEM.replace(events=nt.spin_below(0.1)))
+
+
+def test_loads_that_last_as_the_run_does_keep_their_times(tmp_path):
+    path = tmp_path / "run.toml"
+    load = '[[load]]\nkind = "constant"\nframe = "body"\nmoment = [1, 0, 0]\n'
+    path.write_text(f'[body]\nkind = "standard"\ninertia = [3, 4, 5]\n[time]\nt_end = 2\n{load}', encoding="utf-8")
+    problem = Problem.read(path)
+    with pytest.raises(ValueError, match="begins or ends with the run"):
+        nt.simulate(problem, t_end=4)
+    longer = nt.simulate(Problem.read(path, ["time.t_end=4"]))
+    assert longer.material_angular_velocity[-1, 0] == pytest.approx(4 / 3)
+
+
+def test_files_beside_a_run_file_go_with_it(tmp_path):
+    (tmp_path / "t.csv").write_text("t,a,b,c\n0,0,0,1\n1,1,0,0\n", encoding="utf-8")
+    load = '[[load]]\nkind = "csv"\nframe = "body"\nfile = "t.csv"\n'
+    text = f'[body]\nkind = "standard"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n{load}'
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "sub").mkdir()
+    problem = Problem.read(tmp_path / "run.toml")
+    problem.write(tmp_path / "sub" / "again.toml")
+    again = Problem.read(tmp_path / "sub" / "again.toml")
+    assert np.array_equal(nt.integrate(again).quaternion, nt.integrate(problem).quaternion)

@@ -38,7 +38,7 @@ def stepper(
     system: DirectorSystem | Problem,
     step: float | None = None,
     *,
-    integrator: str | Integrator = "lie-midpoint",
+    integrator: str | Integrator | None = None,
     order: int | None = None,
     load: Load | Term | None = None,
 ) -> Stepper:
@@ -54,8 +54,8 @@ def stepper(
     step : float, s
         Length of all steps; by default that of the problem.
     integrator : str or Integrator
-        "lie-midpoint", "gauss" or "energy-momentum", or an instance of these. The default differs from that of
-        `simulate`: the moments of a controller jump from step to step, and a step of `lie-midpoint` is the cheapest.
+        "lie-midpoint", "gauss" or "energy-momentum", or an instance of these; by default that of the problem, or
+        "lie-midpoint": the moments of a controller jump from step to step, and its step is the cheapest.
     order : int, optional
         2 by default for every integrator. A higher order, which only `gauss` has, pays off only for long steps.
     load : Load, optional
@@ -88,10 +88,15 @@ def stepper(
     True
     """
     problem = system if isinstance(system, Problem) else Problem(system)
+    for name in ("load_scale", "events"):
+        if name in problem.given:
+            raise ValueError(f"stepper does not take {name}; problem.replace({name}=None) is without")
     step = problem.step if step is None else step
     if step is None:
         raise ValueError("give step=, the length of all steps")
-    integrator, order = problem.given.get("integrator", integrator), problem.order if order is None else order
+    if integrator is None:
+        integrator = problem.given.get("integrator", "lie-midpoint")
+    order = problem.order if order is None else order
     body, h, load = as_system(problem.system), float(as_positive(step, "step", (), "s")), as_load(load or problem.load)
     scheme = resolve_integrator(integrator, order)
     if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):

@@ -221,4 +221,4 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
         return scheme()
     if not scheme.orders:
         raise ValueError(f"{integrator} has no option order; got order = {order!r}")
-    return scheme(order=order)  # type: ignore[call-arg]
+    return scheme(order=int(order) if isinstance(order, np.integer) else order)  # type: ignore[call-arg]

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 from difflib import get_close_matches
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
@@ -194,7 +195,7 @@ class Problem:
     @takes(OfProblem)
     def __init__(self, system: DirectorSystem | SystemStack, **keywords: Unpack[OfProblem]) -> None:
         refuse_unknown("Problem", keywords, OfProblem)
-        vars(self).update(system=system, given=dict(keywords))
+        vars(self).update(system=system, given=MappingProxyType(dict(keywords)))
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=...) returns another")
@@ -205,22 +206,37 @@ class Problem:
         return self.given.get(name, DEFAULTS.get(name))
 
     def __repr__(self) -> str:
-        return f"Problem({', '.join([self.system.name, *(f'{key}={value!r}' for key, value in self.given.items())])})"
+        body = getattr(self.system, "name", repr(self.system))
+        return f"Problem({', '.join([body, *(f'{key}={value!r}' for key, value in self.given.items())])})"
 
-    def replace(self, **changes: Unpack[OfProblem]) -> Problem:
+    def __delattr__(self, name: str) -> None:
+        raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=None) returns another")
+
+    def replace(self, system: DirectorSystem | SystemStack | None = None, **changes: Unpack[OfProblem]) -> Problem:
         """Return the problem with other values; None takes one away.
 
         Parameters
         ----------
+        system : DirectorSystem or SystemStack, optional
+            Another body.
         **changes
             Keywords of a problem.
 
         Returns
         -------
         Problem
+
+        Raises
+        ------
+        TypeError
+            There is no such keyword.
+        ValueError
+            The times of a run file are changed whose loads begin and end with the run.
         """
-        given = {**self.given, **changes}
-        return problem_with(self.system, {key: value for key, value in given.items() if value is not None})
+        refuse_unknown("replace", changes, OfProblem)
+        given = changed(self, changes)
+        kept = {key: value for key, value in given.items() if value is not None}
+        return problem_with(self.system if system is None else system, kept)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Problem:
@@ -304,8 +320,20 @@ class Problem:
         return forecast(prepared(self))
 
 
+def changed(problem: Problem, keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords of a problem with others; a ValueError where its file has loads that last as the run does."""
+    others = {"t_start", "t_end"} & keywords.keys()
+    if others and problem.file is not None and problem.file.has_lasting_loads:
+        raise ValueError(
+            "a load of the run file begins or ends with the run: set times by Problem.read(path, ['time.t_end=...'])"
+        )
+    return {**problem.given, **keywords}
+
+
 def prepared(problem: Problem) -> Prepared:
     """Return a problem made ready to run; errors as `simulate`."""
+    if "load_scale" in problem.given:
+        raise ValueError("load_scale is that of an ensemble; multiply the load of one run: load=2 * load")
     begin = start_of(problem)
     return Prepared(plan_of(problem, begin), begin, as_events(problem.events))
 
@@ -344,7 +372,7 @@ def part_of(problem: Problem, group: Any) -> dict[str, Any]:
 def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any], file: Any = None) -> Problem:
     """Return the problem with these keywords, which are known; `file` is the run file that says the same."""
     problem = Problem.__new__(Problem)
-    vars(problem).update(system=system, given=dict(given), file=file)
+    vars(problem).update(system=system, given=MappingProxyType(dict(given)), file=file)
     return problem
 
 
@@ -368,7 +396,7 @@ def posed(
     refuse_unknown(function, keywords, group)
     if not isinstance(system, Problem):
         return problem_with(system, {**defaults, **keywords})
-    found = {**system.given, **keywords}
+    found = changed(system, keywords)
     for name in found.keys() - group.__annotations__.keys():
         if name not in aside and found[name] is not None:
             raise ValueError(f"{function} does not take {name}; problem.replace({name}=None) is without")

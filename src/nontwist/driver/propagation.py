@@ -23,6 +23,7 @@ from .problem import STARTS, OfStarts, Problem, every_stored, plan_of, posed, ta
 from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of, with_warning
 from .starts import Starts, last_attitude, start_of_one, without_spin
 
+ASIDE = [name for name in STARTS if name != "start"]  # of a problem: calls give them
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
 
 
@@ -37,7 +38,8 @@ def propagator(system: DirectorSystem | Problem, **keywords: Unpack[OfStarts]) -
     Parameters
     ----------
     system : DirectorSystem or Problem
-        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem.
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`; or a whole problem, whose
+        start each call gives.
     t_end, step, tolerance, t_start, times, load, integrator, order, project
         As in `simulate`. With a tolerance, or ``step=None``, steps are chosen for each start; a call then takes as long
         as `integrate`.
@@ -67,7 +69,7 @@ def propagator(system: DirectorSystem | Problem, **keywords: Unpack[OfStarts]) -
     >>> [run(material_angular_velocity=(0, W, 0)).rotation[-1].magnitude().round(6).item() for W in (1, 2, 3)]
     [1.0, 2.0, 3.0]
     """
-    problem = posed("propagator", system, keywords, OfStarts, aside=STARTS, store="end")
+    problem = posed("propagator", system, keywords, OfStarts, aside=ASIDE, store="end")
     body, plan = as_system(problem.system), plan_of(problem, store=every_stored(problem))
     if plan.grid is not None:
         check_cost(plan, AT_REST, plan.grid)

@@ -23,7 +23,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from ..driver.problem import STARTS, OfNodes, Problem, plan_of, posed, takes
+from ..driver.problem import OfNodes, Problem, plan_of, posed, takes
 from ..driver.starts import last_attitude
 from ..driver.varied import Varied
 from ..geometry.arrays import as_array
@@ -105,7 +105,7 @@ def function(
     [-0.0004, 0.0004, -0.0001]
     """
     require_jax()
-    known = posed("function", system, keywords, OfNodes, aside=STARTS, store="end")
+    known = posed("function", system, keywords, OfNodes, store="end")
     if known.step is None:
         raise ValueError("give step=: a JAX function has steps that do not depend on its parameters")
     body, plan = as_system(known.system), plan_of(known)

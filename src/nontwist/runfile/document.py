@@ -19,7 +19,6 @@ from ..driver.planning import known_body
 from ..driver.prepared import Forecast, Prepared
 from ..driver.prepared import forecast as forecast_of
 from ..driver.problem import Problem, problem_with
-from ..driver.runs import dataset_of
 from ..errors import RunFileError
 from ..geometry.values import as_list, as_path
 from ..geometry.values import shown as in_python
@@ -93,6 +92,11 @@ class RunFile(Section):
             raise RunFileError("the run file", tuple(problems))
         return made
 
+    @property
+    def has_lasting_loads(self) -> bool:
+        """Whether a load begins or ends with the run, where the file does not say when."""
+        return any(one.needs_times and None in (one.start, one.end) for one in self.load)  # type: ignore[attr-defined]
+
     @cached_property
     def problem(self) -> Problem:
         """The problem that the file describes."""
@@ -104,44 +108,8 @@ class RunFile(Section):
         return problem_with(system, {key: value for key, value in given.items() if value is not None}, self)
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
-        """Run the file.
-
-        Parameters
-        ----------
-        progress : bool
-            Show a progress bar on stderr.
-        **changes
-            Arguments of `nontwist.simulate` that replace those of the file.
-
-        Returns
-        -------
-        Dataset
-            As returned by `nontwist.simulate`, with `record` among its attributes. A table [sweep] is ignored.
-
-        Raises
-        ------
-        ValueError, SimulationError
-            As `nontwist.simulate`.
-
-        Examples
-        --------
-        >>> from pathlib import Path
-        >>> from nontwist.runfile import read_run_file
-        >>> text = '''
-        ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
-        ... start.angular_velocity.body = [6, -18, 0]
-        ... time.t_end = 1
-        ... '''
-        >>> _ = Path("run.toml").write_text(text)
-        >>> run = read_run_file("run.toml").simulate(integrator="exact")
-        >>> run.material_momentum.values[-1, :2].round(9)
-        array([ 18., -72.])
-        """
-        if changes:
-            run = simulate(self.problem, **changes, progress=progress)
-        else:
-            run = dataset_of(self.prepared.run(progress))
-        return run.assign_attrs(self.record())
+        """Run the problem of the file, with changes, recorded as the file; errors as `nontwist.simulate`."""
+        return simulate(self.problem, **changes, progress=progress).assign_attrs(self.record())
 
     def record(self) -> dict[str, Any]:
         """Return attributes that record how a run was made: `run_file`, the file with all defaults, and its hash.
@@ -198,45 +166,7 @@ MOST_PROBLEMS = 100  # that are reported
 
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
-    """Read and check a run file without running it.
-
-    Parameters
-    ----------
-    path : path
-        A TOML file; see the page of run files, or ``nontwist example``.
-    overrides : iterable of str
-        Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``;
-        ``"key="`` removes a key. A step replaces the tolerance of the file, and the other way round.
-
-    Returns
-    -------
-    RunFile
-
-    Raises
-    ------
-    RunFileError
-        A ValueError with one line for each problem: "file: key: what was given -> what is accepted".
-    ValueError
-        `path` is not a path, or overrides are not strings.
-    OSError
-        The file cannot be read; it is a FIFO or a device.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from nontwist.runfile import read_run_file
-    >>> text = '''
-    ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
-    ... start.angular_velocity.body = [6, -18, 0]
-    ... time.t_end = 1
-    ... '''
-    >>> _ = Path("run.toml").write_text(text)
-    >>> run_file = read_run_file("run.toml", ["time.t_end=2"])
-    >>> run_file.time.t_end
-    2.0
-    >>> run_file.problem.system.name
-    'nontwisting'
-    """
+    """Read and check a run file without running it; parameters and errors as `nontwist.Problem.read`."""
     path, texts = as_path(path, "path"), as_list(overrides, "overrides")
     if wrong := [text for text in texts if not isinstance(text, str)]:
         raise ValueError(f"overrides must be strings 'key=value', got {in_python(wrong[0])}")

@@ -1,7 +1,8 @@
 """The way back from a `Problem` to a run file: its objects as tables.
 
 A term of the load has its fields as keys, and a body its J, so the file makes the same numbers. A weight is a constant
-force on the directors, m c ⊗ g: of such a matrix of rank one, g is taken of length 9.81 m/s² and m as 1 kg.
+force on the directors, m c ⊗ g: of such a matrix of rank one, g is taken of length 9.81 m/s² and m as 1 kg, or, where
+J is too small for that, so large that m |c|² is nothing.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..driver.events import NamedEvent
-from ..driver.problem import Problem, start_of
+from ..driver.problem import Problem, prepared
 from ..integrators import INTEGRATORS
 from ..io.whole import written
 from ..loads import LOADS, Term, as_load
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem, as_system
 from ..spec import specs
+from .body import Body
 from .document import checked
 from .folder import Folder
 from .loads import Tables, keys_of
@@ -28,7 +30,7 @@ from .loads import Tables, keys_of
 if TYPE_CHECKING:
     from .document import RunFile
 
-FALL, RANK = 9.81, 1e-12
+FALL, RANK, LIGHT = 9.81, 1e-12, 1e-10
 
 
 def write(problem: Problem, path: str | os.PathLike[str], force: bool = False) -> None:
@@ -45,8 +47,12 @@ def file_of(problem: Problem, place: Path) -> RunFile:
     """Return the run file that says what a problem says; a ValueError where it has what none can say."""
     if problem.file is not None:
         file: RunFile = problem.file
-        return file
-    system, begin = as_system(problem.system), start_of(problem)
+        if file.folder.resolve() == place.parent.resolve():
+            return file
+        if file.sweep is not None:
+            raise ValueError(f"a sweep is written into the folder of its file, {file.folder}, alone")
+    system = as_system(problem.system)
+    begin = prepared(problem).begin
     start: dict[str, Any] = {"angular_velocity": {"body": begin.velocity[0].tolist()}}
     if not np.array_equal(begin.quaternion[0], [0, 0, 0, 1]):
         start["rotation"] = {"quaternion": begin.quaternion[0].tolist(), "order": "xyzw"}
@@ -70,13 +76,23 @@ def file_of(problem: Problem, place: Path) -> RunFile:
 
 
 def body_table(system: DirectorSystem) -> dict[str, Any]:
-    """Return the table of a body."""
-    kind = system.name.split(" ")[0]
-    if kind not in BODIES or "mass" in BODIES[kind].takes:
-        is_held = system.axis is not None
-        fitting = (name for name, one in BODIES.items() if ("axis" in one.takes) == is_held and "mass" not in one.takes)
-        kind = next(fitting)
-    table = {"kind": kind, "inertia": system.inertia.tolist()}
+    """Return the table of a body: of the first kind, that of its name before others, that makes this body."""
+    own = system.name.split(" ")[0]
+    for kind in sorted(BODIES, key=lambda name: name != own):
+        table = _table_of(kind, system)
+        try:
+            made = Body.model_validate(table).system(Folder(Path()))
+        except ValueError:
+            continue
+        pairs = ((getattr(made, name), getattr(system, name)) for name in ("axis", "inertia", "dead_force"))
+        is_same = all((a is None) == (b is None) and (a is None or np.allclose(a, b, RANK)) for a, b in pairs)
+        if is_same and (made.spin is None) == (system.spin is None):
+            return table
+    raise ValueError(f"no kind of run files makes the body {system.name!r}")
+
+
+def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
+    table: dict[str, Any] = {"kind": kind, "inertia": system.inertia.tolist()}
     if "axis" in BODIES[kind].takes and system.axis is not None:
         table["axis"] = system.axis.tolist()
     if not system.physical:
@@ -92,17 +108,21 @@ def body_table(system: DirectorSystem) -> dict[str, Any]:
         left, sizes, right = np.linalg.svd(system.dead_force)
         if sizes[1] > RANK * sizes[0]:
             raise ValueError("the body has forces on several directors, as no weight has: a run file has none")
-        centre = sizes[0] * left[:, 0] / FALL
-        table |= {"mass": 1.0, "centre_of_mass": centre.tolist(), "gravity": (FALL * right[0]).tolist()}
+        first = sizes[0] * left[:, 0] / FALL  # m c
+        held = np.linalg.eigvalsh(system.euler_inertia - np.outer(first, first))[0] >= 0
+        mass = 1.0 if held else float(first @ first / (LIGHT * np.trace(system.inertia)))
+        table |= {"mass": mass, "centre_of_mass": (first / mass).tolist(), "gravity": (FALL * right[0]).tolist()}
     return table
 
 
 def load_table(term: Term) -> dict[str, Any]:
     """Return the table of a term of the load."""
     kind = next(kind for kind, cls in LOADS.items() if cls is type(term))
-    if kind not in [*Tables()]:
+    if kind not in [*Tables()] or any(callable(getattr(term, one.name)) for one in fields(term)):
         raise ValueError(f"a load that is a {kind} has no place in a run file; save the run instead")
     table = {"kind": kind} | ({} if term.scale == 1 else {"scale": term.scale})
+    if kind == "rotor" and np.size(term.times) == 1:  # type: ignore[attr-defined]
+        return table | {"axis": plain(term.rotor), "momentum": float(term.values[0])}  # type: ignore[attr-defined]
     known = {"damping": "coefficient", "rotor": "axis"} if kind in ("damping", "rotor") else keys_of(type(term))
     for name, (_, default, _) in specs(type(term)).items():
         value = getattr(term, name)
@@ -115,13 +135,13 @@ def integrator_table(problem: Problem) -> dict[str, Any]:
     """Return the table of the integrator: its name, its order, and its other options where they are no defaults."""
     scheme, order = problem.integrator, problem.order
     if isinstance(scheme, str):
-        return {"name": scheme} | ({} if order is None else {"order": order})
+        return {"name": scheme} | ({} if order is None else {"order": int(order)})
     if INTEGRATORS.get(scheme.name) is not type(scheme):
         raise ValueError(f"INTEGRATORS has no entry for {type(scheme).__name__}")
     own = {one.name: getattr(scheme, one.name) for one in fields(scheme) if getattr(scheme, one.name) != one.default}
     order = getattr(scheme, "order", None) if scheme.orders else None
     options = {key: plain(value) for key, value in own.items() if key != "order"}
-    table: dict[str, Any] = {"name": scheme.name} | ({} if order is None else {"order": order})
+    table: dict[str, Any] = {"name": scheme.name} | ({} if order is None else {"order": int(order)})
     return table | ({"options": options} if options else {})
 
 
@@ -136,7 +156,8 @@ def event_table(event: Any) -> dict[str, Any]:
     """Return the table of an event that `axis_crosses` or `spin_below` made."""
     if not isinstance(event, NamedEvent):
         raise ValueError("an event that is a function has no place in a run file: axis_crosses, spin_below have")
-    table = {"kind": event.kind, "name": event.__name__, "terminal": event.terminal, "direction": int(event.direction)}
+    table = {"kind": event.kind, "name": event.__name__, "terminal": plain(event.terminal)}
+    table["direction"] = int(np.sign(event.direction))
     own = {key: plain(getattr(event, key)) for key in event.fields if getattr(event, key) is not None}
     return table | own
 

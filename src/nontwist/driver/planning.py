@@ -137,8 +137,10 @@ def planned(
     if asked is not None and scheme.any_times:
         steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
-    load = known_body(as_load(load), systems)
-    require_possible(scheme, systems, load)
+    load = as_load(load)
+    if load.terms:
+        load = known_body(load, systems)
+        require_possible(scheme, systems, load)
     return Plan(
         scheme,
         systems,
@@ -149,7 +151,7 @@ def planned(
         grid,
         asked,
         tolerance,
-        candidates(scheme, is_open),
+        candidates(scheme, is_open) if grid is None else (scheme,),
     )
 
 

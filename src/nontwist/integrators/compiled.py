@@ -103,7 +103,7 @@ class Compiled(Integrator):
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: no functions in Python, memory, or dry friction."""
-        is_plain = load.is_compiled and not (load.memories or load.frictions)
+        is_plain = not load.terms or (load.is_compiled and not (load.memories or load.frictions))
         return type(self).march is Compiled.march and is_plain
 
     def prepared(self, problem: IVP) -> Prepared:

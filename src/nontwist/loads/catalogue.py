@@ -451,7 +451,8 @@ def wheel(
         Friction in the bearing per unit of Ω.
     coulomb : float, N m
         Dry friction in the bearing: of this size against Ω while the wheel turns. Where Ω is zero the wheel sticks,
-        Ω = 0 exactly, as long as no larger torque is needed to hold it.
+        Ω = 0 exactly, as long as no larger torque is needed to hold it. A slip that begins and ends within one step is
+        missed: give a step that resolves the torque.
     friction : function ``f(speed) -> float``, N m, optional
         Friction of the sign of Ω, which is taken off the torque.
     compiled : bool

@@ -167,7 +167,8 @@ def leaves(value):
     elif isinstance(value, nontwist.results.BodyState):
         yield from leaves([value.time, value.quaternion, value.material_angular_velocity])
     elif is_dataclass(value) and not isinstance(value, (Enum, type)):
-        yield from leaves({field.name: getattr(value, field.name) for field in fields(value)})
+        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        yield from leaves({name: one for name, one in own.items() if name != "physical" or not one})  # since 0.3.0
 
 
 def told(value):

@@ -1,6 +1,8 @@
 """A problem is one description: functions take it or its keywords, files hold it, and what does not fit is refused."""
 
+import copy
 import dataclasses
+import pickle
 from dataclasses import FrozenInstanceError
 
 import numpy as np
@@ -182,6 +184,23 @@ def test_a_forecast_is_of_the_run(name):
 
 def test_what_cannot_be_run_is_forecast():
     assert PROBLEM.replace(integrator="split", load=nt.dry_friction(0.1)).forecast().problems[0][0] == "integrator"
+
+
+@pytest.mark.parametrize("again", [lambda one: pickle.loads(pickle.dumps(one)), copy.copy, copy.deepcopy])
+def test_a_copy_is_the_same_problem(again, tmp_path):
+    PROBLEM.write(tmp_path / "run.toml")
+    for problem in (PROBLEM, Problem.read(tmp_path / "run.toml")):
+        assert np.array_equal(nt.integrate(again(problem)).quaternion, nt.integrate(problem).quaternion)
+
+
+def test_small_bodies_are_not_taken_for_others(tmp_path):
+    """Inertias of 1e-9 kg m² are compared relative to themselves: the third axis of this one is not principal."""
+    J = 1e-9 * np.array([[3, 0, 0.2], [0, 4, 0], [0.2, 0, 5]])
+    body = dataclasses.replace(nt.suslov(J, (0, 0, 1)), name="nontwisting")
+    problem = Problem(body, t_end=1, step=0.1, material_angular_velocity=(1, 2, 0))
+    problem.write(tmp_path / "run.toml")
+    run = nt.integrate(Problem.read(tmp_path / "run.toml"))
+    np.testing.assert_allclose(run.quaternion, nt.integrate(problem).quaternion, atol=1e-12)
 
 
 def test_one_run_has_no_load_scale(tmp_path):

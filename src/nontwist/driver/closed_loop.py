@@ -25,13 +25,14 @@ from .completion import OVERFLOW
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
 from .planning import internal_states, resolve_integrator
-from .problem import OfStart, Problem, part_of
+from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
 from .starts import BodyState, start_of_one
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 ZERO: Vector = (0.0, 0.0, 0.0)
+ASIDE = (*STARTS, "t_start", "t_end", "tolerance", "times", "store")  # of a problem: times and output
 
 
 def stepper(
@@ -87,17 +88,13 @@ def stepper(
     >>> max(abs(W) for W in state.material_angular_velocity) < 0.05
     True
     """
-    problem = system if isinstance(system, Problem) else Problem(system)
-    for name in ("load_scale", "events"):
-        if name in problem.given:
-            raise ValueError(f"stepper does not take {name}; problem.replace({name}=None) is without")
-    step = problem.step if step is None else step
-    if step is None:
+    own = {"step": step, "integrator": integrator, "order": order, "load": load}
+    changes = {name: value for name, value in own.items() if value is not None}
+    problem = posed("stepper", system, changes, OfLoop, aside=ASIDE)
+    integrator, order = problem.given.get("integrator", "lie-midpoint"), problem.order
+    if problem.step is None:
         raise ValueError("give step=, the length of all steps")
-    if integrator is None:
-        integrator = problem.given.get("integrator", "lie-midpoint")
-    order = problem.order if order is None else order
-    body, h, load = as_system(problem.system), float(as_positive(step, "step", (), "s")), as_load(load or problem.load)
+    body, h, load = as_system(problem.system), float(as_positive(problem.step, "step", (), "s")), as_load(problem.load)
     scheme = resolve_integrator(integrator, order)
     if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):
         *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
@@ -107,7 +104,7 @@ def stepper(
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
     loop = Stepper(body, h, scheme, of_body(load, body.inertia))
-    if problem is system:
+    if isinstance(system, Problem):
         loop.reset(**part_of(problem, OfStart), time=problem.t_start)
     return loop
 

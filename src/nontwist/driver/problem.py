@@ -90,6 +90,15 @@ class OfStarts(OfSpan, total=False):
     project: bool
 
 
+class OfLoop(TypedDict, total=False):
+    """Keywords for steps that are taken one by one."""
+
+    step: float
+    load: Load | Term | None
+    integrator: str | Integrator
+    order: int | None
+
+
 class OfNodes(TypedDict, total=False):
     """Keywords for runs at nodes that do not depend on what is varied."""
 
@@ -200,6 +209,12 @@ class Problem:
     def __setattr__(self, name: str, value: Any) -> None:
         raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=...) returns another")
 
+    def __delattr__(self, name: str) -> None:
+        raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=None) returns another")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return problem_with, (self.system, dict(self.given), self.file)
+
     def __getattr__(self, name: str) -> Any:
         if name not in OfProblem.__annotations__:
             raise AttributeError(f"a problem has no {name!r}")
@@ -208,9 +223,6 @@ class Problem:
     def __repr__(self) -> str:
         body = getattr(self.system, "name", repr(self.system))
         return f"Problem({', '.join([body, *(f'{key}={value!r}' for key, value in self.given.items())])})"
-
-    def __delattr__(self, name: str) -> None:
-        raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=None) returns another")
 
     def replace(self, system: DirectorSystem | SystemStack | None = None, **changes: Unpack[OfProblem]) -> Problem:
         """Return the problem with other values; None takes one away.
@@ -297,7 +309,7 @@ class Problem:
         Notes
         -----
         The motion depends on mass times centre of mass alone: the file of a body that was not read from one has the
-        mass 1 kg.
+        mass 1 kg, or more where its inertia requires it.
         """
         from ..runfile.writing import write
 

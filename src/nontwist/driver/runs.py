@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Unpack
 from ..analysis.trajectory import Trajectory
 from ..integrators import SimulationInterrupt
 from ..models.system import DirectorSystem
-from .events import as_events
-from .problem import OfRun, Problem, plan_of, posed, start_of, takes
+from .problem import OfRun, Problem, posed, prepared, takes
 from .single_run import run_of
 
 if TYPE_CHECKING:
@@ -189,6 +188,5 @@ def integrate(
 
 def solved(problem: Problem, progress: bool = False) -> Trajectory:
     """Return the run of a problem; errors as `simulate`."""
-    begin = start_of(problem)
-    plan = plan_of(problem, begin)._replace(shows="between")
-    return run_of(plan, begin, progress, events=as_events(problem.events))
+    made = prepared(problem)
+    return run_of(made.plan._replace(shows=made.shows), made.begin, progress, events=made.events)

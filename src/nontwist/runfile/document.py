@@ -33,7 +33,7 @@ from .loads import AnyLoad, LoadSection, Place
 from .section import Fault, Keys, Section, path_in, problems_of, shown, toml_text
 from .sweep_table import Sweep, key_problems, step_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time
-from .toml_data import LARGEST, document, overridden
+from .toml_data import LARGEST, document, overridden, parsed
 
 if TYPE_CHECKING:
     import xarray
@@ -76,6 +76,9 @@ class RunFile(Section):
             vars(copied).pop(made, None)
         return copied
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return file_of_text, ("the run file", self.text(), self.folder)  # tables of loads are made as they are read
+
     @property
     def folder(self) -> Path:
         """Folder of the file, to which paths in the file are relative."""
@@ -95,7 +98,7 @@ class RunFile(Section):
     @property
     def has_lasting_loads(self) -> bool:
         """Whether a load begins or ends with the run, where the file does not say when."""
-        return any(one.needs_times and None in (one.start, one.end) for one in self.load)  # type: ignore[attr-defined]
+        return any(one.is_lasting for one in self.load)
 
     @cached_property
     def problem(self) -> Problem:
@@ -174,6 +177,11 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     with path.open("rb") as file:
         data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
     return checked(str(path), overridden(str(path), data, texts), Folder(path.parent))
+
+
+def file_of_text(name: str, text: str, folder: Path) -> RunFile:
+    """Return the run file of a text made by `RunFile.text`; the files that it names are in `folder`."""
+    return checked(name, parsed(name, text), Folder(folder))
 
 
 def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:

@@ -59,6 +59,11 @@ class LoadSection(Section):
         """The key that a message names."""
         return self.error_key
 
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it begins or ends with the run."""
+        return False
+
     def in_words(self, folder: Folder) -> str:
         """Describe the load in a preview, by its kind."""
         return self.kind
@@ -83,6 +88,11 @@ class Constant(Moment):
     moment: Vector = Field(description="3 numbers, N m")
     start: float | None = Field(default=None, description="a number, s; the start of the run by default")
     end: float | None = Field(default=None, description="a number after start, s; the end of the run by default")
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it begins or ends with the run."""
+        return None in (self.start, self.end)
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""

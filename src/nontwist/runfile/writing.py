@@ -16,6 +16,7 @@ import numpy as np
 
 from ..driver.events import NamedEvent
 from ..driver.problem import Problem, prepared
+from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS
 from ..io.whole import written
 from ..loads import LOADS, Term, as_load
@@ -52,7 +53,7 @@ def file_of(problem: Problem, place: Path) -> RunFile:
         if file.sweep is not None:
             raise ValueError(f"a sweep is written into the folder of its file, {file.folder}, alone")
     system = as_system(problem.system)
-    begin = prepared(problem).begin
+    begin, events = (made := prepared(problem)).begin, made.events
     start: dict[str, Any] = {"angular_velocity": {"body": begin.velocity[0].tolist()}}
     if not np.array_equal(begin.quaternion[0], [0, 0, 0, 1]):
         start["rotation"] = {"quaternion": begin.quaternion[0].tolist(), "order": "xyzw"}
@@ -70,7 +71,7 @@ def file_of(problem: Problem, place: Path) -> RunFile:
         "load": [load_table(term) for term in as_load(problem.load).terms],
         "time": {key: plain(value) for key, value in time.items() if value is not None},
         "integrator": integrator_table(problem),
-        "event": [event_table(one) for one in events_of(problem)],
+        "event": [event_table(one.function) for one in events],
     }
     return checked(str(place), tables, Folder(place.parent))
 
@@ -85,10 +86,15 @@ def body_table(system: DirectorSystem) -> dict[str, Any]:
         except ValueError:
             continue
         pairs = ((getattr(made, name), getattr(system, name)) for name in ("axis", "inertia", "dead_force"))
-        is_same = all((a is None) == (b is None) and (a is None or np.allclose(a, b, RANK)) for a, b in pairs)
-        if is_same and (made.spin is None) == (system.spin is None):
+        if (made.spin is None) == (system.spin is None) and all(_is_same(*pair) for pair in pairs):
             return table
     raise ValueError(f"no kind of run files makes the body {system.name!r}")
+
+
+def _is_same(made: Array | None, own: Array | None) -> bool:
+    if made is None or own is None:
+        return made is own
+    return bool(abs(made - own).max() <= RANK * abs(own).max())
 
 
 def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
@@ -143,13 +149,6 @@ def integrator_table(problem: Problem) -> dict[str, Any]:
     options = {key: plain(value) for key, value in own.items() if key != "order"}
     table: dict[str, Any] = {"name": scheme.name} | ({} if order is None else {"order": int(order)})
     return table | ({"options": options} if options else {})
-
-
-def events_of(problem: Problem) -> list[Any]:
-    """Return the event functions of a problem."""
-    if problem.events is None:
-        return []
-    return [problem.events] if callable(problem.events) else [*problem.events]
 
 
 def event_table(event: Any) -> dict[str, Any]:

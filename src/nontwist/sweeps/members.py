@@ -27,20 +27,18 @@ from ..driver.planning import known_body
 from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import Array
-from ..geometry.values import among
-from ..integrators import INTEGRATORS, IVP, Integrator
+from ..integrators import IVP, Integrator
 from ..integrators.problem import COLUMNS
 from ..integrators.time_grid import stretched
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack
 from ..runfile import RunFile
 from ..runfile.body import Body
-from ..runfile.document import checked, with_loads
+from ..runfile.document import checked, file_of_text, with_loads
 from ..runfile.folder import Folder
 from ..runfile.loads import AnyLoad, Place
 from ..runfile.section import problems_of
 from ..runfile.sweep_table import Sweep
-from ..runfile.toml_data import parsed
 from ..units import RATE
 from .draws import Values
 
@@ -190,18 +188,8 @@ class Members:
 
     @classmethod
     def of(cls, text: str, folder: Path) -> Members:
-        """Return the members of a file given by `RunFile.text`; the files that it names are in `folder`.
-
-        Where its integrator has lost the order since, they can be read, and not be run.
-        """
-        data = parsed("the sweep", text)
-        order = _removed_order(data)
-        if order is None:
-            return cls(checked("the sweep", data, Folder(folder)))
-        file = checked("the sweep", data | {"integrator": {"name": data["integrator"]["name"]}}, Folder(folder))
-        copied = file.model_copy(update={"integrator": file.integrator.model_copy(update={"order": order})})
-        vars(copied)["prepared"] = file.prepared
-        return cls(copied)
+        """Return the members of a file given by `RunFile.text`; the files that it names are in `folder`."""
+        return cls(file_of_text("the sweep", text, folder))
 
     def __len__(self) -> int:
         return self.sweep.members
@@ -365,14 +353,6 @@ class Members:
 def signs(quaternion: Array) -> Array:
     """Return the signs, (..., 1), that make the scalar of quaternions not negative: one form for each attitude."""
     return np.where(quaternion[..., 3:] < 0, -1.0, 1.0)
-
-
-def _removed_order(data: dict[str, Any]) -> int | None:
-    """Return the order of the integrator where it is one of an earlier version."""
-    table = data.get("integrator")
-    name, order = (table.get("name"), table.get("order")) if isinstance(table, dict) else (None, None)
-    kind = INTEGRATORS[name] if isinstance(name, str) and name in INTEGRATORS else None
-    return order if kind is not None and among(order, kind.removed) else None
 
 
 def _below(prefix: str, values: Values) -> Values:

@@ -74,7 +74,8 @@ class Called:
 
     def _address(self, function: Any) -> int:
         """Return the address of a function."""
-        return self._held(function).address
+        found: int = self._held(function).address
+        return found
 
     def _held(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""

@@ -231,7 +231,8 @@ class Known(Nodes):
 
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
-        return x @ self.basis
+        found: Vector = x @ self.basis
+        return found
 
     def tilted(self, x: Vector) -> Vector:
         """Return a vector of the body as the frame has it that is turned."""
@@ -284,7 +285,8 @@ def varied(x: Number, change: Any) -> Number:
         found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
     elif isinstance(change, Dual):
         found = change.chain(plain(x), (1.0, 1.0), (x, change))
-    return found
+    result: Number = found
+    return result
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:

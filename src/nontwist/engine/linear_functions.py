@@ -84,7 +84,8 @@ class LinearFunctions:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         rows = Matrix(*(mean(s, -a, row) for row in self.R))
-        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
+        found: Vector = self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
+        return found
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""

@@ -202,7 +202,8 @@ def loaded_momentum(
     """
     J, W = planar(inertia, material_angular_velocity, physical)
     pieces, place = _pieces(load, times, t_start)
-    return momenta(J @ W, pieces)[0][place(pieces)]
+    found: Array = momenta(J @ W, pieces)[0][place(pieces)]
+    return found
 
 
 def loaded_nontwisting(

@@ -25,7 +25,8 @@ def vectors(value: ArrayLike, name: str) -> Array:
 def in_range(points: Array) -> Array:
     """Return points (m, n, 3), those of each member over a power of two, so that squares of distances are floats."""
     exponent = np.frexp(np.abs(points).max(axis=(1, 2), keepdims=True))[1]
-    return np.ldexp(points, -exponent)
+    found: Array = np.ldexp(points, -exponent)
+    return found
 
 
 def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
@@ -88,7 +89,8 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
         raise ValueError(f"d1{member} must not be zero or parallel to the first director")
     start /= size
     start -= np.sum(start * first, axis=1, keepdims=True) * first
-    return start / np.linalg.norm(start, axis=1, keepdims=True)
+    found: Array = start / np.linalg.norm(start, axis=1, keepdims=True)
+    return found
 
 
 def triad_about(n: Array) -> Array:

@@ -127,7 +127,8 @@ def smooth_rolls(u: Any, closed: Any, roll: Any, node: Any, nodes: Any, scratch:
 
 def reflected(v: Vector, c: Vector) -> Vector:
     """Return v reflected in the plane orthogonal to c."""
-    return v - 2.0 * (v @ c) / (c @ c) * c
+    found: Vector = v - 2.0 * (v @ c) / (c @ c) * c
+    return found
 
 
 @part

@@ -15,4 +15,5 @@ for _n, (_i, _j) in enumerate(ENTRIES):
 
 def hats(a: Array) -> Array:
     """Return the matrices of ``a ×``, (n, 3, 3), of vectors (n, 3)."""
-    return np.einsum("cij,ni->ncj", LEVI, a)
+    found: Array = np.einsum("cij,ni->ncj", LEVI, a)
+    return found

@@ -179,7 +179,8 @@ def _of_slender(
     slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
     driven = coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag
     gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
-    return np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
+    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
+    return found
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
@@ -217,13 +218,15 @@ def _turning(systems: SystemStack) -> slice:
 
 def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
     """Return the largest moments of gravity and potentials, N m, that is half the range of their energies, J."""
-    return np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
+    found: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
+    return found
 
 
 def _pulls(systems: SystemStack, basis: Array) -> Array:
     """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
     across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
-    return (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
+    found: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
+    return found
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:

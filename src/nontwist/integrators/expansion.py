@@ -136,7 +136,8 @@ def body_of(run: View, i: Any) -> Body:
 def turned(p: Quaternion, x: Vector) -> Vector:
     """Return Λ x."""
     t = cross(p.vector, x) * 2.0
-    return x + t * p[0] + cross(p.vector, t)
+    found: Vector = x + t * p[0] + cross(p.vector, t)
+    return found
 
 
 class Rooms:

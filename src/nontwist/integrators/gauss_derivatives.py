@@ -157,7 +157,8 @@ class Collocation:
         if not self.parts.orbit:
             return self.rows(i)
         less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        return attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
+        found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
+        return found
 
     def matrix(self, name: str, k: Any) -> Matrix:
         """Return a matrix that lies in a room, row by row."""
@@ -359,7 +360,8 @@ class Collocation:
         v = Variables(C=0.0 * self.turn + AXES)
         for i, stage in self.each():
             v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.rows(i)))
-        return v.C
+        found: Matrix = v.C
+        return found
 
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""
@@ -459,7 +461,8 @@ class Collocation:
         if known.tilt is not None:
             tilt = in_direction(known.tilt, j)
             turn, W = turn - tilt, W - cross(W, tilt)
-        return tangent((*turn, *W), 0)
+        found: tuple[Any, ...] = tangent((*turn, *W), 0)
+        return found
 
 
 def is_nothing(x: Vector) -> bool:

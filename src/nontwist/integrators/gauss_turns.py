@@ -54,7 +54,8 @@ class Turn:
             theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
             v.total = v.total + theta @ stage.V
             steps.put("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
-        return (1.0 / steps.h) * v.total
+        found: Vector = (1.0 / steps.h) * v.total
+        return found
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
@@ -133,7 +134,8 @@ class Line(Turn):
 
     def direction(self, V: Vector, g: Any) -> Vector:
         """Return the known vector as seen at a stage."""
-        return self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
+        found: Vector = self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
+        return found
 
     def set_stages(self, direct: Matrix) -> None:
         """Set Θ."""

@@ -122,7 +122,8 @@ class OnGrid:
         """Return times as numbers of steps; a border is the end, or else the beginning, of a stretch."""
         (borders, numbers), sizes = self._arrays, np.array(self.grid.sizes)
         j = np.clip(np.searchsorted(borders, time, side=side) - 1, 0, len(sizes) - 1)
-        return np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
+        found: Array = np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
+        return found
 
     def began(self, step: int) -> float:
         """Return the time at which a step begins, s; off the grid, the output time with this number, or t_start."""

@@ -36,7 +36,8 @@ class Spin:
 
     def at(self, times: Any) -> Array:
         """Return the rate at (n,) times, rad/s."""
-        return np.interp(times, self.times, self.values)
+        found: Array = np.interp(times, self.times, self.values)
+        return found
 
     @property
     def is_constant(self) -> bool:

@@ -112,7 +112,8 @@ class SystemStack:
         """Return the prescribed spin of all members at a time, (m,), rad/s; 0 if there is none."""
         if self.spin is None or self.spin_factor is None:
             return np.zeros(len(self))
-        return self.spin_factor * self.spin.at([time])
+        found: Array = self.spin_factor * self.spin.at([time])
+        return found
 
     @classmethod
     def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -159,7 +160,8 @@ class SystemStack:
 
     def __getitem__(self, member: int) -> DirectorSystem:
         if "_bodies" in vars(self):
-            return vars(self)["_bodies"][member]
+            found: DirectorSystem = vars(self)["_bodies"][member]
+            return found
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
             self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member), self.physical
@@ -169,7 +171,8 @@ class SystemStack:
     def convected_inertia(self) -> Array:
         """Convected inertia J about the fixed point, (m, 3, 3), kg m²."""
         E = self.euler_inertia
-        return np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
+        found: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
+        return found
 
     @property
     def has_dead_force(self) -> bool:
@@ -234,7 +237,8 @@ def transverse_momentum(systems: SystemStack) -> Array:
     assert systems.axis is not None
     n, J = systems.axis, systems.convected_inertia
     Jn = np.sum(J * n[:, None], axis=2)
-    return Jn - np.sum(Jn * n, axis=1)[:, None] * n
+    found: Array = Jn - np.sum(Jn * n, axis=1)[:, None] * n
+    return found
 
 
 def is_principal(systems: SystemStack) -> NDArray[np.bool_]:

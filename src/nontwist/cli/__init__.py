@@ -24,7 +24,7 @@ from . import (
     validation_commands,
     view_commands,
 )
-from .options import Command
+from .options import Command, command
 from .outcomes import Commands
 from .summaries import imported
 
@@ -103,4 +103,4 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "schema": run_commands.schema_command,
 }
 for _name, _function in COMMANDS.items():
-    app.command(_name, cls=Command)(_function)
+    app.command(_name, cls=Command)(command(_function))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Debug, Force, require_folder
+from .options import Force, Opt, require_folder
 from .outcomes import DIFFERS, stdout
 from .summaries import print_table, shown_unit
 
@@ -16,23 +16,13 @@ if TYPE_CHECKING:
 
 
 def reproduce_command(
-    case: Annotated[
-        list[int] | None,
-        typer.Option(metavar="N", min=1, max=3, help="Case 1, 2 or 3. Repeatable.", show_default="all"),
-    ] = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for tables, figures and runs.")] = Path(
-        "reproduction"
-    ),
-    quick: Annotated[bool, typer.Option("--quick", help="Make the tables and one figure per case only.")] = False,
+    case: Annotated[list[int] | None, Opt("Case 1, 2 or 3. Repeatable.", "N", default="all", least=1, most=3)] = None,
+    out: Annotated[Path, Opt("Folder for tables, figures and runs.", "FOLDER")] = Path("reproduction"),
+    quick: Annotated[bool, Opt("Make the tables and one figure per case only.")] = False,
     printed_loads: Annotated[
-        bool,
-        typer.Option(
-            "--printed-loads",
-            help="Use the loads as printed, 20 times too large, to show how the tables then differ.",
-        ),
+        bool, Opt("Use the loads as printed, 20 times too large, to show how the tables then differ.")
     ] = False,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Reproduce the three cases of the paper: six tables compared with the printed ones, four figures per case.
 

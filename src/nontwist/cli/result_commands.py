@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
-from .options import Debug, DecimalComma, Force, Json, require_suffix
-from .outcomes import require_readable, say
-from .run_commands import printed_warnings
+from .options import DecimalComma, Force, Json, Opt, argument, require_suffix
+from .outcomes import printed_warnings, require_readable, say
 from .summaries import (
     drift_rows,
     error_words,
     hint,
+    in_words,
     print_rows,
-    print_table,
+    print_variables,
+    say_written,
     scheme_words,
-    shown_unit,
     steps_of,
     steps_words,
     times_of_events,
@@ -36,62 +36,38 @@ TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps
 TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame", "mass"}
 ANGLES = {"total_twist", "largest_turn_between_samples", "noise_level"}  # of a twist, rad
 _SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
-Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
-ResultOrStore = Annotated[
-    Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF), or the store of a sweep.", show_default=False)
-]
+Result = Annotated[Path, argument("RESULT", "A result file (NetCDF).")]
+ResultOrStore = Annotated[Path, argument("RESULT", "A result file (NetCDF), or the store of a sweep.")]
+COLUMNS = Opt(
+    "Variables to export, separated by commas, as nontwist info or sweep-show lists them. Times, and the numbers of "
+    "members, are always written. Those of events alone make a CSV table of events.",
+    "NAMES",
+    "--columns",
+    default="all",
+)
+EULER = Opt("Add Euler angles and their rates: ZXZ about axes that turn with the body, zxz about fixed axes.", "AXES")
+FORMAT = Opt("Format.", default="from the suffix of --out, or csv")
 
 
-def info_command(result: Result, as_json: Json = False, debug: Debug = False) -> None:
+def info_command(result: Result, as_json: Json = False) -> None:
     """Describe RESULT: its contents, how it was made, how it ended, and the drifts of its invariants.
 
     Reads the whole file and verifies its checksum. Exits with status 3 if it does not contain a run, or has been
     changed.
     """
-    import json
-
-    from ..io.exports import finite
-
-    found = _facts(_opened(result), result)
-    if as_json:
-        print(json.dumps(finite(found), allow_nan=False))
-    else:
+    if in_words(found := _facts(_opened(result), result), as_json):
         _print(found)
 
 
 def export_command(
     result: ResultOrStore,
-    to: Annotated[
-        Literal["csv", "npz", "json"] | None,
-        typer.Option("--to", metavar="csv|npz|json", help="Format.", show_default="from the suffix of --out, or csv"),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="File to write: .csv, .npz or .json.", show_default="standard output"),
-    ] = None,
-    names: Annotated[
-        str | None,
-        typer.Option(
-            "--columns",
-            metavar="NAMES",
-            help="Variables to export, separated by commas, as nontwist info or sweep-show lists them. Times, and the "
-            "numbers of members, are always written. Those of events alone make a CSV table of events.",
-            show_default="all",
-        ),
-    ] = None,
-    degrees: Annotated[
-        bool, typer.Option("--degrees", help="Write angles and their rates in degrees; headers state it.")
-    ] = False,
-    euler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="AXES",
-            help="Add Euler angles and their rates: ZXZ about axes that turn with the body, zxz about fixed axes.",
-        ),
-    ] = None,
+    to: Annotated[Literal["csv", "npz", "json"] | None, FORMAT] = None,
+    out: Annotated[Path | None, Opt("File to write: .csv, .npz or .json.", "PATH", default="standard output")] = None,
+    names: Annotated[str | None, COLUMNS] = None,
+    degrees: Annotated[bool, Opt("Write angles and their rates in degrees; headers state it.")] = False,
+    euler: Annotated[str | None, EULER] = None,
     decimal_comma: DecimalComma = False,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Write the numbers of RESULT as flat columns, with units in their headers.
 
@@ -142,7 +118,7 @@ def export_command(
                 text = io.TextIOWrapper(file, encoding="utf-8", newline="")
                 write(run, text)
                 text.detach()
-        say(f"written: {out}")
+        say_written([out])
 
 
 def _opened(path: Path) -> xarray.Dataset:
@@ -240,17 +216,9 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
 
 def _print(facts: dict[str, Any]) -> None:
     print_rows(facts.get("title", facts["file"]), _rows(facts))
-    variables = facts["variables"].values()
-    columns = {
-        "name": list(facts["variables"]),
-        "unit": [shown_unit(one["units"]) for one in variables],
-        "dimensions": [
-            ", ".join(f"{dim} {size}" for dim, size in zip(one["dimensions"], one["shape"], strict=True))
-            for one in variables
-        ],
-        "meaning": [one["long_name"] for one in variables],
-    }
-    print_table("variables", columns, spare=("dimensions",))
+    sizes = [zip(one["dimensions"], one["shape"], strict=True) for one in facts["variables"].values()]
+    dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
+    print_variables(facts["variables"], ("dimensions",), dimensions=dimensions)
     file = typed(facts["file"])
     say(hint(f"nontwist view {file}", f"nontwist export {file} --out NAME.csv"))
 

@@ -6,7 +6,7 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from .outcomes import for_terminals, say, stdout
@@ -30,6 +30,25 @@ def print_json(data: dict[str, Any]) -> None:
     from ..io.exports import finite
 
     print(json.dumps(finite(data), ensure_ascii=False, allow_nan=False))
+
+
+def in_words(numbers: dict[str, Any], as_json: bool, quiet: bool = False) -> bool:
+    """Print what a command has found, if it was asked for, as JSON; return whether people are to read it."""
+    if as_json:
+        print_json(numbers)
+    return not (as_json or quiet)
+
+
+def say_written(places: Iterable[object], *commands: str) -> None:
+    """Say which files were written, and what may be typed next."""
+    say(f"written: {', '.join(map(str, places))}" + (f"; {hint(*commands)}" if commands else ""))
+
+
+def print_variables(variables: Mapping[str, Mapping[str, Any]], spare: tuple[str, ...], **more: list[str]) -> None:
+    """Print names, units and meanings of variables, and further columns of words before the meanings."""
+    about = variables.values()
+    columns = {"name": [*variables], "unit": [shown_unit(one["units"]) for one in about]}
+    print_table("variables", columns | more | {"meaning": [one["long_name"] for one in about]}, spare=spare)
 
 
 def print_rows(title: str, rows: dict[str, str]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..validation import GROUPS
-from .options import Debug, Force, require_suffix
+from .options import Force, Opt, require_suffix
 from .outcomes import DIFFERS, say, stdout
 from .summaries import print_table
 
@@ -27,18 +27,13 @@ def _known(groups: list[str] | None) -> list[str] | None:
 
 def validate_command(
     group: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME", callback=_known, help=f"One of {', '.join(GROUPS)}. Repeatable.", show_default="all"
-        ),
+        list[str] | None, Opt(f"One of {', '.join(GROUPS)}. Repeatable.", "NAME", default="all", check=_known)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON with every digit instead of tables.")] = False,
+    as_json: Annotated[bool, Opt("Print JSON with every digit instead of tables.", option="--json")] = False,
     page: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Write a summary to this file (.md), and all checks beside it (.json)."),
+        Path | None, Opt("Write a summary to this file (.md), and all checks beside it (.json).", "PATH")
     ] = None,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Check this installation against printed digits, closed forms, invariants and independent solutions.
 

@@ -147,7 +147,7 @@ class Opt(Spec):
     least: float | None = None
     most: float | None = None
     parser: Callable[[str], Any] | None = None
-    check: Callable[[Any], Any] | None = None
+    check: Callable[..., Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,11 @@ def _option(name: str, kind: Any, default: Any, spec: Spec) -> inspect.Parameter
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """Return a command with the options that the descriptions of its parameters make, and --debug."""
-    hints, made, reading = get_type_hints(function, include_extras=True), [], dict[str, Reading]()
+    hints, made, reading = (
+        get_type_hints(function, include_extras=True),
+        list[inspect.Parameter](),
+        dict[str, Reading](),
+    )
     for name, one in inspect.signature(function).parameters.items():
         kind, *about = get_args(hints[name]) or (hints[name],)
         if about and isinstance(about[0], Reading):

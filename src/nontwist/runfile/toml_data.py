@@ -1,4 +1,4 @@
-"""From the bytes of a run file to plain data: TOML and nothing else, nothing that executes.
+"""Between the bytes of a run file and plain data: TOML and nothing else, nothing that executes.
 
 Whatever the bytes are, they end in data or in one line that says what is wrong and where, within about a second.
 """
@@ -10,11 +10,15 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
 
 from ..errors import RunFileError
-from .section import LARGEST_NUMBER, Fault, Keys, dotted, printable, shown
 
+LARGEST_NUMBER = (
+    1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
+)
 LARGEST = 1_000_000  # bytes
 DEEPEST = 32  # parts of a dotted key; tomllib's time grows with the square of them
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
@@ -22,6 +26,91 @@ VALUES = 'numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no
 LEFT_OUT = object()
 EITHER = ("step", "tolerance")  # of the table [time]
 _PLACE = re.compile(r" ?\((?:at line (\d+), column (\d+)|at end of document)\)")
+
+
+# Plain data written: JSON's numbers and strings are TOML's, only tables differ.
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(data: dict[str, Any]) -> str:
+    """Return plain data as TOML: scalars first, then a table for each dict and for each entry of a list of dicts."""
+    lines, tables = [], []
+    for key, item in data.items():
+        if isinstance(item, dict):
+            tables.append((f"[{toml_key(key)}]", item))
+        elif isinstance(item, list) and item and all(isinstance(entry, dict) for entry in item):
+            tables += [(f"[[{toml_key(key)}]]", entry) for entry in item]
+        else:
+            lines.append(_line(key, item))
+    for head, table in tables:
+        lines += ["", head, *(_line(key, item) for key, item in table.items())]
+    return "\n".join(lines).strip() + "\n"
+
+
+def _line(key: str, item: Any) -> str:
+    return f"{toml_key(key)} = {toml_value(item)}"
+
+
+def toml_key(key: str) -> str:
+    """Return a key, in quotes where it needs them."""
+    return key if _BARE.fullmatch(key) else toml_value(key)
+
+
+def toml_value(value: Any) -> str:
+    """Return a value as TOML writes it."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(_line(key, item) for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):
+        return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in json.dumps(value, ensure_ascii=False))
+    if isinstance(value, (bool, int, float)):
+        return str(value).lower() if isinstance(value, bool) else repr(value)
+    return str(value)
+
+
+# What is wrong with a run file, one line each: "file: key: what was given -> what is accepted".
+
+
+LONGEST = 60  # letters of a value that are shown
+Keys = tuple[str | int, ...]
+
+
+class Fault(NamedTuple):
+    """One thing that is wrong."""
+
+    key: str  #: dotted, entries of lists counted from 0; or a line of the file
+    given: str
+    accepted: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.given} -> {self.accepted}"
+
+
+def printable(text: str) -> str:
+    """Return a text without what a terminal would act on, shortened."""
+    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def shown(value: Any) -> str:
+    """Return a value as a message shows it: as TOML, shortened."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump(exclude_unset=True)
+    if isinstance(value, dict):
+        return f"a table with {printable(', '.join(map(toml_key, value)))}" if value else "an empty table"
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        return "a list of tables"
+    return printable(toml_value(value))
+
+
+def dotted(path: Keys) -> str:
+    """Return a path as a key: ``load.0.amplitude``."""
+    return ".".join(printable(toml_key(str(part))) for part in path)
+
+
+# Bytes read.
 
 
 class Unbounded(float):

@@ -15,16 +15,14 @@ import typer
 from .options import DecimalComma, Force, Json, Opt, argument, require_suffix
 from .outcomes import printed_warnings, require_readable, say
 from .summaries import (
-    drift_rows,
-    error_words,
     hint,
     in_words,
+    invariants_kept,
     print_rows,
     print_variables,
+    rows_of_run,
     say_written,
-    scheme_words,
     steps_of,
-    steps_words,
     times_of_events,
     typed,
 )
@@ -177,7 +175,7 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
-    from ..analysis.invariants import STATES, drifts, twist_defect
+    from ..analysis.invariants import STATES
     from ..io.exports import record
     from ..models.system import DirectorSystem
 
@@ -208,9 +206,7 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
         body = DirectorSystem.from_json(run.attrs["system"])
         facts["convected_inertia"] = body.convected_inertia.tolist()
         if {*STATES} <= {*run.data_vars}:  # not of a choice of variables, as `run[["kinetic_energy"]]`
-            facts["drift"] = {name: drift._asdict() for name, drift in drifts(run).items()}
-            if (defect := twist_defect(run)) is not None:
-                facts["twist_defect"] = defect
+            facts |= invariants_kept(run)
     return facts
 
 
@@ -236,22 +232,12 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         rows["time"] = f"{first} s to {last} s, {time['states']} stored states"
     if "total_twist" in facts:
         rows["total twist"] = _words("total_twist", facts["total_twist"])
+    rows |= rows_of_run(facts, facts.get("event_times", {}))
     if "integrator" in facts:
-        rows["integrator"] = scheme_words(facts["integrator"])
-        if "steps" in facts:
-            rows["steps"] = steps_words(facts)
         rows["status"] = f"{facts['status']} ({facts['message']})"
     if "joined" in facts:
         seams = ", ".join(f"{part['t_start']:.6g}" for part in facts["joined"][1:])
         rows["joined"] = f"{len(facts['joined'])} runs, at t = {seams} s; integrator, error, run file are of the last"
-    for name, times in facts.get("event_times", {}).items():
-        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times)} s" if times else "none"
-    if "tolerance" in facts:
-        rows["error"] = error_words(facts)
-    if "drift" in facts:
-        rows |= {f"drift of {name}": words for name, words in drift_rows(facts["drift"]).items()}
-    if "twist_defect" in facts:
-        rows["largest twist rate about the axis"] = f"{number_text(facts['twist_defect'], '.1e')} rad/s"
     if "versions" in facts:
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in facts["versions"].items())
     rest = {name: value for name, value in facts.items() if name not in TOLD and isinstance(value, (str, int, float))}

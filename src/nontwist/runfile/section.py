@@ -205,10 +205,10 @@ class Faults(list[Fault]):
             yield
         except ValueError as error:
             said, keys = str(error), type(table).model_fields
-            named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
-            name = named[0] if named else name
             for python, toml in IN_TOML.items():
                 said = said.replace(python, toml)
+            named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
+            name = named[0] if named else name
             value = getattr(table, name)
             given = f"{'missing' if value is None else shown(value)} ({said})"
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))

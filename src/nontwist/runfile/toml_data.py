@@ -226,28 +226,39 @@ def overridden(name: str, data: dict[str, Any], overrides: Iterable[str]) -> dic
 
 def _put(name: str, where: str, data: Any, keys: list[str], value: Any) -> None:
     for k, key in enumerate(keys):
-        place: Keys = tuple(keys[:k])
+        place, at, is_last = dotted(tuple(keys[:k])), key, k == len(keys) - 1
         if isinstance(data, list):
             if not (key.isdecimal() and int(key) < len(data)):
-                raise _refused(name, where, f"{dotted(place)} has no entry {key}", f"0 to {len(data) - 1}")
-            at: Any = int(key)
-        elif isinstance(data, dict):
-            at = key
-        else:
-            raise _refused(name, where, f"{dotted(place)} is {shown(data)}, not a table", "a key of the file")
-        if k == len(keys) - 1 and value is LEFT_OUT:
-            if isinstance(data, list) or at in data:
-                del data[at]
-        elif k == len(keys) - 1:
-            data[at] = value
-        elif isinstance(data, dict):
-            data = data.setdefault(key, {})
-        else:
+                raise _refused(name, where, f"{place} has no entry {key}", f"0 to {len(data) - 1}")
+            at = int(key)  # type: ignore[assignment]
+        elif not isinstance(data, dict):
+            raise _refused(name, where, f"{place} is {shown(data)}, not a table", "a key of the file")
+        elif key not in data and not (is_last and value is LEFT_OUT):
+            data[key] = {}
+        if not is_last:
             data = data[at]
+        elif value is not LEFT_OUT:
+            data[at] = value
+        elif isinstance(data, list) or at in data:
+            del data[at]
 
 
 def _refused(name: str, key: str, given: str, accepted: str) -> RunFileError:
     return RunFileError(name, (Fault(key, given, accepted),))
+
+
+KEY = r"([\w.-]+)\s*=\s*"
+SLIPS = (  # patterns of lines that people write, and what TOML has in their place
+    (rf"{KEY}([+-]?\d+),(\d+)\s*(#.*)?", "a decimal point: {0} = {1}.{2}"),
+    (
+        r".*=\s*\[\s*[+-]?\d+([.,]\d+)?(,\d+)?\s*(;|\s[+-]?\d).*",
+        "decimal points, and commas between numbers: [0.5, 0.0, -1.0]",
+    ),
+    (".*[“”„‟«»‘’‚].*", 'straight quotes: "standard"'),
+    (r"([a-z_]+)", "a table in brackets, [{0}], or a value, {0} = ..."),
+    (rf"{KEY}([A-Za-z_][\w -]*?)\s*(#.*)?", 'text in quotes: {0} = "{1}"'),
+    (rf"{KEY}([+-]?[\d.]+)\s*[A-Za-z°].*", "a number without a unit (kg, m, s, N m, rad): {0} = {1}"),
+)
 
 
 def _explained(text: str, message: str) -> Fault:
@@ -262,17 +273,8 @@ def _explained(text: str, message: str) -> Fault:
         return Fault(f"line {number}", f"{line} looks like YAML", TOML)
     if "overwrite" in reason or "twice" in reason:
         return Fault(f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat")
-    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?\d+),(\d+)\s*(#.*)?", line):
-        return Fault(f"line {number}", line, f"a decimal point: {word[1]} = {word[2]}.{word[3]}")
-    if re.search(r"=\s*\[\s*[+-]?\d+([.,]\d+)?(,\d+)?\s*(;|\s[+-]?\d)", line):
-        return Fault(f"line {number}", line, "decimal points, and commas between numbers: [0.5, 0.0, -1.0]")
-    if re.search("[“”„‟«»‘’‚]", line):
-        return Fault(f"line {number}", line, 'straight quotes: "standard"')
-    if re.fullmatch(r"[a-z_]+", line):
-        return Fault(f"line {number}", line, f"a table in brackets, [{line}], or a value, {line} = ...")
-    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([A-Za-z_][\w -]*?)\s*(#.*)?", line):
-        return Fault(f"line {number}", line, f'text in quotes: {word[1]} = "{word[2]}"')
-    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?[\d.]+)\s*[A-Za-z°].*", line):
-        return Fault(f"line {number}", line, f"a number without a unit (kg, m, s, N m, rad): {word[1]} = {word[2]}")
+    for pattern, accepted in SLIPS:
+        if word := re.fullmatch(pattern, line):
+            return Fault(f"line {number}", line, accepted.format(*word.groups()))
     column = f", column {place[2]}" if place and place[2] else ""
     return Fault(f"line {number}{column}", f"{line} ({reason[:1].lower()}{reason[1:]})", f"TOML, with {VALUES}")

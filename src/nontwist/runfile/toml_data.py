@@ -66,7 +66,7 @@ def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
         raise _refused(name, "the file", "a Python script", f"a run file (TOML); python {name} runs scripts")
     if (size := max(size, len(content))) > LARGEST:
         accepted = f'at most {LARGEST / 1e6:g} MB; a long table goes into a CSV file: [[load]] kind = "csv"'
-        raise _refused(name, "the file", f"{size / 1e6:.3g} MB", accepted)
+        raise _refused(name, "the file", f"{size / 1e6:.7g} MB", accepted)
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise _refused(name, "line 1", "UTF-16 text", "UTF-8 text: save the file in this encoding")
     try:

@@ -37,7 +37,7 @@ def _number(text: str) -> float:
     """Return a number; one too large as infinity, which is accepted nowhere; one too small as 0."""
     value = float(text)
     if abs(value) <= LARGEST_NUMBER:
-        return value if abs(value) >= 1 / LARGEST_NUMBER else 0.0
+        return value if abs(value) >= 1e-60 else 0.0
     refused = Unbounded(math.copysign(math.inf, value) if value == value else math.nan)
     refused.text = text
     return refused

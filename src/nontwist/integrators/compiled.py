@@ -26,7 +26,6 @@ class Needs(NamedTuple):
 
     action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
     table: Array | None = None  # coefficients
-    within: Array | None = None  # c, b, polynomials, for guesses of substeps
     beside: int = 0  # numbers of a member beside `State`
     # Numbers beside the workspace, for so many internal states: of each body in lanes, of all.
     scratch: Callable[[int], tuple[int, int]] = lambda internal: (0, 0)

@@ -1,7 +1,7 @@
 """The list of calls of a kernel that a march is (`engine.outputs`): which, in what order, with what loads.
 
 A march pauses where the length of steps changes. With outputs at any times it pauses also at the nodes at which there
-is output, and before and after each step with output inside. All outputs in a stretch without moments are reached from
+is output, and before each step with output inside. All outputs in a stretch without moments are reached from
 where it begins.
 """
 
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.layout import put
-from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, EXCURSION, MARCH, NODE, OUTPUT
-from ..engine.records import SUMS, Parts
+from ..engine.outputs import CALL, CALLS, NODE, OUTPUT
+from ..engine.records import Parts
 from ..geometry.arrays import Array, distinct
 from .coasting import Coasting
 from .load_samples import NOTHING, addresses
@@ -82,13 +82,9 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        within, size = march.needs.within, march.shapes["states"][1]
-        stages = 0 if within is None else march.scheme.nodes  # that substeps are guessed from
-        rows, reals, others = _with_outputs(march, parts, first, last, coasting)
-        side = march.kernel(parts, width, observes=False).address
-        stride = 2 * size + 2 * SUMS.size + 2 * COMPONENTS * stages + EIGHT
-        put(head, CALLS, side=side, reals=reals, stride=stride, stages=stages, within=within)
-        alive = reals, within, others
+        rows, rates, alive = _with_outputs(march, parts, first, last, coasting)
+        put(head, CALLS, side=march.kernel(parts, width, observes=False).address, rates=rates)
+        alive = rates, alive
     elif rows is None:
         rows = legs(march, first, last, coasting)
     kernel = march.kernel(parts, width).address
@@ -135,9 +131,7 @@ def _with_outputs(
     stretch[(stretch >= 0) & ~inside & np.isin(node, coasting.begin)] = -1  # there nothing has moved yet
     free = stretch >= 0
     origin, is_step = coasting.begin[stretch[free]], inside & ~free
-    steps = legs(march, first, last, coasting, node[~free], node[is_step] + 1)
-    is_left = np.isin(steps[:, CALL.first], np.append(node[is_step], coasting.begin))
-    steps[:, CALL.op] = np.where(is_left, EXCURSION, MARCH)
+    steps = legs(march, first, last, coasting, node[~free])
     sizes = march.sizes[np.searchsorted(stack.grid.numbers[1:-1], node, side="right"), 0]
     length = since / march.unit
     length[free] = (stack.times(node[free]) - stack.times(origin) + since[free]) / march.unit
@@ -151,9 +145,8 @@ def _with_outputs(
     t, h = stack.times(node[is_step]), since[is_step]
     loads = march.sampled_at(lambda: (t[:, None] + h[:, None] * middles).ravel(), lambda: (t, t + h, h), middles)
     own[is_step, CALL.times : CALL.op] = addresses(loads, march.count * np.arange(len(t)))
-    reals = np.ones((len(steps) + n, 2))
-    reals[len(steps) :, 0], reals[len(steps) :, 1] = march.unit / outputs.length[here], length / sizes
-    rows, kind = np.concatenate([steps, own]), np.repeat([1, 2], [len(steps), n])
-    kind[rows[:, CALL.op] == NODE] = 0
-    order = np.lexsort((kind, rows[:, CALL.first]))
-    return rows[order], reals[order], (lengths, loads)
+    own[:, CALL.begins] = np.isin(begin, stack.grid.numbers[1:-1])
+    rates = np.append(march.unit / outputs.length[here], np.ones(len(steps)))
+    rows = np.concatenate([own, steps])
+    order = np.argsort(rows[:, CALL.first], kind="stable")
+    return rows[order], rates[order], (lengths, loads)

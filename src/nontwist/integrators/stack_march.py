@@ -348,7 +348,7 @@ class StackMarch:
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
-        block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
+        block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * self.shapes["states"][1])
         each, shared = self.needs.scratch(self.parts.memory)
         each += self.parts.room
         workspace = aligned(width * (WORK.size + each) + shared)

@@ -1,7 +1,7 @@
 """The steps of a march as a list of calls of its kernel, and states between nodes: substeps from the last node.
 
-A march is a list of calls, made beforehand (`integrators.listing`), which is carried out here: steps of equal length,
-in order; and where there are outputs that need not be nodes, substeps to them.
+A march is a list of calls, made beforehand (`integrators.stack_march`), which is carried out here: steps of equal
+length, in order; and where there are outputs that need not be nodes, substeps to them.
 
 A run goes from node to node of its grid, whatever output is asked for. A state at t between the nodes t_n and t_{n+1}
 is that of one more step of the scheme, from the state at t_n over t - t_n, which is then left aside. So it depends on
@@ -32,9 +32,8 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, select, smaller
 from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, put, size_of, vector_at
-from ..kernels.parts import part
 from ..kernels.vectors import Quaternion, Vector
-from .records import Block, Failure, Parts, State, Sums, Work, places
+from .records import Block, Failure, Parts, Sums, Work, places
 from .workspace import OK, copy, write
 
 MARCH, OUTPUT, NODE = range(3)

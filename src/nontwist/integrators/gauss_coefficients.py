@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.layout import layout
+from ..engine.records import layout
 from ..geometry.arrays import Array
 
 DIGITS = 60

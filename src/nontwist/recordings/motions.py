@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, as_floats
 from ..geometry.values import counted
-from .attitudes import of_table
-from .formats.content import Content
+from .attitudes import MEASURED, Motion, of_table
 from .options import ReadOptions
-from .rotations import MEASURED, Motion
-from .table import Lines, Table, place
+from .table import Content, Lines, Table, place
 from .times import seconds
 
 if TYPE_CHECKING:

@@ -138,7 +138,7 @@ def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
 def _require_rotations(
     values: Array, tolerance: float, rows: NDArray[np.int64] | None = None, lines: Lines | None = None
 ) -> None:
-    """Raise a ValueError where matrices or quaternions are no rotations; `rows` are the numbers of those in a motion."""
+    """Raise a ValueError where matrices or quaternions are no rotations; `rows` are their numbers in a motion."""
     if values.shape[-1] == 4:
         length = np.linalg.norm(values, axis=-1)
         refused = [

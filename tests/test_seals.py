@@ -18,9 +18,7 @@ from nontwist import nontwisting, open_run, open_sweep, plot, resample, simulate
 from nontwist.cli import app
 from nontwist.errors import SweepStoreError
 from nontwist.integrators.composition import fractions
-from nontwist.sweeps.sealed_files import SealedFiles
-from nontwist.sweeps.seals import SEAL, sealed, unsealed
-from nontwist.sweeps.store import ABSENT, open_store
+from nontwist.sweeps.store import ABSENT, SEAL, Blocks, open_store, sealed, unsealed
 
 OLD = Path(__file__).parent / "data" / "0.1.0.zip"  # a run, a sweep file and its store, written by nontwist 0.1.0
 AGAIN = "run the sweep again to recompute the block"
@@ -60,14 +58,14 @@ def replace(file, old, new):
 
 
 def chunk(store, name, k):
-    return open_store(store, verify=False)._chunk(name, k)
+    return open_store(store, verify=False).blocks.chunk(name, k)
 
 
 def test_metadata_are_sealed(place):
     store = place / "axes.zarr"
     whole = open_sweep(store)
-    assert (whole.attrs["sweep_format"], whole.attrs["verified"]) == (2, 1)
-    assert whole.attrs["seal"] == open_store(store).seal
+    assert (whole.attrs["sweep_format"], whole.attrs["verified"]) == (3, 1)
+    assert whole.attrs["seal"] == open_store(store).blocks.seal
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
     words = f" is damaged: zarr.json was changed after it was written; {REMEDY}"
     refused(store, words)
@@ -110,7 +108,7 @@ def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tm
 
     def files(of, k):
         kept = open_store(of, verify=False)
-        return [kept.marks.place(k), *(kept._chunk(name, k) for name in kept.names)]
+        return [kept.blocks.place(k), *(kept.blocks.chunk(name, k) for name in kept.names)]
 
     for a, b in zip(files(store, 0), files(store, 1), strict=True):
         content = a.read_bytes()
@@ -163,7 +161,7 @@ def test_chunks_that_are_exchanged_or_foreign(place):
 def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
     store = place / "axes.zarr"
     running = open_sweep(store)
-    open_store(store).marks.place(3).unlink()
+    open_store(store).blocks.place(3).unlink()
     many = open_sweep(store).compute()
     assert many.status.values.tolist() == [0, 0, -1, ABSENT, 0]
     assert np.isnan(many.quaternion[3]).all()
@@ -174,18 +172,18 @@ def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
 
 
 def test_nothing_is_read_before_it_is_asked_for(place, monkeypatch):
-    store, read, sound = place / "axes.zarr", [], SealedFiles._checked
+    store, read, sound = place / "axes.zarr", [], Blocks.array
 
-    def noting(self, key):
-        if self.marks.path == store and "/c." in key:  # threads of other stores may still be reading: Dask leaves them
-            read.append(key)
-        return sound(self, key)
+    def noting(self, name, k, done=None):
+        if self.path == store:  # threads of other stores may still be reading: Dask leaves them
+            read.append((name, k))
+        return sound(self, name, k, done)
 
-    monkeypatch.setattr(SealedFiles, "_checked", noting)
+    monkeypatch.setattr(Blocks, "array", noting)
     many = open_sweep(store)
     assert read == []
     many.quaternion[3].compute()
-    assert read == ["quaternion/c.3.0"]
+    assert read == [("quaternion", 3)]
 
 
 def test_a_dataset_and_its_errors_go_to_other_processes(place):
@@ -272,7 +270,7 @@ def test_files_that_are_not_of_the_store_change_nothing(place):
             lambda text: text.replace('"run_file":', '"run_fyle":'),
             " is not the store of a sweep, or is damaged: KeyError: 'run",
         ),
-        (lambda text: text.replace('"sweep_format": 2', '"sweep_format": 1'), " has sweep_format 1; this version of "),
+        (lambda text: text.replace('"sweep_format": 3', '"sweep_format": 1'), " has sweep_format 1; this version of "),
         (lambda text: text, " is damaged: blocks/seal.json is miss"),
         (
             lambda text: text.replace('"block": 1', '"block": 0'),

@@ -137,8 +137,8 @@ def test_chunks_that_are_damaged_or_deleted_are_made_again(file, tmp_path, seria
     store = tmp_path / "store"
     sweep(file, store, dask=client, block=BLOCK)
     kept = open_store(store)
-    kept._chunk("status", 2).unlink()
-    flipped = kept._chunk("quaternion", 7)
+    kept.blocks.chunk("status", 2).unlink()
+    flipped = kept.blocks.chunk("quaternion", 7)
     content = bytearray(flipped.read_bytes())
     content[40] ^= 16
     flipped.write_bytes(content)
@@ -152,14 +152,14 @@ def test_chunks_that_are_damaged_or_deleted_are_made_again(file, tmp_path, seria
 STOPPED = """
 import os, signal
 from nontwist.cli import app
-from nontwist.sweeps.seals import Marks
-write, marked = Marks.write, []
+from nontwist.sweeps.store import Blocks
+mark, marked = Blocks.mark, []
 def stopping(self, done):
-    write(self, done)
+    mark(self, done)
     marked.append(done)
     if len(marked) == 5:
         os.kill(os.getpid(), signal.SIGSTOP)
-Marks.write = stopping
+Blocks.mark = stopping
 app()
 """
 

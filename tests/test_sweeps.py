@@ -327,14 +327,16 @@ def test_what_is_missing_or_damaged_is_made_again_and_nothing_else(write, tmp_pa
     kept = open_store(store)
     before = kept.verified()
     assert (before.complete, before.blocks) == (True, 7)
-    kept._chunk("status", 2).unlink()
-    flipped = kept._chunk("quaternion", 4)
+    kept.blocks.chunk("status", 2).unlink()
+    flipped = kept.blocks.chunk("quaternion", 4)
     content = bytearray(flipped.read_bytes())
     content[11] ^= 1
     flipped.write_bytes(content)
-    kept._chunk("quaternion", 6).write_bytes(kept._chunk("quaternion", 5).read_bytes())  # its checksum is right
-    kept.marks.place(0).unlink()
-    kept.marks.place(1).write_text("{}", encoding="utf-8")
+    kept.blocks.chunk("quaternion", 6).write_bytes(
+        kept.blocks.chunk("quaternion", 5).read_bytes()
+    )  # its checksum is right
+    kept.blocks.place(0).unlink()
+    kept.blocks.place(1).write_text("{}", encoding="utf-8")
     (store / "quaternion" / "c.1.0.left.partial").touch()
     found = kept.verified()
     assert found.missing == (0,)

@@ -361,6 +361,7 @@ def _record(members: Members, block: int) -> dict[str, Any]:
         "sweep_format": FORMAT,
         "title": members.file.title or f"{len(members)} {members.file.body.kind} rigid bodies",
         "run_file": members.text,
+        "run_file_sha256": hashlib.sha256(members.text.encode()).hexdigest(),
         "folder": str(members.folder.path.absolute()),
         "block": block,
         "t_end": members.file.time.t_end,

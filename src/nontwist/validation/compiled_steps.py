@@ -17,8 +17,7 @@ from ..driver import integrate
 from ..integrators import Integrator
 from ..loads import Load, body_moment, damping, space_moment
 from .checks import Check
-from .measures import error
-from .problems import Arguments, random_body, random_kinds, random_start
+from .problems import Arguments, error, random_body, random_kinds, random_start
 from .reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 
 STEP, SPAN = 0.005, 1.0

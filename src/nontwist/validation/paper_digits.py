@@ -18,8 +18,7 @@ from ..models.catalogue import D3
 from ..models.constraints import constraint_matrices
 from ..paper.tables import CASES, MISPRINT, QUOTIENT_TOLERANCE, STEP, T_END, invariants_table, quotient_table
 from .checks import Check
-from .measures import error, furthest
-from .problems import FINE, PAPER_J, SAMPLES, Arguments, attitude
+from .problems import FINE, PAPER_J, SAMPLES, Arguments, attitude, error, furthest
 from .reference_steps import MidpointLoad, director_step
 
 BODY = SAMPLES["nontwisting"]

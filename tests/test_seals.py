@@ -16,7 +16,7 @@ from zarr.storage import LocalStore
 from nontwist import nontwisting, open_run, open_sweep, plot, resample, simulate, sweep, view
 from nontwist.cli import app
 from nontwist.errors import SweepStoreError
-from nontwist.integrators.composition import fractions
+from nontwist.integrators.split import fractions
 from nontwist.sweeps.store import ABSENT, SEAL, Blocks, open_store
 
 OLD = Path(__file__).parent / "data" / "0.1.0.zip"  # a run, a sweep file and its store, written by nontwist 0.1.0

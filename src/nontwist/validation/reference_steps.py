@@ -74,11 +74,13 @@ class MidpointLoad(NamedTuple):
 
     def in_space(self, q: Array, w: Array) -> Array:
         """Return the moment that is not given along the moving directors; states may have leading axes."""
-        return self.space + _of_states(self.moment, q, w)
+        moment: Array = self.space + _of_states(self.moment, q, w)
+        return moment
 
     def on_directors(self, q: Array, w: Array) -> Array:
         """Return the director forces."""
-        return np.zeros((3, 3)) + _of_states(self.forces, q, w)
+        forces: Array = np.zeros((3, 3)) + _of_states(self.forces, q, w)
+        return forces
 
 
 def _of_states(function: Callable[[Array, Array], Array] | None, q: Array, w: Array) -> Any:
@@ -91,7 +93,7 @@ def _of_states(function: Callable[[Array, Array], Array] | None, q: Array, w: Ar
 class Solution(NamedTuple):
     """The unknowns of a step, the largest residual, how many iterations it took, whether it converged."""
 
-    x: Array
+    x: Any  # of `Extended`
     residual: float
     iterations: int
     converged: bool
@@ -108,7 +110,8 @@ def newton(residual: Callable[[Array], Array], unknowns: int, velocities: int, s
 
     It counts as round-off below 1e-9 of the larger of `scale` and these unknowns. `residual` takes rows.
     """
-    x, delta = np.zeros(unknowns, dtype=Extended), np.sqrt(EPS) * max(1.0, scale)
+    x: Any = np.zeros(unknowns, dtype=Extended)
+    delta = np.sqrt(EPS) * max(1.0, scale)
     previous = size = np.inf
     for iteration in range(1, ITERATIONS + 1):
         r, *moved = residual(x + delta * np.eye(1 + unknowns, unknowns, -1))
@@ -172,7 +175,7 @@ def director_step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, de
 def body_step(k: int, q0: Array, v0: Array, h: float, system: DirectorSystem, load: MidpointLoad) -> Step:
     """Take one step of lie-midpoint; parameters as those of `director_step`."""
     J, axis = system.convected_inertia, np.zeros((0, 3)) if system.axis is None else system.axis[None]
-    W0 = np.zeros(3, dtype=Extended)
+    W0: Any = np.zeros(3, dtype=Extended)
     for _ in range(3):  # directors are orthonormal in double precision alone
         W0 = W0 + q0 @ cross(q0, v0 - cross(W0 @ q0, q0)).sum(0) / 2
     W0 = W0 - (axis @ W0) @ axis

@@ -225,12 +225,13 @@ def overridden(name: str, data: dict[str, Any], overrides: Iterable[str]) -> dic
 
 
 def _put(name: str, where: str, data: Any, keys: list[str], value: Any) -> None:
+    at: Any
     for k, key in enumerate(keys):
-        place, at, is_last = dotted(tuple(keys[:k])), key, k == len(keys) - 1
+        place, is_last, at = dotted(tuple(keys[:k])), k == len(keys) - 1, key
         if isinstance(data, list):
             if not (key.isdecimal() and int(key) < len(data)):
                 raise _refused(name, where, f"{place} has no entry {key}", f"0 to {len(data) - 1}")
-            at = int(key)  # type: ignore[assignment]
+            at = int(key)
         elif not isinstance(data, dict):
             raise _refused(name, where, f"{place} is {shown(data)}, not a table", "a key of the file")
         elif key not in data and not (is_last and value is LEFT_OUT):

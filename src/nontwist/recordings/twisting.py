@@ -13,7 +13,7 @@ of a path of length s. They turn the frame by the area between the noisy polygon
 of standard deviation σ s/√n for the first sum, which falls with n, and σ² √(n/2) for the second, which **grows** with n
 (at order 4 it is 1.5 times as large once σ exceeds the spacing). The attitudes at both ends add σ √2. The integral of a
 rate with independent errors σ_w is off by σ_w √n times the time between samples. `noise_estimate` is what noise does to
-ψ, apart from the error by sampling: with steps x_i+1 - x_i-1 of which noise makes 4 σ² of the mean square, up to sample k
+ψ, apart from the error by sampling: with steps x_i+1 - x_i-1 of which noise makes 4 σ² of the mean square, to sample k
 
     σ² Σ max(|x_i+1 - x_i-1|² - 4 σ², 0)/4  +  f² σ⁴ k/2  +  2 σ²,
 

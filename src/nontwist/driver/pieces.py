@@ -21,8 +21,8 @@ from ..geometry.attitudes import States
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.problem import Intervals, onward, scratch, started
 from ..loads import Load
-from . import completion, event_runs
-from .events import Event
+from . import completion
+from .events import Event, march_to_events
 
 TINY = float(np.finfo(np.float64).tiny)
 CLOSE, ULPS = 1e-11, 64  # of a step, and units in the last place of a time: what lies nearer to a node is at it
@@ -136,8 +136,8 @@ class InPieces:
         numbers = list[int]()
         if changes:
             events = tuple(Event(_positive(each.value, one.t_start), "friction", 1, -1.0) for each in changes)
-            times, outcome, found, message = event_runs.march(self.scheme, one, events)
-            numbers = found.number[-1:].tolist() if message else []
+            times, outcome, _, ended_by = march_to_events(self.scheme, one, events)
+            numbers = [] if ended_by is None else [ended_by]
         else:
             times, outcome = one.output, completion.march(self.scheme, one)
         n, failure = int(outcome.good[0]), outcome.failure()

@@ -6,10 +6,9 @@ a quarter of a radian from one time to the next. The states there, and all that 
 ``times=[t]`` gives its state. Between two times of opposite sign the root is that of the polynomial through values of
 the function, where it has one; otherwise it is found by Brent's method, to 1e-12 h + 4 eps |t|.
 
-Between two times of one sign a function may fall to zero and rise again. As far as it is convex there, it lies above
-the chords of its values on either side. Where these meet beyond zero, it is evaluated at more times, and at the lowest
-point of the polynomial through them: where its sign is another one there, it has crossed zero twice. A function that
-touches zero is missed.
+Between two times of one sign a function may fall to zero and rise again. Beside a value that is low, less than those
+before and after and than a third of their sum, it is evaluated at more times, and at the lowest point of the polynomial
+through them: where its sign is another one there, it has crossed zero twice. A function that touches zero is missed.
 
 A run with events goes from node to node in parts, each of which continues the one before bit for bit, and ends in the
 part in which a terminal event occurs. What is stored of it is put together from pieces.
@@ -42,7 +41,7 @@ TIMES = 10**6  # in a run without steps, at most
 RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
 DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
-STEEP = 1e9  # a slope that is not known, in values over the time to the next
+LOW = 1 / 3  # of the sum of the values before and after
 FINE = np.linspace(-1, 1, 513)[1:-1]  # where the lowest point of a polynomial is looked for
 MESSAGE = "the event {} ended the run at t = {:.12g} s"
 
@@ -267,7 +266,7 @@ class Search:
             values = event.values(bodies)
             signs = np.sign(values)
             changes = signs[1:] * signs[:-1]
-            for k in np.flatnonzero((changes < 0) | dips(times, values)).tolist():
+            for k in np.flatnonzero((changes < 0) | dips(values)).tolist():
                 own = Crossing(number, k, tuple(times[k : k + 2]), tuple(values[k : k + 2]))
                 (crossed if changes[k] < 0 else near).append(own)
             for k in (np.flatnonzero((signs[:-1] != 0) & (signs[1:] == 0)) + 1).tolist():
@@ -355,13 +354,12 @@ def bodies_of(times: Array, states: States) -> list[BodyState]:
     return list(map(body_state, t, p, W, z))
 
 
-def dips(times: Array, values: Array) -> NDArray[np.bool_]:
-    """Return between which times values of one sign may have another one: where the chords beside meet beyond zero."""
-    h, slopes, sign = np.diff(times), np.diff(values) / np.diff(times), np.sign(values[:-1])
-    a, b = sign * values[:-1], sign * values[1:]
-    fall, rise = np.tile(STEEP * (a + b) / h, (2, 1))  # at the ends, where they are unknown
-    fall[1:], rise[:-1] = -sign[1:] * slopes[:-1], sign[:-1] * slopes[1:]
-    found: NDArray[np.bool_] = (b > 0) & (fall > 0) & (rise > 0) & (a * rise + b * fall < fall * rise * h)
+def dips(values: Array) -> NDArray[np.bool_]:
+    """Return between which values of one sign there may be some of the other: beside a low one, or of only two."""
+    signs, beside = np.sign(values), np.pad(values, 1, mode="reflect")
+    own, before, after = signs * values, signs * beside[:-2], signs * beside[2:]
+    is_low = (own <= np.minimum(before, after)) & (own < LOW * (before + after))
+    found: NDArray[np.bool_] = (signs[1:] * signs[:-1] > 0) & (is_low[1:] | is_low[:-1] | (len(values) == 2))
     return found
 
 

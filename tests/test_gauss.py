@@ -16,8 +16,6 @@ from conftest import BODIES, LOADS, PAPER_J
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
-from nontwist.runfile import read_run_file
-from nontwist.runfile.document import forecast
 
 ORDERS = Gauss.orders
 MARKED = [pytest.param(k, marks=[] if k in (6, 16) else [pytest.mark.long]) for k in ORDERS]
@@ -257,31 +255,6 @@ def test_a_run_says_that_damped_modes_are_not_resolved():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         nt.simulate(nt.nontwisting([3, 4, 5]), load=nt.damping([1, 1, 600]), **how)
-
-
-DAMPED = """
-[body]
-kind = "standard"
-inertia = [3, 4, 5]
-[start]
-angular_velocity = { body = [1, 0, 0] }
-[[load]]
-kind = "damping"
-coefficient = [60, 1, 1]
-[time]
-t_end = 1
-step = 0.25
-[integrator]
-name = "gauss"
-order = 4
-"""
-
-
-def test_a_check_says_that_damped_modes_are_not_resolved(tmp_path):
-    (tmp_path / "run.toml").write_text(DAMPED, encoding="utf-8")
-    (message,) = forecast(read_run_file(tmp_path / "run.toml")).warnings
-    assert message.startswith("damping slows the body down at a rate of up to 20 1/s, which step = 0.25 s does not")
-    assert forecast(read_run_file(tmp_path / "run.toml", ["time.step=0.125"])).warnings == ()
 
 
 @pytest.mark.parametrize("order", ORDERS)

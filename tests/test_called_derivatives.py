@@ -3,7 +3,7 @@
 import math
 import warnings
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from typing import Annotated
 from unittest.mock import patch
 
@@ -12,7 +12,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from complex_steps import Potential
 from nontwist.errors import SimulationError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
@@ -30,11 +29,11 @@ from test_derivatives import (
     WEIGHT,
     J,
     across,
+    derivative,
     inertia_entry,
     last,
     require_tangents,
     require_transpose,
-    slope,
     system_of,
 )
 
@@ -84,71 +83,30 @@ def in_floats(function):
     return rough
 
 
-def forces_at(t, values):
-    k = int(np.searchsorted(TIMES, t.real, side="right")) - 1
-    x = (t - TIMES[k]) / (TIMES[k + 1] - TIMES[k])
-    return (1 - x) * values[k] + x * values[k + 1]
+def loaded(name, x=0.0, **change):
+    """The load of this name, with what `change` names changed by x."""
 
+    def at(own, value):
+        return value + x * change.get(own, 0)
 
-def tables(frame):
-    """Tables of forces, and what they are at a time and directors."""
-    if frame == "space":
-        return lambda t, d, values: forces_at(t, values)
-    return lambda t, d, values: forces_at(t, values) @ d
-
-
-EXACT = (
-    nt.moment(push, derivative=push_slope)
-    + 0.7 * nt.potential(FIELD, linear=LINE, quadratic=Q)
-    + nt.spring(STIFFNESS, POINT, ANCHOR, REST)
-    + nt.director_forces(TIMES, FORCES)
-)
-LOADS = {
-    "exact": EXACT,
-    "duals": 0.5 * nt.moment(push) + nt.director_forces(pull) + nt.potential(ANCHOR, hill, hill_slope),
-    "differences": 0.5 * nt.moment(in_floats(push))
-    + nt.director_forces(in_floats(pull))
-    + nt.potential(ANCHOR, in_floats(hill), in_floats(hill_slope)),
-    "along": nt.director_forces(TIMES, FORCES, frame="body"),
-    "orbit": 0.9 * nt.gravity_gradient(MOTION, RADIAL, NORMAL),
-    "orbit alone": 0.9 * nt.gravity_gradient(MOTION, RADIAL, NORMAL),
-    "orbit and wind": 0.9 * nt.gravity_gradient(MOTION, RADIAL, NORMAL) + nt.moment(push, derivative=push_slope),
-}
-
-
-def plain(name, x, v):
-    """What acts in the plain steps, with what v names changed by x."""
-    c = 1 + x * v.get("load_scale", 0)
+    sloped = nt.moment(push, derivative=push_slope)
     if name == "exact":
-        values, own = FORCES + x * v.get("values", 0), c * (1 + x * v.get("scale", 0))
-        k, L = STIFFNESS + x * v.get("stiffness", 0), REST + x * v.get("rest_length", 0)
-        line, matrix = LINE + x * v.get("linear", 0), Q + x * v.get("quadratic", 0)
-        return {
-            "called": lambda t, d, w: own * push(t, d, w),
-            "forces": lambda t, d, w: c * tables("space")(t, d, values),
-            "potentials": (
-                Potential.quadratic(FIELD, 0.7 * c * line, 0.7 * c * matrix),
-                Potential.spring(c * k, POINT, ANCHOR, L),
-            ),
-        }
-    if name == "along":
-        values = FORCES + x * v.get("values", 0)
-        return {"forces": lambda t, d, w: c * tables("body")(t, d, values)}
-    if name.startswith("orbit"):
-        n, inertia, own = MOTION + x * v.get("mean_motion", 0), J + x * v.get("inertia", 0), 0.9 + x * v.get("scale", 0)
-        across = np.cross(NORMAL, RADIAL)
-        gradient = Potential.quadratic(
-            lambda t: np.cos(n * t) * RADIAL + np.sin(n * t) * across, 0, 3 * c * own * n * n * inertia
-        )
-        wind = {"called": lambda t, d, w: c * push(t, d, w)} if "wind" in name else {}
-        return {"potentials": (gradient,), "orbit": (n, NORMAL) if "alone" in name else None} | wind
-    return {
-        "called": lambda t, d, w: 0.5 * c * push(t, d, w),
-        "forces": lambda t, d, w: c * pull(t, d, w),
-        "potentials": (Potential.function(ANCHOR, lambda g: c * hill(g), lambda g: c * hill_slope(g)),),
-    }
+        load = at("scale", 1.0) * sloped
+        load += 0.7 * nt.potential(FIELD, linear=at("linear", LINE), quadratic=at("quadratic", Q))
+        load += nt.spring(at("stiffness", STIFFNESS), POINT, ANCHOR, at("rest_length", REST))
+        load += nt.director_forces(TIMES, at("values", FORCES))
+    elif name == "along":
+        load = nt.director_forces(TIMES, at("values", FORCES), frame="body")
+    elif name in ("duals", "differences"):
+        own, forces, V, slope = map(in_floats if name == "differences" else lambda f: f, (push, pull, hill, hill_slope))
+        load = 0.5 * nt.moment(own) + nt.director_forces(forces) + nt.potential(ANCHOR, V, slope)
+    else:
+        load = at("scale", 0.9) * nt.gravity_gradient(at("mean_motion", MOTION), RADIAL, NORMAL)
+        load += sloped if "wind" in name else nt.Load()
+    return at("load_scale", 1.0) * load
 
 
+EXACT = loaded("exact")
 DIRECTIONS = {
     "material_angular_velocity[2]": {"material_angular_velocity": EYE[1]},
     "rotation[1]": {"rotation": EYE[0]},
@@ -185,11 +143,9 @@ IGNORED = "ignore:.*(breakpoint|table of the load|runs in Python|central differe
 
 
 def compared(scheme, order, load, constrained, step, steps, directions, bound):
-    """Compare the tangents of a run with complex steps; by the time a function is differenced."""
-    more = {"exact": getattr(scheme, "moments", "paper") == "exact"}
-    more["dissipation"] = (0.0, getattr(scheme, "dissipation", 0.0))
-    given = LOADS[load], lambda x, **change: plain(load, x, change), directions, scheme, order, step, steps
-    require_tangents(body_of(constrained, load), *given, bound=bound, by_time=10, **more)
+    """Compare the tangents of a run with differences of runs; by the time a function is differenced."""
+    given = partial(loaded, load), directions, scheme, order, step, steps, bound, 10
+    require_tangents(body_of(constrained, load), *given)
 
 
 @pytest.mark.filterwarnings(IGNORED)
@@ -233,7 +189,8 @@ def test_gravity_gradient(scheme, order, load):
     q = np.linalg.eigh(J)[1][:, 2]
     own = {"load[0].scale": {"scale": 1.0}, "load[0].mean_motion": {"mean_motion": 1.0}}
     own["principal_inertia[3]"] = {"inertia": np.outer(q, q)}
-    own["dead_force[2x]"] = {"dead_force": np.outer(EYE[1], EYE[0])}
+    if load != "orbit alone" or order == 8:  # the rows of a run under forces do not turn with the orbit
+        own["dead_force[2x]"] = {"dead_force": np.outer(EYE[1], EYE[0])}
     for constrained in {load != "orbit and wind", load == "orbit"}:
         compared(scheme, order, load, constrained, 0.1, 3, DIRECTIONS | own, 1e-12)
 
@@ -305,7 +262,7 @@ def test_large_steps_under_a_function():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         d = nt.sensitivities(nt.standard(J), wrt="material_angular_velocity", material_angular_velocity=W0, **how)
-        by = slope(lambda x: nt.integrate(nt.standard(J), material_angular_velocity=W0 + x * EYE[1], **how), 1e-5)
+        by = derivative(lambda x: nt.integrate(nt.standard(J), material_angular_velocity=W0 + x * EYE[1], **how), 1e-3)
     found = last(d, 1)
     assert abs(found - by).max() < 1e-7 * abs(found).max()
 
@@ -502,7 +459,7 @@ def test_a_longer_run_in_an_orbit():
     body, load = nt.nontwisting((3, 4, 5), spin=([0, 2], [0.5, 1.5])), nt.gravity_gradient(MOTION, RADIAL, NORMAL)
     how = {"integrator": "gauss", "load": load, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
     d = nt.sensitivities(body, wrt="duration", t_end=1, step=0.05, **how)
-    by = slope(lambda x: nt.integrate(body, t_end=1 + x, step=(1 + x) / 20, **how), 1e-4)
+    by = derivative(lambda x: nt.integrate(body, t_end=1 + x, step=(1 + x) / 20, **how), 1e-3)
     assert abs(last(d, 0) - by).max() < 2e-8
 
 
@@ -520,10 +477,10 @@ def test_parameters_in_an_orbit(order):
 
     d, *_ = require_transpose(body(), wrt=names, load=load, t_end=1, store=4, **how)
     for k in range(3):
-        by = slope(lambda x, k=k: nt.integrate(body(k, x), load=load, t_end=1, **how), 1e-4)
+        by = derivative(lambda x, k=k: nt.integrate(body(k, x), load=load, t_end=1, **how), 1e-3)
         assert abs(last(d, k) - by).max() < 2e-8
-    by = slope(
-        lambda x: nt.integrate(body(), load=nt.gravity_gradient(MOTION + x, RADIAL, NORMAL), t_end=1, **how), 1e-4
+    by = derivative(
+        lambda x: nt.integrate(body(), load=nt.gravity_gradient(MOTION + x, RADIAL, NORMAL), t_end=1, **how), 1e-3
     )
     column = d.parameter.values.tolist().index("load[0].mean_motion")
     assert abs(last(d, column) - by).max() < 2e-8
@@ -544,7 +501,7 @@ def test_an_axis_in_an_orbit():
         n = np.cos(x) * AXIS + np.sin(x) * tilt
         return nt.integrate(nt.DirectorSystem(euler_inertia(J), n), project=True, **how)
 
-    assert abs(last(d)[:, :3] @ tilt - slope(run_of, 1e-5)).max() < 1e-8
+    assert abs(last(d)[:, :3] @ tilt - derivative(run_of, 1e-3)).max() < 1e-8
     run = nt.propagator(body, t_end=1, step=0.05, integrator="gauss", load=load)
     turned, changed = run.jacobian(wrt=["axis", "material_angular_velocity"], material_angular_velocity=W)
     assert np.array_equal(turned, d.d_rotation.values[[0, -1]])

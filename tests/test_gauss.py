@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from complex_steps import cross
-from conftest import BODIES, LOADS, PAPER_J
+from conftest import BODIES, LOADS, PAPER_J, cross
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights

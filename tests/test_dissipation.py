@@ -21,11 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*rad a step", "ignore:.*runs in
 @pytest.mark.parametrize("step", [0.02, 0.2, 0.8])
 def test_energy_never_rises_and_momentum_stays(scheme, order, step):
     run = nt.simulate(
-        nt.standard(J),
-        t_end=80,
-        step=step,
-        material_angular_velocity=MIDDLE,
-        integrator=scheme(order, dissipation=0.8),
+        nt.standard(J), t_end=80, step=step, material_angular_velocity=MIDDLE, integrator=scheme(order, dissipation=0.8)
     )
     K, pi = run.kinetic_energy.values, run.spatial_momentum.values
     least = pi[0] @ pi[0] / (2 * np.linalg.eigvalsh(J)[-1])
@@ -128,13 +124,7 @@ def test_energy_is_not_among_what_is_kept():
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"dissipation": 1.5},
-        {"dissipation": -0.1},
-        {"order": 1},
-        {"order": 3, "dissipation": 0.1},
-    ],
+    "options", [{"dissipation": 1.5}, {"dissipation": -0.1}, {"order": 1}, {"order": 3, "dissipation": 0.1}]
 )
 def test_wrong_options_are_refused(options):
     with says():

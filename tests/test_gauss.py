@@ -140,14 +140,8 @@ def test_a_step_solves_the_equations_of_collocation(name, load, order):
 FAST = {
     "free standard": (lambda: nt.standard(TILTED), None),
     "heavy top": (lambda: nt.with_gravity(nt.standard(TILTED), 2.0, [0.1, 0.2, 0.5]), None),
-    "non-twisting, load in the body": (
-        lambda: nt.nontwisting(PAPER_J),
-        lambda: nt.body_moment(wave),
-    ),
-    "Suslov, load in space": (
-        lambda: nt.suslov(TILTED, [0.3, 0.2, 1]),
-        lambda: nt.space_moment(wave),
-    ),
+    "non-twisting, load in the body": (lambda: nt.nontwisting(PAPER_J), lambda: nt.body_moment(wave)),
+    "Suslov, load in space": (lambda: nt.suslov(TILTED, [0.3, 0.2, 1]), lambda: nt.space_moment(wave)),
 }
 KEYS = "directors", "director_velocities", "multipliers", "moment", "load_work"
 STEPS = {2: (256, 512), 4: (128, 192), 6: (96, 128), 8: (64, 80), 12: (14, 20), 16: (10, 16)}

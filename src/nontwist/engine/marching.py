@@ -35,7 +35,7 @@ from ..kernels.memory import View, doubles, size_of
 from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .newton import Solution
 from .records import NODAL, Block, Parts, State, Work
-from .sampling import Nodes
+from .sampling import Nodes, mean_moment_of_dead
 from .workspace import NAN, NOW, OK, begin_observing, extend, gather, integrate, note, observe, remember, scatter, write
 
 TOTALS = "twist", "work", "turned", "late"  # what is no mean
@@ -107,6 +107,18 @@ def midpoint_step(state: State, a: Vector, change: Vector, auxiliary: Any, found
     far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
     after = State(p, s, compensation, c, auxiliary)
     return Step(after, found.stalled, far, gap, found.used, found.residual, turn)
+
+
+def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any, **multipliers: Any) -> Step:
+    """Return such a step with its means, given the moment of the load, in b at the beginning, and dead forces there."""
+    parts = nodes.parts
+    if moment is not None:
+        found = found._replace(moment=nodes.R @ moment, work=2.0 * (a @ moment))
+    if parts.dead and parts.is_constrained:
+        found = found._replace(dead=nodes.R @ mean_moment_of_dead(dead, 1.0 / (1.0 + a @ a), a))
+    if parts.turns:
+        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
+    return found._replace(twist=2.0 * (nodes.body.axis @ a), **multipliers)
 
 
 _kernels: dict[tuple[Text, Parts], Kernel] = {}

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, PAPER_J
 from nontwist.models.constraints import constraint_matrices
-from nontwist.validation import energy_momentum_reference as reference
+from nontwist.validation import reference_steps as reference
 
 EM = {"integrator": "energy-momentum", "order": 2}
 
@@ -35,9 +35,11 @@ def test_the_parameter_a_moves_one_multiplier_only(a):
     E, h = nt.nontwisting(PAPER_J).euler_inertia, 0.01
     q = Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix().T
     v = np.cross(np.array([2.0, -3, 0]) @ q, q)
-    load = reference.MidpointMoment(np.array([1.0, 2, 0]), np.array([0.5, 0, 1]))
+    load = reference.MidpointLoad(np.array([1.0, 2, 0]), np.array([0.5, 0, 1]))
     e3 = np.array([0.0, 0, 1])
-    half, other = (reference.step(0, q, v, h, E, constraint_matrices(e3, b), np.zeros((3, 3)), load) for b in (0.5, a))
+    half, other = (
+        reference.director_step(0, q, v, h, E, constraint_matrices(e3, b), np.zeros((3, 3)), load) for b in (0.5, a)
+    )
     assert other.directors == pytest.approx(half.directors, abs=1e-14)
     assert other.velocities == pytest.approx(half.velocities, abs=1e-12)
     expected = half.multipliers - np.array([0, 0, 0, 0, 0, (0.5 - a) * half.multipliers[6], 0])

@@ -11,7 +11,7 @@ import exact_reference as reference
 from conftest import random_inertia
 from nontwist import damping, exact, integrate, nontwisting, rotations, rotor, simulate, simulate_ensemble, standard
 from nontwist.exact.gyrostat_constants import gyrostat
-from nontwist.exact.theta import Theta
+from nontwist.exact.gyrostats import Theta
 from nontwist.geometry.attitudes import attitudes
 from nontwist.runfile import read_run_file
 from refusals import says

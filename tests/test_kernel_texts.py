@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nontwist.exact import free_constants, free_kernels, suslov_body
-from nontwist.geometry import frame_kernels, link_kernels, path_kernels, twist_kernels
+from nontwist.geometry import frame_kernels, linking, path_kernels, twist_kernels
 from nontwist.kernels.kernel import Kernel
 
 ROOT = Path(__file__).parents[1] / "src"
@@ -69,10 +69,10 @@ def streams():
 def links():
     """Polygons: two, and one with itself."""
     a, b = (np.cumsum(rng.normal(size=(3, n)), axis=1) for n in (9, 22))
-    b = np.pad(b, ((0, 0), (0, link_kernels.SCRATCH)), mode="edge")
-    same = np.pad(a, ((0, 0), (0, link_kernels.SCRATCH)), mode="edge")
+    b = np.pad(b, ((0, 0), (0, linking.SCRATCH)), mode="edge")
+    same = np.pad(a, ((0, 0), (0, linking.SCRATCH)), mode="edge")
     for y, is_same, closed in ((b, 0, 0), (same, 1, 0), (same, 1, 1)):
-        numbers, work = np.arange(float(y.shape[1])), np.zeros((link_kernels.WORK, y.shape[1]))
+        numbers, work = np.arange(float(y.shape[1])), np.zeros((linking.WORK, y.shape[1]))
         yield a, y, numbers, is_same, closed, 0, 2, work, *np.zeros((2, 9))
 
 
@@ -138,12 +138,12 @@ def cases():
         found.setdefault(twist_kernels.angles, []).append((unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n)))
     found[twist_kernels.count] = list(streams())
     found |= exact_cases()
-    found[link_kernels.row_integrals] = list(links())
+    found[linking.row_integrals] = list(links())
     return found
 
 
 CASES = cases()
-IN_LANES = {link_kernels.row_integrals}  # whose sums have another order
+IN_LANES = {linking.row_integrals}  # whose sums have another order
 
 
 def kernels():

@@ -44,6 +44,16 @@ equal, one period infinite), for symmetric bodies and rotors along principal axe
 cancels are rates and axes, the invariants, their roots e_i and ℘(a) - e_i: these are computed with 120 digits from J, c
 and W as they are in double precision. Without rotors this is the free body of `free_bodies`.
 
+**θ1 of complex arguments**, its size apart. With q = e^(iπτ) and an argument v that is brought to |Im v| <= π Im τ/2
+by θ1(v + π τ) = -e^(-iπτ - 2iv) θ1(v) (DLMF 20.2.8), the series over sin((2n + 1) v) = sin v (1 + 2 Σ cos 2jv), with
+the sum over j <= n, is
+
+    θ1(v)/(2 q^(1/4)) = sin v (1 + T_0 + Σ_j T_j (e^(ij(πτ + 2v)) + e^(ij(πτ - 2v)))),
+    T_j = Σ_(n >= max(j, 1)) (-1)^n q^(n(n + 1) - j),
+
+where no power exceeds 1 and no difference is small but that of sin v at its zeros. The size |Im v| of sin v is kept as
+a logarithm, so that nothing overflows, and τ may be i∞. For |q| <= e^(-π/2) the terms left out are below 1e-24.
+
 Accuracy: 1e-14, and not below 1e-16 per radian that the body turns and 3e-15 per turn of P in the body; of the motion
 from the numbers given, however much it amplifies their last digits. Measured against Taylor series with 50 digits:
 6e-13 after 1000 rad; 2e-14 past the saddle where the start is 1e-9 from a permanent rotation, and an ulp of it counts
@@ -52,7 +62,9 @@ from the numbers given, however much it amplifies their last digits. Measured ag
 
 from __future__ import annotations
 
+import cmath
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,7 +75,8 @@ from .border import Motion, checked_attitude, checked_inertia, checked_times, ch
 from .free_bodies import TOO_FAR, free_standard
 from .free_constants import FARTHEST
 from .gyrostat_constants import Lattice, gyrostat
-from .theta import Theta
+
+_TERMS, _FLAT = 6, 200.0  # from this Im τ on, θ1 is a sine
 
 
 def free_gyrostat(
@@ -181,3 +194,37 @@ def _spinor(found: Lattice, W: Array, times: Array) -> tuple[Array, Array]:
         phase -= (4 if found.tau.real else 2) * turns * (v1 + v2).real
     over = np.exp(1j * phase) / np.sqrt(abs(first) ** 2 + abs(second) ** 2)
     return over * first, over * second
+
+
+class Theta:
+    """θ1(v|τ)/(2 q^(1/4)), for Re τ of 0 or 1/2 and Im τ >= 1/2."""
+
+    def __init__(self, tau: complex) -> None:
+        self.tau, self.is_flat = tau, tau.imag > _FLAT
+        self.exponent = 0j if self.is_flat else 1j * math.pi * tau
+        q = 0j if self.is_flat else cmath.exp(self.exponent)
+        powers = [[(-1) ** n * q ** (n * (n + 1) - j) for n in range(max(j, 1), _TERMS + 1)] for j in range(_TERMS + 1)]
+        self.weights = [sum(terms, 0j) for terms in powers]
+        self.slope = complex(1 + self.weights[0] + 2 * sum(w * q**j for j, w in enumerate(self.weights) if j))
+
+    def at(self, v: Any) -> tuple[Any, Array, Any]:
+        """Return the value over e^size, the size, and the logarithmic derivative, at complex `v`, an array or one."""
+        v = np.asarray(v, complex)
+        k = np.zeros(v.shape) if self.is_flat else np.round(v.imag / (math.pi * self.tau.imag))
+        if not self.is_flat:
+            v = v - k * (math.pi * self.tau)
+        size = abs(v.imag)
+        c, s = 0.5 * (1 + np.exp(-2 * size)), np.copysign(-0.5 * np.expm1(-2 * size), v.imag)
+        sine, cosine = np.sin(v.real) * c + 1j * np.cos(v.real) * s, np.cos(v.real) * c - 1j * np.sin(v.real) * s
+        series, slope = np.full(v.shape, 1 + self.weights[0]), np.zeros(v.shape, complex)
+        if not self.is_flat:
+            up, down = np.exp(self.exponent + 2j * v), np.exp(self.exponent - 2j * v)
+            a, b = up, down
+            for j in range(1, _TERMS + 1):
+                series += self.weights[j] * (a + b)
+                slope += 2j * j * self.weights[j] * (a - b)
+                a, b = a * up, b * down
+            shift = -self.exponent * k * k - 2j * k * v + 1j * math.pi * k
+            sine, cosine, size = sine * np.exp(1j * shift.imag), cosine * np.exp(1j * shift.imag), size + shift.real
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return sine * series, size, cosine / sine + slope / series - 2j * k

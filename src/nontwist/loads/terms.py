@@ -170,11 +170,12 @@ class Term(ABC):
         return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(-1, 3)
 
     def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
-        """Return what a text of the state gives, row by row, by a way to call functions (`calls`).
+        """Return what a text gives, row by row, by a way to call functions (`calls`).
 
-        `x` are directors, angular velocity and time, and the `numbers` of the term behind them.
+        `x` are directors, angular velocity and time, or the time alone, and the `numbers` of the term behind them.
         """
-        return call(self.with_numbers(x[13:]).called, state(x), self.gives)
+        count = 1 if self.kind in ("body", "space") else 13
+        return call(self.with_numbers(x[count:]).called, tuple(x[:1]) if count == 1 else state(x), self.gives)
 
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term that depends on the state, (3,), N m, without the factor, in Python."""

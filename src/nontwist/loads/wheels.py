@@ -201,11 +201,6 @@ class Slipping(Wheel):
     slips: int = 1
 
     @property
-    def works(self) -> bool:
-        """Whether a motor is given by a number or a table."""
-        return bool(self.torque or self.times.size)
-
-    @property
     def is_dry(self) -> bool:
         """Whether its friction jumps: it does not."""
         return False

@@ -7,7 +7,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nontwist import drifts, gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
-from nontwist.errors import RunFileError
 from nontwist.loads import orbits
 from nontwist.loads.orbits import on_orbit
 from nontwist.runfile import read_run_file
@@ -163,14 +162,3 @@ def test_run_files_and_ensembles(tmp_path):
     assert np.array_equal(run.directors.values, alone.directors.values)
     many = simulate_ensemble(body, material_angular_velocity=[W, W], **how)
     assert abs(many.quaternion.values[1, -1] @ alone.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
-    path.write_text(FILE.replace("0.4", "1.0"), encoding="utf-8")
-    with pytest.raises(RunFileError, match=r"load\.0\.eccentricity: 1\.0 .*from 0 and below 1"):
-        read_run_file(path)
-
-
-@pytest.mark.parametrize("wrong", [-0.1, 1.0, 1.5, np.nan])
-def test_refused_by_name(wrong):
-    with pytest.raises(ValueError, match="eccentricity"):
-        gravity_gradient(1.0, eccentricity=wrong)
-    with pytest.raises(ValueError, match="start and perigee_time are one time"):
-        gravity_gradient(1.0, start=1.0, eccentricity=0.1, perigee_time=2.0)

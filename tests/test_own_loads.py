@@ -17,7 +17,6 @@ from nontwist.geometry.arrays import Array
 from nontwist.loads import LOADS, DirectorForces, Potential, Term
 from nontwist.loads.kinds import load_of
 from nontwist.spec import Spec
-from refusals import refused_as
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 DIPOLE, FIELD = np.array([0.3, -0.5, 1.2]), np.array([0.6, 1.0, -2.0])
@@ -193,15 +192,6 @@ def test_other_ways_to_run():
     data = nt.compare(body, t_end=1, load=load, steps=[0.1], integrators=["gauss", "split"], repeats=1, **START)
     assert (data.status == 0).all()
     assert "needle: needle (0.3, −0.5, 1.2) A m², field (0.6, 1, −2) T" in nt.view(run).html
-
-
-test_fields_are_checked = refused_as(
-    [
-        lambda: Needle((0, 1), FIELD),
-        lambda: Cord(-1, (0, 0, 1)),
-        lambda: Cord(1, (0, 0, 1), -2),
-    ]
-)
 
 
 def test_a_file_in_a_folder_of_its_own(tmp_path):

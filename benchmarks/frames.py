@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import TwistCounter
 from nontwist.curves import link, nontwisting_frame, writhe
-from nontwist.geometry.directors import first_d1, unit_directors
 from nontwist.geometry.frame_kernels import smooth_rolls, transport
+from nontwist.geometry.frames import first_d1, unit_directors
 
 from .peers import ABSENT
 from .rows import Row, seconds

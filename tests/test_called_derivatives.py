@@ -37,7 +37,7 @@ from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
-from nontwist.loads.c_functions import Moment
+from nontwist.loads.compiled import Moment
 from nontwist.spec import Spec
 from refusals import says
 from test_derivatives import AXIS, EYE, R0, START, W0, WEIGHT, J, inertia_entry, states_apart

@@ -15,8 +15,7 @@ from scipy import special
 
 from nontwist import director_forces, moment, potential
 from nontwist.kernels import machine_code
-from nontwist.loads.c_functions import Moment
-from nontwist.loads.compiled import c_function
+from nontwist.loads.compiled import Moment, c_function
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 TABLE = np.array([[0.0, 1.0, 3.0], [2.0, -1.0, 4.0]])

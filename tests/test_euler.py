@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from conftest import nontwist
 from nontwist import save_run, simulate, standard, sweep
 from nontwist.errors import InputError, InputWarning, RunFileError
-from nontwist.geometry.euler import euler_angles
+from nontwist.geometry.attitudes import euler_angles
 from nontwist.io.exports import with_euler
 from nontwist.runfile import read_run_file
 from refusals import says

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 import exact_reference as reference
 from conftest import random_inertia
 from nontwist import damping, exact, integrate, nontwisting, rotations, rotor, simulate, simulate_ensemble, standard
-from nontwist.exact.gyrostat_constants import gyrostat
-from nontwist.exact.gyrostats import Theta
+from nontwist.exact.gyrostats import Theta, gyrostat
 from nontwist.geometry.attitudes import attitudes
 from refusals import refused_as
 

@@ -32,9 +32,8 @@ from nontwist.kernels.elements import (
     sqrt,
     without,
 )
-from nontwist.kernels.kernel import Kernel, kernel
+from nontwist.kernels.kernel import Kernel, kernel, part
 from nontwist.kernels.memory import Doubles, View, Wholes, call, doubles, put, scratch, size_of, vector_at, view_of
-from nontwist.kernels.parts import part
 from nontwist.kernels.tracing import TraceError, Tracer, tracing
 from nontwist.kernels.vectors import (
     Matrix,

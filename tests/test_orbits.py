@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nontwist import drifts, gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
-from nontwist.loads import orbits
-from nontwist.loads.orbits import on_orbit
+from nontwist.loads import potentials as orbits
+from nontwist.loads.potentials import on_orbit
 from nontwist.runfile import read_run_file
 
 ECCENTRICITIES = [1e-9, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999999, 1 - 1e-12, 1 - 2**-53]

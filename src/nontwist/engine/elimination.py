@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, fma, select
-from ..kernels.parts import part
+from ..kernels.kernel import part
 
 
 class Scratch(NamedTuple):

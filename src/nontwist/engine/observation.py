@@ -12,8 +12,8 @@ from typing import Any
 
 from ..kernels.control import loop
 from ..kernels.elements import larger, smaller
+from ..kernels.kernel import part
 from ..kernels.memory import View, fields
-from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, attitude, first_moment
 from .records import NODAL, QUANTITIES, Observed, Work
 

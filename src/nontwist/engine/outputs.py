@@ -39,9 +39,8 @@ from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, select, smaller
-from ..kernels.kernel import Kernel, kernel
+from ..kernels.kernel import Kernel, kernel, part
 from ..kernels.memory import Doubles, View, call, doubles, fields, put, size_of, vector_at
-from ..kernels.parts import part
 from ..kernels.vectors import Quaternion, Vector
 from .records import Block, Failure, Parts, State, Sums, Work, places
 from .workspace import OK, copy, write

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain, tangents_of
 from ..kernels.elements import any_of, select
+from ..kernels.kernel import part
 from ..kernels.memory import View, call, fields
-from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .records import Found, Parts, StateCall, Work
 from .workspace import turned_into

@@ -9,9 +9,8 @@ from typing import Any
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, real, select, smaller, without
-from ..kernels.kernel import kernel
+from ..kernels.kernel import kernel, part
 from ..kernels.memory import View, doubles, fields, put, size_of, vector_at
-from ..kernels.parts import part
 from ..kernels.vectors import Quaternion, Symmetric, Vector, compensated
 from .records import NODAL, Block, Body, Failure, Observed, Parts, State, Sums, Work
 

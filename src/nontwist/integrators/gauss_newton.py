@@ -33,8 +33,8 @@ from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import fma, larger, logical_not, real, select
+from ..kernels.kernel import part, rare
 from ..kernels.memory import View, scratch, size_of
-from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_number, as_tensor, increasing
 from ..geometry.values import as_function, as_list, shown
 from .base import Load
-from .c_functions import as_c_function, is_c_function
+from .compiled import as_c_function, is_c_function
 from .forces import ForceFunction, ForceTable
 from .friction import DryFriction
 from .memory import MemoryFunction

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ..errors import warn
 from ..geometry.arrays import Array, as_floats
 from ..kernels.dual import Dual, plain, tangent
-from .c_functions import CFunction
 from .calls import checked, name_of, plainly
+from .compiled import CFunction
 from .forces import ForceTable
 from .potentials import Potential, PotentialFunction
 from .terms import Damping, Rotor, Table, Term, within

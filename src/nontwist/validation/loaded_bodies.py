@@ -36,7 +36,7 @@ from .measures import error, slope
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
 
 BODY = SAMPLES["nontwisting"]
-ELLIPSE = "nontwist.loads.orbits"
+ELLIPSE = "nontwist.loads.potentials"
 FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.wheel_friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 

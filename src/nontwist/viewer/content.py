@@ -26,7 +26,7 @@ from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
-from ..geometry.directors import triad_about
+from ..geometry.frames import triad_about
 from ..geometry.values import shown
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run

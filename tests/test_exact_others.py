@@ -23,7 +23,7 @@ from nontwist import (
 )
 from nontwist.comparison import second_quotient
 from nontwist.curves import holonomy
-from nontwist.integrators import Continuous, Exact
+from nontwist.integrators import Continuous
 from nontwist.models.system import euler_inertia
 from refusals import refused_as
 
@@ -206,24 +206,6 @@ def test_the_integrator_against_the_continuous_equations(case):
         assert getattr(a, name).shape == getattr(b, name).shape
         assert getattr(a, name) == pytest.approx(getattr(b, name), abs=tolerance), name
     assert a.newton_iterations is None
-
-
-def test_the_integrator_on_a_grid_and_its_dataset():
-    kick = {"t_end": 1, "step": 0.25, "angular_velocity": [1, -2, 0.5], "integrator": "exact"}
-    run = simulate(BODIES["standard"](), **kick)
-    assert run.sizes["time"] == 5
-    assert "multipliers" not in run
-    assert run.orthonormality_defect.max() < 1e-15 * 3
-    q, v = run.directors.values, run.director_velocities.values
-    assert v == pytest.approx(np.cross(run.angular_velocity.values[:, None], q), abs=1e-14)
-    assert Exact().name == "exact"
-    # a run that goes on from the end of a load
-    free = simulate(nontwisting(PAPER_J), t_end=1, material_angular_velocity=[1, 2, 0], load=pulse([1, 0, 0]))
-    on = simulate(nontwisting(PAPER_J), t_end=2, step=0.5, start=free, load=pulse([1, 0, 0]), integrator="exact")
-    assert on.material_momentum.values == pytest.approx(
-        np.tile(free.material_momentum.values[-1] * [1, 1, 0], (3, 1)), abs=1e-12
-    )
-    assert list(on.constraint.values) == ["nh"]
 
 
 @pytest.mark.filterwarnings("error")

@@ -26,7 +26,6 @@ from nontwist.errors import RunFileError, SimulationError
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
-from nontwist.sweeps import sweep
 from refusals import refused_as, says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
@@ -171,34 +170,6 @@ test_refusals = refused_as(
         lambda: simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split"),
     ]
 )
-FILE = """
-body = { kind = "standard", inertia = [3, 4, 5] }
-start.angular_velocity.body = [0.4, -1.1, 0.7]
-time = { t_end = 1, step = 0.1 }
-load = [{ kind = "rotor", axis = [0, 1, 1], ROTOR }]
-"""
-
-
-def test_rotors_in_run_files_and_sweeps(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("ROTOR", "times = [0, 0.5], values = [0, 2], scale = 1.5"), encoding="utf-8")
-    run = read_run_file(path).simulate()
-    assert abs(run.rotor_momentum.values[-1] - np.array([0, 3, 3]) / np.sqrt(2)).max() < 1e-15
-    for key in ("load.0.momentum", "load.0.scale"):
-        over = f'sweep.over = [{{ key = "{key}", kind = "grid", start = 1, end = 3, count = 3 }}]\n'
-        path.write_text(
-            FILE.replace("ROTOR", "momentum = 1, scale = 1.0")
-            + over
-            + 'sweep.variables = ["total_momentum", "rotor_momentum", "material_angular_velocity"]\n',
-            encoding="utf-8",
-        )
-        found = sweep(path, tmp_path / f"{key}.zarr")
-        assert abs(found.rotor_momentum.values[:, 1] - np.array([1, 2, 3]) / np.sqrt(2)).max() < 1e-15
-        for h, W in zip((1, 2, 3), found.material_angular_velocity.values, strict=True):
-            alone = simulate(
-                standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=W0, load=rotor((0, 1, 1), h)
-            )
-            assert abs(alone.material_angular_velocity.values[-1] - W).max() < 1e-14
 
 
 @pytest.mark.parametrize("scheme", [LieMidpoint, EnergyMomentum])

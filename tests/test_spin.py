@@ -23,8 +23,6 @@ from nontwist import (
 )
 from nontwist.analysis.invariants import drifts, twist_defect
 from nontwist.integrators import Continuous
-from nontwist.runfile import read_run_file
-from nontwist.sweeps import sweep
 from refusals import refused_as, says
 
 TABLE = ([0.5, 1.0, 1.75], [0.4, 3.0, -2.0])
@@ -215,27 +213,3 @@ def test_a_body_with_a_spin_as_json():
     assert DirectorSystem.from_json(body.to_json()).spin.is_like(body.spin)
     assert "spin" not in json.loads(nontwisting([3, 4, 5]).to_json())
     assert with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)
-
-
-FILE = """
-body = { kind = "nontwisting", inertia = [3, 4, 5], SPIN }
-start.angular_velocity.body = [1.0, 2.0, 0.0]
-time = { t_end = 1, step = 0.05 }
-"""
-
-
-def test_in_run_files_and_sweeps(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("SPIN", "spin = { times = [0, 0.5], values = [0, 2] }"), encoding="utf-8")
-    run = read_run_file(path).simulate()
-    assert run.twist_rate.values[[0, -1]].round(14).tolist() == [0, 2]
-    path.write_text(
-        FILE.replace("SPIN", "spin = 1.0")
-        + 'sweep.over = [{ key = "body.spin", kind = "grid", start = 0, end = 2, count = 3 }]\n'
-        'sweep.variables = ["material_angular_velocity"]\n',
-        encoding="utf-8",
-    )
-    found = sweep(path, tmp_path / "found.zarr").material_angular_velocity.values
-    for c, W in zip((0, 1, 2), found, strict=True):
-        alone = simulate(nontwisting([3, 4, 5], spin=c), t_end=1, step=0.05, material_angular_velocity=W0)
-        assert abs(alone.material_angular_velocity.values[-1] - W).max() < 1e-14

@@ -143,15 +143,6 @@ def test_solid_angle_is_that_of_the_polygon_so_far(seed):
     assert result.solid_angle.values == pytest.approx(expected, abs=1e-8)
 
 
-def test_the_plain_swing_twist_angle_is_not_it():
-    """With Λ(0) ≠ I the swing-twist angle of Λ itself, without the first attitude, misses the identity."""
-    t, R = smooth(0)
-    result = twist(R, t)
-    p = R.as_quat()
-    plain = 2 * np.arctan2(p[:, 2], p[:, 3])
-    assert abs(modulo(plain - plain[0] - result.twist_angle - result.solid_angle)).max() > 0.1
-
-
 @pytest.mark.parametrize("order", [2, 4])
 def test_order_of_the_twist_angle(order):
     """Against ∫ w·d3 of a motion whose angular velocity is known."""

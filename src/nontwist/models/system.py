@@ -184,8 +184,8 @@ def require_mass(E: Array, m: float, rho: Array) -> None:
 
 def _symmetric(A: Array, name: str) -> Array:
     gap = abs(A - A.T)
-    i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
-    if gap[i, j] > SYMMETRY * abs(A).max():
+    if gap.any() and gap.max() > SYMMETRY * abs(A).max():
+        i, j = divmod(int(gap.argmax()), 3)
         raise ValueError(f"{name} is not symmetric: [{i},{j}] = {A[i, j]!s}, but [{j},{i}] = {A[j, i]!s}")
     return (A + A.T) / 2
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from many_digits import exact, mp_cross, mp_dot
 from nontwist.geometry.curves import frame_along, frame_of_curve
 from nontwist.geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 from refusals import refused_as
@@ -224,20 +225,11 @@ def test_corners_lower_order_four_to_two():
 def exact_area(triangle):
     """L'Huilier's sum of angles at 60 digits: another formula, another arithmetic."""
     with mpmath.workdps(60):
-        a, b, c = (mpmath.matrix([mpmath.mpf(float(x)) for x in v]) for v in triangle)
-        a, b, c = (v / mpmath.norm(v) for v in (a, b, c))
-
-        def dot(u, v):
-            return sum(u[i] * v[i] for i in range(3))
-
-        def cross(u, v):
-            return mpmath.matrix([u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3] for i in range(3)])
-
-        sides = [mpmath.acos(dot(u, v)) for u, v in ((b, c), (c, a), (a, b))]
+        a, b, c = (exact(v) / mpmath.norm(exact(v)) for v in triangle)
+        sides = [mpmath.acos(mp_dot(u, v)) for u, v in ((b, c), (c, a), (a, b))]
         s = sum(sides) / 2
-        tans = [mpmath.tan(x / 2) for x in (s, s - sides[0], s - sides[1], s - sides[2])]
-        area = 4 * mpmath.atan(mpmath.sqrt(tans[0] * tans[1] * tans[2] * tans[3]))
-        return float(area) * float(mpmath.sign(dot(a, cross(b, c))))
+        product = mpmath.tan(s / 2) * mpmath.fprod(mpmath.tan((s - side) / 2) for side in sides)
+        return float(4 * mpmath.atan(mpmath.sqrt(product)) * mpmath.sign(mp_dot(a, mp_cross(b, c))))
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from many_digits import exact, mp_cross, mp_dot
 from nontwist.curves import closed_frame, curve_report, link, ribbon_twist, writhe
 from nontwist.geometry import linking
 from refusals import refused_as
@@ -48,32 +49,16 @@ def test_linking_number_is_twist_and_writhe_of_torus_knots_and_links(p, q):
 def exact_writhe(x):
     """Sum of arc sines over pairs of segments (Klenin and Langowski, method 1a), to 40 digits."""
     with mpmath.workdps(40):
-        points = [[mpmath.mpf(float(c)) for c in v] for v in x]
-
-        def minus(a, b):
-            return [s - t for s, t in zip(a, b, strict=True)]
-
-        def cross(a, b):
-            return [a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3)]
-
-        def dot(a, b):
-            return sum(s * t for s, t in zip(a, b, strict=True))
-
-        def unit(a):
-            return [s / mpmath.sqrt(dot(a, a)) for s in a]
-
-        n, total = len(points), mpmath.mpf(0)
+        points, total = [exact(v) for v in x], mpmath.mpf(0)
+        n = len(points)
         for i in range(n):
             for j in range(i + 2, n - (i == 0)):
                 a, b, c, d = points[i], points[i + 1], points[j], points[(j + 1) % n]
-                normals = [(c, d), (d, 1), (1, 0), (0, c)]
-                r13, r14, r23, r24 = minus(c, a), minus(d, a), minus(c, b), minus(d, b)
-                normals = [unit(cross(s, t)) for s, t in ((r13, r14), (r14, r24), (r24, r23), (r23, r13))]
-                area = sum(
-                    mpmath.asin(max(-1, min(1, dot(s, t))))
-                    for s, t in zip(normals, normals[1:] + normals[:1], strict=True)
-                )
-                total += area * mpmath.sign(dot(cross(minus(d, c), minus(b, a)), r13))
+                normals = [mp_cross(s, t) for s, t in ((c - a, d - a), (d - a, d - b), (d - b, c - b), (c - b, c - a))]
+                normals = [normal / mpmath.norm(normal) for normal in normals]
+                pairs = zip(normals, normals[1:] + normals[:1], strict=True)
+                area = sum(mpmath.asin(max(-1, min(1, mp_dot(s, t)))) for s, t in pairs)
+                total += area * mpmath.sign(mp_dot(mp_cross(d - c, b - a), c - a))
         return float(total / (2 * mpmath.pi))
 
 

@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from many_digits import EPS, assert_ulps, exact, many_digits, ulps  # noqa: F401
+from many_digits import EPS, assert_ulps, exact, many_digits, mp_cross, mp_dot, ulps  # noqa: F401
 from nontwist.geometry import sphere
 from refusals import refused_as
 
@@ -19,14 +19,6 @@ AXES = np.eye(3)
 
 def rounded(v):
     return np.array([float(x) for x in v])
-
-
-def mp_dot(a, b):
-    return mp.fsum(x * y for x, y in zip(a, b, strict=True))
-
-
-def mp_cross(a, b):
-    return mp.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def mp_turn(d0, d):

@@ -294,7 +294,7 @@ def test_a_kernel_of_arrays():
     assert column.bound(a, 3, out)() == (a[-1, 3], 7)
     assert column.on_floats(a, 3, out) == (a[-1, 3], 7)
     with pytest.raises(ValueError, match="is not what a kernel takes"):
-        kernel("f8[:,:]")
+        kernel("f8[:,:]")(control)
     with pytest.raises(TypeError, match="an array of f8 with 2 axes"):
         column(a[0], 2, out)
     with pytest.raises(TypeError, match="not contiguous"):

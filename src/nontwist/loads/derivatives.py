@@ -74,7 +74,7 @@ def forces_rates(term: ForceTable, times: Array) -> Array:
 def _slopes(term: Term, times: Array, name: str = "") -> Array:
     """Return the derivatives of a moment by the numbers of a field, or by the time, (n, 3, count)."""
     count = np.size(getattr(term, name)) if name else 1
-    if term.is_text:
+    if term.columns is not None:
         seeded = term.seeded(name) if name else term
         return _tangents(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
     first = 1 + sum(np.size(getattr(term, other)) for other in term.varying[: term.varying.index(name)]) if name else 0

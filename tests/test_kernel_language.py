@@ -347,73 +347,61 @@ def test_c_functions_are_called():
         assert out[0] == 10.0
 
 
-def refused(text, words="f8[:] -> f8"):
-    """Return what a text is refused with."""
-    with pytest.raises(TraceError) as found:
-        Kernel(text, words).code()
-    return str(found.value)
+def leaking(x):
+    y = 0.0
+    for _ in when(x[0] > 0.0):
+        y = x[0] + 1.0
+    return y
 
 
-def test_refusals_say_what_to_write():
-    def branch(x):
-        return 1.0 if x[0] > 0.0 else 2.0
+def left(x):
+    for i in loop(3):
+        if i is not None:
+            break
+    return x[0]
 
-    def leaking(x):
-        y = 0.0
-        for _ in when(x[0] > 0.0):
-            y = x[0] + 1.0
-        return y
 
-    def left(x):
-        for i in loop(3):
-            if i is not None:
-                break
-        return x[0]
+def masks(x):
+    for _ in when(x.load(0, 4) > 0.0):
+        pass
+    return 1.0
 
-    def numbers(x):
-        return float(x[0])
 
-    def masks(x):
-        v = Variables(a=x.load(0, 4))
-        for _ in when(v.a > 0.0):
-            v.a = -v.a
-        return 1.0
+@part
+def again(x):
+    return again(x)
 
-    def lanes(x):
-        return x.load(0, 4) + x.load(0, 2)
 
-    def words(x):
-        return x[0] + "1"
+REFUSED = {
+    "select(condition, a, b)": lambda x: 1.0 if x[0] > 0.0 else 2.0,
+    "keep it in Variables": leaking,
+    "break or return left the loop": left,
+    "no value yet": lambda x: float(x[0]),
+    "any_of(mask)": masks,
+    "lanes meet": lambda x: x.load(0, 4) + x.load(0, 2),
+    "calls itself": lambda x: again(x[0]),
+    "a.shape[0]": lambda x: len(x),
+    "there is no variable b": lambda x: Variables(a=1.0).b,
+    "cannot be a variable": lambda x: Variables(a="1"),
+    "was None first": lambda x: setattr(Variables(a=None), "a", 1.0),
+    "not a whole number": lambda x: loop_once(x[0]),
+    "is not a mask": lambda x: (x[0] > 0.0) & x[0],
+}
 
-    @part
-    def again(x):
-        return again(x)
 
-    def length(x):
-        return len(x)
+@pytest.mark.parametrize("what", REFUSED)
+def test_refusals_say_what_to_write(what):
+    with pytest.raises((TypeError, AttributeError)) as found:
+        Kernel(REFUSED[what], "f8[:] -> f8").code()
+    assert what in str(found.value)
 
-    assert "select(condition, a, b)" in refused(branch)
-    assert f"{__file__}:{branch.__code__.co_firstlineno + 1}" in refused(branch)
-    assert f"within the branch at {__file__}:{leaking.__code__.co_firstlineno + 2}" in refused(leaking)
-    assert "keep it in Variables" in refused(leaking)
-    assert "break or return left the loop" in refused(left)
-    assert "no value yet" in refused(numbers)
-    assert "any_of(mask)" in refused(masks)
-    assert "lanes meet" in refused(lanes)
-    assert "calls itself" in refused(lambda x: again(x[0]))
-    assert "a.shape[0]" in refused(length)
-    with pytest.raises(TypeError):
-        Kernel(words, "f8[:] -> f8").code()
-    refusals = {
-        "there is no variable b": lambda x: Variables(a=1.0).b,
-        "cannot be a variable": lambda x: Variables(a="1"),
-        "was None first": lambda x: setattr(Variables(a=None), "a", 1.0),
-        "not a whole number": lambda x: loop_once(x[0]),
-        "is not a mask": lambda x: (x[0] > 0.0) & x[0],
-    }
-    for what, text in refusals.items():
-        with pytest.raises((TraceError, AttributeError), match=what):
-            Kernel(text, "f8[:]").code()
+
+def test_refusals_say_where():
+    for text, where in ((leaking, "within the branch at {}:{}"), (REFUSED["select(condition, a, b)"], "{}:{}")):
+        with pytest.raises(TraceError) as found:
+            Kernel(text, "f8[:] -> f8").code()
+        first = text.__code__.co_firstlineno
+        assert where.format(__file__, first + 2 * (text is leaking)) in str(found.value)
 
 
 def loop_once(n):
@@ -534,8 +522,7 @@ def test_kernels_run_without_the_interpreter_lock():
         return v.x
 
     # Without forced switches of threads, only the kernel itself lets another thread run between these two lines.
-    where = ["outside"]
-    seen = threading.Event()
+    where, seen = ["outside"], threading.Event()
 
     def work():
         for _ in range(1000):
@@ -546,10 +533,9 @@ def test_kernels_run_without_the_interpreter_lock():
                 break
 
     long(1)
-    interval = sys.getswitchinterval()
+    interval, thread = sys.getswitchinterval(), threading.Thread(target=work)
     sys.setswitchinterval(1e6)
     try:
-        thread = threading.Thread(target=work)
         thread.start()
         while thread.is_alive() and not seen.is_set():
             if where[0] == "inside":

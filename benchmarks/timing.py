@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from nontwist.driver import single_run
-from nontwist.integrators.listing import Listed
-from nontwist.integrators.stack_march import StackMarch
+from nontwist.integrators.stack_march import Listed, StackMarch
 from nontwist.kernels.kernel import Kernel
 
 SHORTEST, SLOW, VERY_SLOW = 5e-4, 0.02, 0.2

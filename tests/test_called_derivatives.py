@@ -12,26 +12,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from complex_steps import Body, Potential, derivative
-from nontwist import (
-    DirectorSystem,
-    body_moment,
-    damping,
-    director_forces,
-    gradient,
-    gravity_gradient,
-    integrate,
-    lyapunov,
-    moment,
-    nontwisting,
-    potential,
-    propagator,
-    sensitivities,
-    simulate,
-    sine,
-    spring,
-    standard,
-)
 from nontwist.errors import SimulationError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
@@ -102,21 +84,21 @@ def tables(frame):
 
 
 EXACT = (
-    moment(push, derivative=push_slope)
-    + 0.7 * potential(FIELD, linear=LINE, quadratic=Q)
-    + spring(STIFFNESS, POINT, ANCHOR, REST)
-    + director_forces(TIMES, FORCES)
+    nt.moment(push, derivative=push_slope)
+    + 0.7 * nt.potential(FIELD, linear=LINE, quadratic=Q)
+    + nt.spring(STIFFNESS, POINT, ANCHOR, REST)
+    + nt.director_forces(TIMES, FORCES)
 )
 LOADS = {
     "exact": EXACT,
-    "duals": 0.5 * moment(push) + director_forces(pull) + potential(ANCHOR, hill, hill_slope),
-    "differences": 0.5 * moment(in_floats(push))
-    + director_forces(in_floats(pull))
-    + potential(ANCHOR, in_floats(hill), in_floats(hill_slope)),
-    "along": director_forces(TIMES, FORCES, frame="body"),
-    "orbit": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL),
-    "orbit alone": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL),
-    "orbit and wind": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL) + moment(push, derivative=push_slope),
+    "duals": 0.5 * nt.moment(push) + nt.director_forces(pull) + nt.potential(ANCHOR, hill, hill_slope),
+    "differences": 0.5 * nt.moment(in_floats(push))
+    + nt.director_forces(in_floats(pull))
+    + nt.potential(ANCHOR, in_floats(hill), in_floats(hill_slope)),
+    "along": nt.director_forces(TIMES, FORCES, frame="body"),
+    "orbit": 0.9 * nt.gravity_gradient(MOTION, RADIAL, NORMAL),
+    "orbit alone": 0.9 * nt.gravity_gradient(MOTION, RADIAL, NORMAL),
+    "orbit and wind": 0.9 * nt.gravity_gradient(MOTION, RADIAL, NORMAL) + nt.moment(push, derivative=push_slope),
 }
 
 
@@ -199,7 +181,7 @@ def weight(load):
 
 
 def system(constrained, load=""):
-    return DirectorSystem(euler_inertia(J), AXIS if constrained else None, weight(load))
+    return nt.DirectorSystem(euler_inertia(J), AXIS if constrained else None, weight(load))
 
 
 def velocity(constrained):
@@ -213,7 +195,7 @@ def compared(scheme, order, load, constrained, step, steps, directions, bound):
     """Compare the tangents of a run with complex steps."""
     wrt = list(dict.fromkeys(re.sub(r"\[[^\]]*\]$", "", name) for name in directions))
     how = {"t_end": step * steps, "step": step, "integrator": scheme, "load": LOADS[load], "rotation": R0}
-    d = sensitivities(
+    d = nt.sensitivities(
         system(constrained, load),
         wrt=wrt,
         material_angular_velocity=velocity(constrained),
@@ -302,14 +284,14 @@ def test_gradient_is_the_transpose_of_sensitivities(scheme, order):
         "step": 0.05,
         "integrator": scheme,
         "order": order,
-        "load": EXACT + damping(0.1),
+        "load": EXACT + nt.damping(0.1),
         "rotation": R0,
         "material_angular_velocity": velocity(True),
         "store": 2,
     }
-    d = sensitivities(system(True), **how)
+    d = nt.sensitivities(system(True), **how)
     by_rotation, by_velocity = np.random.default_rng(2).normal(size=(2, d.sizes["time"], 3))
-    g = gradient(system(True), d_rotation=by_rotation, d_material_angular_velocity=by_velocity, **how)
+    g = nt.gradient(system(True), d_rotation=by_rotation, d_material_angular_velocity=by_velocity, **how)
     rotations, velocities = d.d_rotation.values, d.d_material_angular_velocity.values
     forward = np.einsum("ti,tip->p", by_rotation, rotations) + np.einsum("ti,tip->p", by_velocity, velocities)
     terms = np.einsum("ti,tip->p", abs(by_rotation), abs(rotations))
@@ -322,9 +304,9 @@ def test_gradient_is_the_transpose_of_sensitivities(scheme, order):
 def test_energy_is_differentiated(scheme, order):
     """``dK + dV`` of a body in a quadratic potential stays, over 2000 steps."""
     steps, h = 2000, 0.1
-    load = potential(FIELD, linear=LINE, quadratic=Q)
+    load = nt.potential(FIELD, linear=LINE, quadratic=Q)
     how = {"t_end": steps * h, "step": h, "integrator": scheme, "order": order, "load": load, **START}
-    d = sensitivities(standard(J), **how)
+    d = nt.sensitivities(nt.standard(J), **how)
     W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
     gamma = Rotation.from_quat(d.quaternion.values).inv().apply(FIELD)
     slope = LINE + gamma @ Q
@@ -350,9 +332,9 @@ def test_a_function_in_c_and_in_python():
     how = {"t_end": 2, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load_scale", "principal_inertia"]}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        loads = [moment(upright), moment(Moment(in_c)), moment(upright, derivative=slope)]
-        found = [sensitivities(standard(J), load=load, **how) for load in loads]
-    exact = sensitivities(standard(J), load=potential((0, 0, 1), linear=(0, 0, -2)), **how)
+        loads = [nt.moment(upright), nt.moment(Moment(in_c)), nt.moment(upright, derivative=slope)]
+        found = [nt.sensitivities(nt.standard(J), load=load, **how) for load in loads]
+    exact = nt.sensitivities(nt.standard(J), load=nt.potential((0, 0, 1), linear=(0, 0, -2)), **how)
     for d in found:
         assert abs(d.d_rotation - exact.d_rotation).max() < 1e-8  # another turn of a step, to the order of the scheme
     assert abs(found[0].d_rotation - found[2].d_rotation).max() < 1e-10
@@ -361,12 +343,12 @@ def test_a_function_in_c_and_in_python():
 
 def test_large_steps_under_a_function():
     """Stages that fixed points do not find."""
-    load = moment(push, derivative=push_slope) + damping(0.5)
+    load = nt.moment(push, derivative=push_slope) + nt.damping(0.5)
     how = {"t_end": 6, "step": 1.5, "integrator": "gauss", "order": 4, "rotation": R0, "load": load}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        d = sensitivities(standard(J), wrt="material_angular_velocity", material_angular_velocity=W0, **how)
-        runs = [integrate(standard(J), material_angular_velocity=W0 + x * EYE[1], **how) for x in (1e-5, -1e-5)]
+        d = nt.sensitivities(nt.standard(J), wrt="material_angular_velocity", material_angular_velocity=W0, **how)
+        runs = [nt.integrate(nt.standard(J), material_angular_velocity=W0 + x * EYE[1], **how) for x in (1e-5, -1e-5)]
     found = np.concatenate([d.d_rotation.values[-1, :, 1], d.d_material_angular_velocity.values[-1, :, 1]])
     assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-7 * abs(found).max()
 
@@ -378,9 +360,9 @@ def test_a_compiled_function_is_differentiated_exactly(scheme, order):
     how["wrt"] = ["rotation", "material_angular_velocity", "load_scale", "duration"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = sensitivities(standard(J), load=moment(push, compiled=True), **how)
+        found = nt.sensitivities(nt.standard(J), load=nt.moment(push, compiled=True), **how)
         warnings.filterwarnings("ignore", ".*runs in Python")
-        truth = sensitivities(standard(J), load=moment(push, derivative=push_slope), **how)
+        truth = nt.sensitivities(nt.standard(J), load=nt.moment(push, derivative=push_slope), **how)
     for name in DERIVATIVES[:2]:
         exact = found.parameter.values != "duration"
         assert found[name].values[..., exact] == pytest.approx(truth[name].values[..., exact], rel=1e-12, abs=1e-13)
@@ -396,13 +378,13 @@ def test_compiled_forces_and_potentials_are_differentiated_exactly(scheme, order
     def load(compiled):
         functions = (pull, hill, hill_slope) if compiled else map(in_floats, (pull, hill, hill_slope))
         forces, V, slope = functions
-        return director_forces(forces, compiled=compiled) + potential(ANCHOR, V, slope, compiled=compiled)
+        return nt.director_forces(forces, compiled=compiled) + nt.potential(ANCHOR, V, slope, compiled=compiled)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = sensitivities(standard(J), load=load(True), **how)
+        found = nt.sensitivities(nt.standard(J), load=load(True), **how)
         warnings.simplefilter("ignore")
-        rough = sensitivities(standard(J), load=load(False), **how)
+        rough = nt.sensitivities(nt.standard(J), load=load(False), **how)
     for name in DERIVATIVES[:2]:
         assert 0 < abs(found[name] - rough[name]).max() < 1e-8 * abs(found[name]).max()
 
@@ -411,16 +393,16 @@ def test_differences_are_announced_once():
     how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        load = moment(in_floats(push)) + potential(ANCHOR, in_floats(hill), in_floats(hill_slope))
-        sensitivities(standard(J), load=load, **how)
+        load = nt.moment(in_floats(push)) + nt.potential(ANCHOR, in_floats(hill), in_floats(hill_slope))
+        nt.sensitivities(nt.standard(J), load=load, **how)
     texts = [str(one.message) for one in found if "differences" in str(one.message)]
     assert texts == [f"derivatives of {__name__}.hill_slope and {__name__}.push {ARE_DIFFERENCES}"]
     assert found[-1].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*runs in Python")
-        for load in (moment(push, derivative=push_slope), moment(push), potential(ANCHOR, hill, hill_slope)):
-            sensitivities(standard(J), load=load, **how)
+        for load in (nt.moment(push, derivative=push_slope), nt.moment(push), nt.potential(ANCHOR, hill, hill_slope)):
+            nt.sensitivities(nt.standard(J), load=load, **how)
 
 
 ARE_DIFFERENCES = (
@@ -442,21 +424,23 @@ def test_a_function_that_drops_derivatives_is_found_out():
         return push(t, d, w) if isinstance(t, float) else np.zeros(3)
 
     how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
-    exact = sensitivities(standard(J), load=moment(push, derivative=push_slope), **how).d_rotation.values
+    exact = nt.sensitivities(nt.standard(J), load=nt.moment(push, derivative=push_slope), **how).d_rotation.values
     for function in (raw, other):
         with pytest.warns(UserWarning, match=rf"^derivatives of \S+{function.__name__} are central differences"):
-            found = sensitivities(standard(J), load=moment(function), **how).d_rotation.values
+            found = nt.sensitivities(nt.standard(J), load=nt.moment(function), **how).d_rotation.values
         assert abs(found - exact).max() < 1e-9
 
 
 def test_a_function_of_time_is_differentiated_by_it():
     """As `duration` needs it: by duals, or by differences, which are announced."""
     how = {"t_end": 1, "step": 0.1, "wrt": "duration"}
-    exact = sensitivities(standard(J), load=sine((0, 3, 0), 2), **how).d_rotation.values
-    found = sensitivities(standard(J), load=body_moment(lambda t: (0, 3 * np.sin(4 * np.pi * t), 0)), **how)
+    exact = nt.sensitivities(nt.standard(J), load=nt.sine((0, 3, 0), 2), **how).d_rotation.values
+    found = nt.sensitivities(nt.standard(J), load=nt.body_moment(lambda t: (0, 3 * np.sin(4 * np.pi * t), 0)), **how)
     assert abs(found.d_rotation.values - exact).max() < 1e-14
     with pytest.warns(UserWarning, match=r"^derivatives of \S+<lambda> are central differences"):
-        rough = sensitivities(standard(J), load=body_moment(lambda t: (0, 3 * math.sin(4 * np.pi * t), 0)), **how)
+        rough = nt.sensitivities(
+            nt.standard(J), load=nt.body_moment(lambda t: (0, 3 * math.sin(4 * np.pi * t), 0)), **how
+        )
     assert abs(rough.d_rotation.values - exact).max() < 1e-9
 
 
@@ -468,7 +452,7 @@ def test_functions_of_a_script_are_named_as_it_names_them(monkeypatch):
     monkeypatch.setattr(vane, "__qualname__", "vane")
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        sensitivities(standard(J), load=moment(in_floats(vane)), t_end=0.2, step=0.1, rotation=R0)
+        nt.sensitivities(nt.standard(J), load=nt.moment(in_floats(vane)), t_end=0.2, step=0.1, rotation=R0)
     assert {str(one.message) for one in told} == {
         "the load vane runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; moment(function, "
         "compiled=True), or compiled=True of your own Term, is about 100 times faster",
@@ -503,13 +487,13 @@ class Sloped(Push):
 def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
     """By duals, compiled or not; by its own derivative; by differences, which are announced."""
     how = {"t_end": 1, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load[0].scale"], "integrator": scheme}
-    truth = sensitivities(standard(J), load=1.5 * moment(push, derivative=push_slope), **how)
+    truth = nt.sensitivities(nt.standard(J), load=1.5 * nt.moment(push, derivative=push_slope), **how)
     how["wrt"] = [*how["wrt"], "strength"]
     for make in (Push, Sloped, Rough):
         for compiled in (False, True)[: 2 - (make is Rough)]:
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
-                found = sensitivities(standard(J), load=make(3.0, scale=0.5, compiled=compiled), **how)
+                found = nt.sensitivities(nt.standard(J), load=make(3.0, scale=0.5, compiled=compiled), **how)
             texts = [str(one.message) for one in told if "runs in Python" not in str(one.message)]
             assert texts == [f"derivatives of {__name__}.Rough.moment {ARE_DIFFERENCES}"] * (make is Rough)
             assert found.parameter.values[-1] == "load[0].strength"
@@ -532,20 +516,20 @@ def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
 def test_derivatives_that_are_wrong(slope):
     with says() as caught:
-        sensitivities(standard(J), t_end=0.2, step=0.1, load=moment(push, derivative=slope))
+        nt.sensitivities(nt.standard(J), t_end=0.2, step=0.1, load=nt.moment(push, derivative=slope))
     assert "the derivative test_called_derivatives.<lambda> " in str(caught.value)
     assert "let it return two arrays: by the directors, (3, 3, 3), " in str(caught.value)
     with pytest.raises(ValueError, match="derivative must be a function"):
-        moment(push, derivative=3)
+        nt.moment(push, derivative=3)
 
 
 @pytest.mark.parametrize("order", [2, 8])
 def test_the_jacobi_constant_of_an_orbit_is_differentiated(order):
     """``dH`` of H = K + V - n o·π stays over 1000 steps."""
     steps, h = 1000, 0.1
-    load = gravity_gradient(MOTION, RADIAL, NORMAL)
+    load = nt.gravity_gradient(MOTION, RADIAL, NORMAL)
     how = {"t_end": steps * h, "step": h, "integrator": "gauss", "order": order, "load": load, **START}
-    d = sensitivities(standard(J), wrt=["rotation", "material_angular_velocity"], **how)
+    d = nt.sensitivities(nt.standard(J), wrt=["rotation", "material_angular_velocity"], **how)
     W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
     back, angle = Rotation.from_quat(d.quaternion.values).inv(), MOTION * d.time.values[:, None]
     gamma = back.apply(np.cos(angle) * RADIAL + np.sin(angle) * np.cross(NORMAL, RADIAL))
@@ -558,11 +542,11 @@ def test_the_jacobi_constant_of_an_orbit_is_differentiated(order):
 
 def test_a_longer_run_in_an_orbit():
     """With a spin whose rate depends on the length of the steps."""
-    body, load = nontwisting((3, 4, 5), spin=([0, 2], [0.5, 1.5])), gravity_gradient(MOTION, RADIAL, NORMAL)
+    body, load = nt.nontwisting((3, 4, 5), spin=([0, 2], [0.5, 1.5])), nt.gravity_gradient(MOTION, RADIAL, NORMAL)
     how = {"integrator": "gauss", "load": load, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
-    d = sensitivities(body, wrt="duration", t_end=1, step=0.05, **how)
+    d = nt.sensitivities(body, wrt="duration", t_end=1, step=0.05, **how)
     found = np.concatenate([d[name].values[-1, :, 0] for name in DERIVATIVES[:2]])
-    runs = [integrate(body, t_end=1 + x, step=(1 + x) / 20, **how) for x in (1e-4, -1e-4)]
+    runs = [nt.integrate(body, t_end=1 + x, step=(1 + x) / 20, **how) for x in (1e-4, -1e-4)]
     assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
 
 
@@ -570,77 +554,80 @@ def test_a_longer_run_in_an_orbit():
 @pytest.mark.parametrize("order", [2, 8])
 def test_parameters_in_an_orbit(order):
     """Spin and axis against differences of runs; the adjoint is the transpose of the tangents; as JAX has it."""
-    load, names = gravity_gradient(MOTION, RADIAL, NORMAL), ["spin", "axis", "mean_motion", "duration", "inertia"]
+    load, names = nt.gravity_gradient(MOTION, RADIAL, NORMAL), ["spin", "axis", "mean_motion", "duration", "inertia"]
     how = {"step": 0.05, "integrator": "gauss", "order": order, "material_angular_velocity": (0.4, -1.1, 0)}
     how["project"] = True
     times, values, moments = [0, 0.4, 1.1], np.array([0.5, 1.5, 1]), (3, 4, 5)
 
     def body(k=0, x=0.0):
-        return nontwisting(moments, spin=(times, values + x * EYE[k]))
+        return nt.nontwisting(moments, spin=(times, values + x * EYE[k]))
 
-    d = sensitivities(body(), wrt=names, load=load, t_end=1, store=4, **how)
+    d = nt.sensitivities(body(), wrt=names, load=load, t_end=1, store=4, **how)
     found = np.concatenate([d.d_rotation.values, d.d_material_angular_velocity.values], axis=1)
     for k in range(3):
-        one, other = (integrate(body(k, x), load=load, t_end=1, **how) for x in (1e-4, -1e-4))
+        one, other = (nt.integrate(body(k, x), load=load, t_end=1, **how) for x in (1e-4, -1e-4))
         assert abs(found[-1, :, k] - states_apart(one, other) / 2e-4).max() < 2e-8
-    runs = [integrate(body(), load=gravity_gradient(MOTION + x, RADIAL, NORMAL), t_end=1, **how) for x in (1e-4, -1e-4)]
+    runs = [
+        nt.integrate(body(), load=nt.gravity_gradient(MOTION + x, RADIAL, NORMAL), t_end=1, **how)
+        for x in (1e-4, -1e-4)
+    ]
     column = d.parameter.values.tolist().index("load[0].mean_motion")
     assert abs(found[-1, :, column] - states_apart(*runs) / 2e-4).max() < 2e-8
     slopes = np.random.default_rng(2).normal(size=(6, d.sizes["time"])).T
     by = {"d_rotation": slopes[:, :3], "d_material_angular_velocity": slopes[:, 3:]}
-    g = gradient(body(), wrt=names, load=load, t_end=1, store=4, **by, **how).gradient.values
+    g = nt.gradient(body(), wrt=names, load=load, t_end=1, store=4, **by, **how).gradient.values
     terms = np.einsum("ti,tip->p", abs(slopes), abs(found))
     assert (abs(g - np.einsum("ti,tip->p", slopes, found)) <= 1e-12 * terms).all()
 
 
 def test_an_axis_in_an_orbit():
     """Of a Suslov body, whose velocity is projected; a propagator has the same derivatives, exponents their sum."""
-    load = gravity_gradient(MOTION, RADIAL, NORMAL)
+    load = nt.gravity_gradient(MOTION, RADIAL, NORMAL)
     how = {"t_end": 1, "step": 0.05, "integrator": "gauss", "material_angular_velocity": velocity(True), "load": load}
-    d = sensitivities(system(True, "orbit alone"), wrt=["axis", "material_angular_velocity"], **how)
+    d = nt.sensitivities(system(True, "orbit alone"), wrt=["axis", "material_angular_velocity"], **how)
     across = np.cross(AXIS, EYE[0]) / np.linalg.norm(np.cross(AXIS, EYE[0]))
     runs = []
     for x in (1e-5, -1e-5):
         n = np.cos(x) * AXIS + np.sin(x) * across
-        runs.append(integrate(DirectorSystem(euler_inertia(J), n), project=True, **how))
+        runs.append(nt.integrate(nt.DirectorSystem(euler_inertia(J), n), project=True, **how))
     found = np.concatenate(
         [d.d_rotation.values[-1, :, :3] @ across, d.d_material_angular_velocity.values[-1, :, :3] @ across]
     )
     assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-8
-    run = propagator(system(True, "orbit alone"), t_end=1, step=0.05, integrator="gauss", load=load)
+    run = nt.propagator(system(True, "orbit alone"), t_end=1, step=0.05, integrator="gauss", load=load)
     turned, changed = run.jacobian(wrt=["axis", "material_angular_velocity"], material_angular_velocity=velocity(True))
     assert np.array_equal(turned, d.d_rotation.values[[0, -1]])
     assert np.array_equal(changed, d.d_material_angular_velocity.values[[0, -1]])
-    free = lyapunov(standard(J), **(how | {"t_end": 20})).lyapunov_exponent.sum("exponent")
+    free = nt.lyapunov(nt.standard(J), **(how | {"t_end": 20})).lyapunov_exponent.sum("exponent")
     assert abs(free.values).max() < 1e-12
 
 
 def test_other_ways_to_the_same():
     """The Jacobian of a propagator is that of `sensitivities`; the largest exponents are what tangents grow by."""
-    load = spring(STIFFNESS, POINT, ANCHOR, REST)
-    d = sensitivities(standard(J), t_end=1, step=0.05, load=load, **START)
-    run = propagator(standard(J), t_end=1, step=0.05, load=load)
+    load = nt.spring(STIFFNESS, POINT, ANCHOR, REST)
+    d = nt.sensitivities(nt.standard(J), t_end=1, step=0.05, load=load, **START)
+    run = nt.propagator(nt.standard(J), t_end=1, step=0.05, load=load)
     for _ in range(2):
         turned, changed = run.jacobian(**START)
         assert np.array_equal(turned, d.d_rotation.values[[0, -1]])
         assert np.array_equal(changed, d.d_material_angular_velocity.values[[0, -1]])
-    sums = lyapunov(standard(J), t_end=1, step=0.05, load=load, **START).lyapunov_exponent.sum("exponent")
+    sums = nt.lyapunov(nt.standard(J), t_end=1, step=0.05, load=load, **START).lyapunov_exponent.sum("exponent")
     assert abs(sums.values).max() < 1e-10  # a volume stays, as of all conservative runs
-    assert simulate(standard(J), t_end=1, step=0.05, load=load, **START).equals(d.drop_vars(DERIVATIVES))
+    assert nt.simulate(nt.standard(J), t_end=1, step=0.05, load=load, **START).equals(d.drop_vars(DERIVATIVES))
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
 def test_jacobians_of_a_propagator_under_functions_are_prepared(scheme):
     """Under compiled functions and potentials, from starts of other speeds and with a factor, bit for bit."""
-    load = spring(STIFFNESS, POINT, ANCHOR, REST) + moment(push, compiled=True)
-    load += potential(POINT, hill, hill_slope, compiled=True)
+    load = nt.spring(STIFFNESS, POINT, ANCHOR, REST) + nt.moment(push, compiled=True)
+    load += nt.potential(POINT, hill, hill_slope, compiled=True)
     names, how = ["material_angular_velocity", "rotation", "inertia", "duration"], {"integrator": scheme}
-    run = propagator(standard(J), t_end=1, step=0.05, load=load, **how)
+    run = nt.propagator(nt.standard(J), t_end=1, step=0.05, load=load, **how)
     for speed, scale, wrt in ((1.0, 1.0, names), (0.1, 1.0, names), (1.0, 0.7, names[:-1])):
         start = START | {"material_angular_velocity": speed * W0}
         with patch("nontwist.driver.propagation.jacobian_of", side_effect=AssertionError):
             changes = run.jacobian(wrt=wrt, load_scale=scale, **start)
-        d = sensitivities(standard(J), wrt=wrt, t_end=1, step=0.05, load=scale * load, **how, **start)
+        d = nt.sensitivities(nt.standard(J), wrt=wrt, t_end=1, step=0.05, load=scale * load, **how, **start)
         for found, expected in zip(changes, (d.d_rotation, d.d_material_angular_velocity), strict=True):
             assert abs(found - expected.values[[0, -1]]).max() <= 1e-14 * abs(expected.values).max()
 
@@ -649,7 +636,7 @@ def test_prepared_jacobians_warn_of_differences():
     def drag(t, d, w, m):
         m[0], m[1], m[2] = -w[0], -w[1], -w[2]
 
-    run = propagator(standard(J), t_end=1, step=0.05, load=moment(Moment(drag)))
+    run = nt.propagator(nt.standard(J), t_end=1, step=0.05, load=nt.moment(Moment(drag)))
     with pytest.warns(UserWarning, match="central differences"):
         run.jacobian(**START)
 
@@ -658,8 +645,8 @@ DERIVATIVES = ["d_rotation", "d_material_angular_velocity", "parameter", "parame
 
 
 def test_a_load_with_its_own_derivative_is_a_value():
-    one, other = moment(push, derivative=push_slope), moment(push)
-    assert one == moment(push, derivative=push_slope)
+    one, other = nt.moment(push, derivative=push_slope), nt.moment(push)
+    assert one == nt.moment(push, derivative=push_slope)
     assert one != other
     assert "derivative" not in other.description[0]
     assert one.description[0]["derivative"] == f"{__name__}.push_slope"
@@ -668,14 +655,14 @@ def test_a_load_with_its_own_derivative_is_a_value():
 def test_a_large_step_is_solved_again_as_in_the_run():
     """The equations of this step have two solutions; the first guess leads to the one that was not taken."""
     body, W = (
-        standard(np.diag([2.52322427, 2.59698229, 3.62845148]) + 0.1),
+        nt.standard(np.diag([2.52322427, 2.59698229, 3.62845148]) + 0.1),
         np.array([1.44486174, 0.42114362, 0.56807629]),
     )
-    how = {"load": spring(20.0, POINT, ANCHOR, 0.8), "integrator": "gauss", "order": 4, "t_end": 4.0, "step": 2.0}
-    found = sensitivities(body, **how, material_angular_velocity=W, wrt=["material_angular_velocity"])
+    how = {"load": nt.spring(20.0, POINT, ANCHOR, 0.8), "integrator": "gauss", "order": 4, "t_end": 4.0, "step": 2.0}
+    found = nt.sensitivities(body, **how, material_angular_velocity=W, wrt=["material_angular_velocity"])
 
     def end(e):
-        return integrate(body, **how, material_angular_velocity=W + 1e-5 * e).material_angular_velocity[-1]
+        return nt.integrate(body, **how, material_angular_velocity=W + 1e-5 * e).material_angular_velocity[-1]
 
     differences = np.stack([(end(e) - end(-e)) / 2e-5 for e in np.eye(3)], axis=1)
     assert abs(found.d_material_angular_velocity[-1].values - differences).max() < 1e-7
@@ -689,8 +676,8 @@ def test_a_function_that_returns_something_else_after_the_run_is_refused():
         return np.array([0.0, 0.3, 0.0]) * (1 + (len(calls) > limit))
 
     limit = np.inf
-    integrate(standard(J), load=moment(fickle), **how)
+    nt.integrate(nt.standard(J), load=nt.moment(fickle), **how)
     limit = 2 * len(calls)
     warnings.simplefilter("ignore")  # until the end of the test: central differences are told of
     with pytest.raises(SimulationError, match="not solved again; try a smaller step"):
-        sensitivities(standard(J), load=moment(fickle), **how, wrt=["load_scale"])
+        nt.sensitivities(nt.standard(J), load=nt.moment(fickle), **how, wrt=["load_scale"])

@@ -13,27 +13,8 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from complex_steps import Body, derivative
-from nontwist import (
-    DirectorSystem,
-    Load,
-    body_moment,
-    damping,
-    gradient,
-    heavy_top,
-    integrate,
-    lyapunov,
-    nontwisting,
-    propagator,
-    pulse,
-    rotations,
-    rotor,
-    sensitivities,
-    simulate,
-    sine,
-    standard,
-    suslov,
-)
 from nontwist.errors import SimulationError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
@@ -74,13 +55,13 @@ def momentum(t, values, axis):
 
 
 LOADS = {
-    "none": Load(),
-    "body": body_moment(TIMES, VALUES),
-    "space": sine(PEAK, FREQUENCY, phase=PHASE, frame="space"),
-    "all": body_moment(TIMES, VALUES)
-    + sine(PEAK, FREQUENCY, phase=PHASE, frame="space")
-    + damping(C)
-    + rotor(WHEEL, SPEEDS, MOMENTA),
+    "none": nt.Load(),
+    "body": nt.body_moment(TIMES, VALUES),
+    "space": nt.sine(PEAK, FREQUENCY, phase=PHASE, frame="space"),
+    "all": nt.body_moment(TIMES, VALUES)
+    + nt.sine(PEAK, FREQUENCY, phase=PHASE, frame="space")
+    + nt.damping(C)
+    + nt.rotor(WHEEL, SPEEDS, MOMENTA),
 }
 
 
@@ -188,8 +169,8 @@ def test_tangents_are_those_of_the_discrete_run(scheme, order, body, load, more,
     directions = DIRECTIONS | more
     inertia, axis, dead = BODIES[body]
     W = W0 if axis is None else W0 - (W0 @ axis) * axis
-    system = DirectorSystem(euler_inertia(inertia), axis, dead)
-    d = sensitivities(
+    system = nt.DirectorSystem(euler_inertia(inertia), axis, dead)
+    d = nt.sensitivities(
         system,
         wrt=fields(directions),
         t_end=step * steps,
@@ -214,7 +195,7 @@ def test_tangents_are_those_of_the_discrete_run(scheme, order, body, load, more,
 @pytest.mark.parametrize("inertia", [J, 2 * EYE], ids=["standard", "sphere"])
 def test_forces_on_a_free_body_act_as_on_its_rows(inertia, order):
     """Under forces it would not turn about a line, so the turn of its rows is what a force changes."""
-    d = sensitivities(standard(inertia), wrt="dead_force", t_end=0.3, step=0.3, order=order, **START)
+    d = nt.sensitivities(nt.standard(inertia), wrt="dead_force", t_end=0.3, step=0.3, order=order, **START)
     found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
     for k, change in enumerate(np.eye(9).reshape(9, 3, 3)):
         body = (inertia, None, np.zeros((3, 3)))
@@ -225,8 +206,8 @@ def test_forces_on_a_free_body_act_as_on_its_rows(inertia, order):
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 def test_tangents_of_exact_moments_in_the_director_scheme():
     names = {**DIRECTIONS, **{key: LOADED[key] for key in ("load[0].values[2,2]", "load[2].damping[12]")}}
-    d = sensitivities(
-        standard(J),
+    d = nt.sensitivities(
+        nt.standard(J),
         wrt=fields(names),
         t_end=0.3,
         step=0.1,
@@ -257,7 +238,7 @@ def test_tangents_with_dissipation(make, order):
     if make is LieMidpoint:
         names |= INERTIA
     how = {"t_end": step * steps, "step": step, "integrator": scheme, "load": LOADS["all"], **START}
-    d = sensitivities(DirectorSystem(euler_inertia(J), None, DEAD), wrt=fields(names), **how)
+    d = nt.sensitivities(nt.DirectorSystem(euler_inertia(J), None, DEAD), wrt=fields(names), **how)
     found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
     for name, change in names.items():
 
@@ -281,7 +262,7 @@ def test_dissipation_keeps_the_momentum_of_neighbours(scheme):
         "wrt": ["material_angular_velocity", "rotation"],
         **START,
     }
-    d = sensitivities(standard(J), **how)
+    d = nt.sensitivities(nt.standard(J), **how)
     R = Rotation.from_quat(d.quaternion.values).as_matrix()
     W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
     change = np.einsum("ij,tjp->tip", J, dW) + np.cross(delta, (W @ J)[:, :, None], axis=1)
@@ -290,7 +271,7 @@ def test_dissipation_keeps_the_momentum_of_neighbours(scheme):
         assert abs(spatial - spatial[0]).max() <= 1e-13 * abs(change).max() * np.sqrt(2000)
     assert d.kinetic_energy.values[-1] < 0.995 * d.kinetic_energy.values[0]
     rows = np.random.default_rng(4).normal(size=(2, d.sizes["time"], 3))
-    g = gradient(standard(J), d_rotation=rows[0], d_material_angular_velocity=rows[1], **how).gradient.values
+    g = nt.gradient(nt.standard(J), d_rotation=rows[0], d_material_angular_velocity=rows[1], **how).gradient.values
     parts = np.einsum("ti,tip->p", rows[0], delta) + np.einsum("ti,tip->p", rows[1], dW)
     terms = np.einsum("ti,tip->p", abs(rows[0]), abs(delta)) + np.einsum("ti,tip->p", abs(rows[1]), abs(dW))
     assert (abs(g - parts) <= 1e-12 * terms).all()
@@ -299,7 +280,9 @@ def test_dissipation_keeps_the_momentum_of_neighbours(scheme):
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
 def test_a_body_at_rest(scheme):
     """At rest a change of W turns the body by its integral, and one of the inertia does nothing."""
-    d = sensitivities(standard(J), wrt=["material_angular_velocity", "inertia"], t_end=2, step=0.1, integrator=scheme)
+    d = nt.sensitivities(
+        nt.standard(J), wrt=["material_angular_velocity", "inertia"], t_end=2, step=0.1, integrator=scheme
+    )
     assert abs(d.d_rotation.values[-1, :, :3] - 2 * EYE).max() < 1e-14
     assert abs(d.d_material_angular_velocity.values[-1, :, :3] - EYE).max() < 2e-14  # some round-off in 20 steps
     assert abs(d.d_rotation.values[-1, :, 3:]).max() < 1e-25
@@ -311,7 +294,9 @@ def test_a_body_at_rest(scheme):
 def test_a_body_that_hardly_turns(order, speed):
     """Its momentum has a direction, which a change of the start turns by any angle; the attitude turns by h dW."""
     how = {"t_end": 0.05, "step": 0.05, "material_angular_velocity": speed * W0}
-    d = sensitivities(standard(J), wrt=["material_angular_velocity", "inertia"], integrator="gauss", order=order, **how)
+    d = nt.sensitivities(
+        nt.standard(J), wrt=["material_angular_velocity", "inertia"], integrator="gauss", order=order, **how
+    )
     assert abs(d.d_rotation.values[-1, :, :3] / 0.05 - np.eye(3)).max() <= max(1e-14, speed)
     assert abs(d.d_rotation.values[-1, :, 3:]).max() <= speed
 
@@ -320,7 +305,7 @@ def test_a_body_that_hardly_turns(order, speed):
 def test_a_longer_run_of_a_body_that_hardly_turns(order):
     """It turns further by the velocity at the end."""
     how = {"t_end": 1, "step": 0.1, "integrator": "gauss", "order": order, "rotation": R0}
-    d = sensitivities(standard(J), wrt="duration", material_angular_velocity=1e-6 * W0, **how)
+    d = nt.sensitivities(nt.standard(J), wrt="duration", material_angular_velocity=1e-6 * W0, **how)
     expected = d.material_angular_velocity.values[-1]
     assert abs(d.d_rotation.values[-1, :, 0] - expected).max() < 1e-12 * abs(expected).max()
 
@@ -329,7 +314,7 @@ def test_a_longer_run_of_a_body_that_hardly_turns(order):
 def test_a_top_that_hangs_at_rest(order):
     """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
     u = np.array([0.3, -0.2, 0.6]) / 0.7
-    top, down = heavy_top(J, 1.0, 0.7 * u, gravity=(0, 0, -2)), Rotation.align_vectors([[0, 0, -1]], [u])[0]
+    top, down = nt.heavy_top(J, 1.0, 0.7 * u, gravity=(0, 0, -2)), Rotation.align_vectors([[0, 0, -1]], [u])[0]
     how = {
         "t_end": 1,
         "rotation": down,
@@ -337,32 +322,33 @@ def test_a_top_that_hangs_at_rest(order):
         "order": order,
         "step": 1 / (8000 if order == 2 else 50),
     }
-    d = sensitivities(top, wrt=["rotation", "material_angular_velocity"], **how)
+    d = nt.sensitivities(top, wrt=["rotation", "material_angular_velocity"], **how)
     stiffness, o, unit = 1.4 * (np.eye(3) - np.outer(u, u)), np.zeros((3, 3)), np.eye(3)
     exact = expm(np.block([[o, unit], [-np.linalg.solve(J, stiffness), o]]))
     found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
     assert abs(found - exact).max() <= {2: 4e-9, 4: 3e-10}.get(order, 3e-13)
-    grown = lyapunov(top, **how | {"t_end": 100, "step": 0.05})  # its steps were not solved again
+    grown = nt.lyapunov(top, **how | {"t_end": 100, "step": 0.05})  # its steps were not solved again
     assert np.isfinite(grown.lyapunov_exponent.values).all()
 
 
 def test_large_steps_are_solved_again():
     """Where fixed points do not contract, and where the run has taken Newton's iteration as well."""
     how = {"t_end": 6, "step": 1.5, "integrator": "gauss", "order": 4, "rotation": R0}
-    how |= {"material_angular_velocity": 2 * W0, "load": damping(C)}
-    d = sensitivities(SYSTEMS["heavy"], wrt="material_angular_velocity", **how)
+    how |= {"material_angular_velocity": 2 * W0, "load": nt.damping(C)}
+    d = nt.sensitivities(SYSTEMS["heavy"], wrt="material_angular_velocity", **how)
     runs = [
-        integrate(SYSTEMS["heavy"], **(how | {"material_angular_velocity": 2 * W0 + x * EYE[1]})) for x in (1e-5, -1e-5)
+        nt.integrate(SYSTEMS["heavy"], **(how | {"material_angular_velocity": 2 * W0 + x * EYE[1]}))
+        for x in (1e-5, -1e-5)
     ]
     found = np.concatenate([d.d_rotation.values[-1, :, 1], d.d_material_angular_velocity.values[-1, :, 1]])
     assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-7 * abs(found).max()
 
 
 SYSTEMS = {
-    "standard": standard(J),
-    "heavy": DirectorSystem(euler_inertia(J), None, WEIGHT),
-    "suslov": DirectorSystem(euler_inertia(J), AXIS, DEAD),
-    "spun": nontwisting(PRINCIPAL, spin=([0, 0.4, 1.1], [0.5, 1.5, 1])),
+    "standard": nt.standard(J),
+    "heavy": nt.DirectorSystem(euler_inertia(J), None, WEIGHT),
+    "suslov": nt.DirectorSystem(euler_inertia(J), AXIS, DEAD),
+    "spun": nt.nontwisting(PRINCIPAL, spin=([0, 0.4, 1.1], [0.5, 1.5, 1])),
 }
 
 
@@ -376,13 +362,13 @@ def states_apart(a, b):
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
 def test_spin_is_a_parameter(scheme):
     how = {"t_end": 1, "step": 0.05, "integrator": scheme, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
-    d = sensitivities(SYSTEMS["spun"], wrt=["spin", "duration"], **how)
+    d = nt.sensitivities(SYSTEMS["spun"], wrt=["spin", "duration"], **how)
     for k in range(3):
         runs = []
         for x in (1e-4, -1e-4):
             values = [0.5, 1.5, 1]
             values[k] += x
-            runs.append(integrate(nontwisting(PRINCIPAL, spin=([0, 0.4, 1.1], values)), **how))
+            runs.append(nt.integrate(nt.nontwisting(PRINCIPAL, spin=([0, 0.4, 1.1], values)), **how))
         found = np.concatenate([d.d_rotation.values[-1, :, k], d.d_material_angular_velocity.values[-1, :, k]])
         assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
 
@@ -390,13 +376,15 @@ def test_spin_is_a_parameter(scheme):
 @pytest.mark.parametrize("spin", [0.7, -3.0])
 def test_a_constant_spin_is_a_parameter(spin):
     how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
-    d = sensitivities(nontwisting(PRINCIPAL, spin=spin), wrt="spin", **how)
-    runs = [integrate(nontwisting(PRINCIPAL, spin=spin + x), **how) for x in (1e-4, -1e-4)]
+    d = nt.sensitivities(nt.nontwisting(PRINCIPAL, spin=spin), wrt="spin", **how)
+    runs = [nt.integrate(nt.nontwisting(PRINCIPAL, spin=spin + x), **how) for x in (1e-4, -1e-4)]
     found = np.concatenate([d.d_rotation.values[-1, :, 0], d.d_material_angular_velocity.values[-1, :, 0]])
     assert found[5] == 1
     assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
     last = {"store": "end", "d_material_angular_velocity": [[0, 0, 0], [0, 0, 1]]}
-    assert gradient(nontwisting(PRINCIPAL, spin=spin), wrt="spin", **how, **last).gradient.item() == pytest.approx(1)
+    assert nt.gradient(
+        nt.nontwisting(PRINCIPAL, spin=spin), wrt="spin", **how, **last
+    ).gradient.item() == pytest.approx(1)
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
@@ -416,9 +404,9 @@ def test_gradient_is_the_transpose_of_sensitivities(scheme, order, body, load):
         "material_angular_velocity": W0 if axis is None else W0 - (W0 @ axis) * axis,
         "store": 3,
     }
-    d = sensitivities(system, **how)
+    d = nt.sensitivities(system, **how)
     by_rotation, by_velocity = np.random.default_rng(2).normal(size=(2, d.sizes["time"], 3))
-    g = gradient(system, d_rotation=by_rotation, d_material_angular_velocity=by_velocity, **how)
+    g = nt.gradient(system, d_rotation=by_rotation, d_material_angular_velocity=by_velocity, **how)
     rotations, velocities = d.d_rotation.values, d.d_material_angular_velocity.values
     forward = np.einsum("ti,tip->p", by_rotation, rotations) + np.einsum("ti,tip->p", by_velocity, velocities)
     terms = np.einsum("ti,tip->p", abs(by_rotation), abs(rotations))
@@ -434,7 +422,7 @@ def test_differentiated_balances(scheme, order, body):
     """``dK + dV`` of a conservative run stays, and dπ of a free one, over 10⁴ steps."""
     system, steps, h = SYSTEMS[body], 10_000, 0.05
     how = {"t_end": steps * h, "step": h, "integrator": scheme, "order": order, **START}
-    d = sensitivities(system, wrt=["material_angular_velocity", "rotation", "inertia"], **how)
+    d = nt.sensitivities(system, wrt=["material_angular_velocity", "rotation", "inertia"], **how)
     W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
     R = Rotation.from_quat(d.quaternion.values).as_matrix()
     dJ = np.zeros((12, 3, 3))
@@ -453,8 +441,8 @@ def test_differentiated_balances(scheme, order, body):
 
 def test_work_is_differentiated():
     """A moment along the frame of a body at rest about its axis: W changes by the impulse over J, exactly."""
-    load = body_moment([0, 1], [[0, 0, 2.0], [0, 0, 2.0]])
-    d = sensitivities(standard([3, 4, 5]), wrt=["values", "principal_inertia"], t_end=1, step=0.1, load=load)
+    load = nt.body_moment([0, 1], [[0, 0, 2.0], [0, 0, 2.0]])
+    d = nt.sensitivities(nt.standard([3, 4, 5]), wrt=["values", "principal_inertia"], t_end=1, step=0.1, load=load)
     spin = d.d_material_angular_velocity.values[-1, 2]
     labels = d.parameter.values.tolist()
     assert abs(spin[[labels.index("load[0].values[0,3]"), labels.index("load[0].values[1,3]")]] - 0.1).max() < 1e-14
@@ -465,29 +453,31 @@ def test_work_is_differentiated():
 def test_principal_inertia_goes_with_the_axes_of_the_body():
     how = {"t_end": 2, "step": 0.1, **START}
     Q = np.linalg.eigh(J)[1]
-    d = sensitivities(standard(J), wrt=["principal_inertia", "inertia"], **how)
+    d = nt.sensitivities(nt.standard(J), wrt=["principal_inertia", "inertia"], **how)
     entries = d.d_rotation.values[-1, :, 3:]
     for i in range(3):
         A = np.outer(Q[:, i], Q[:, i])
         expected = sum(A[a, b] * entries[:, k] for k, (a, b) in enumerate(ENTRIES))
         assert abs(d.d_rotation.values[-1, :, i] - expected).max() < 1e-14 * max(1, abs(entries).max())
-    straight = sensitivities(standard([5, 3, 4]), wrt=["principal_inertia", "inertia"], **how).d_rotation.values[-1]
+    straight = nt.sensitivities(nt.standard([5, 3, 4]), wrt=["principal_inertia", "inertia"], **how).d_rotation.values[
+        -1
+    ]
     assert np.array_equal(straight[:, :3], straight[:, 3:6])
 
 
 def test_what_a_run_does_not_depend_on_is_zero():
-    d = sensitivities(standard(J), wrt=["axis", "load_scale", "rotation"], t_end=1, step=0.1, **START)
+    d = nt.sensitivities(nt.standard(J), wrt=["axis", "load_scale", "rotation"], t_end=1, step=0.1, **START)
     assert not d.d_rotation.values[..., :4].any()
     assert not d.d_material_angular_velocity.values[..., :4].any()
     assert np.array_equal(d.d_rotation.values[0, :, 4:], EYE)
-    suslov = sensitivities(SYSTEMS["suslov"], t_end=1, step=0.1, project=True, **START)
+    suslov = nt.sensitivities(SYSTEMS["suslov"], t_end=1, step=0.1, project=True, **START)
     assert abs(suslov.d_material_angular_velocity.values[..., :3].swapaxes(1, 2) @ AXIS).max() < 1e-14
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
 def test_run_and_shape(scheme):
     how = {"t_end": 1, "step": 0.05, "store": 4, "integrator": scheme, **START}
-    d, run = sensitivities(SYSTEMS["heavy"], **how), simulate(SYSTEMS["heavy"], **how)
+    d, run = nt.sensitivities(SYSTEMS["heavy"], **how), nt.simulate(SYSTEMS["heavy"], **how)
     for name in run.data_vars:
         assert np.array_equal(d[name], run[name]), name
     assert d.attrs == run.attrs
@@ -500,15 +490,15 @@ def test_run_and_shape(scheme):
 
 def test_chosen_steps_and_continued_runs():
     how = {"t_end": 1.2, "load": LOADS["body"], **START}
-    d = sensitivities(SYSTEMS["standard"], tolerance=1e-6, **how)
+    d = nt.sensitivities(SYSTEMS["standard"], tolerance=1e-6, **how)
     assert d.attrs["tolerance"] == 1e-6
     assert len(json.loads(d.attrs["stretches"])["borders"]) > 2
-    exact = sensitivities(SYSTEMS["standard"], tolerance=1e-11, **how)
+    exact = nt.sensitivities(SYSTEMS["standard"], tolerance=1e-11, **how)
     assert abs(d.d_rotation.values[-1] - exact.d_rotation.values[-1]).max() < 1e-5
     how |= {"load": None, "step": 0.05, "t_end": 2.0, "integrator": "lie-midpoint"}
-    whole = sensitivities(SYSTEMS["standard"], **how)
-    first = simulate(SYSTEMS["standard"], **(how | {"t_end": 1.0}))
-    second = sensitivities(SYSTEMS["standard"], start=first, t_end=2.0, step=0.05, integrator="lie-midpoint")
+    whole = nt.sensitivities(SYSTEMS["standard"], **how)
+    first = nt.simulate(SYSTEMS["standard"], **(how | {"t_end": 1.0}))
+    second = nt.sensitivities(SYSTEMS["standard"], start=first, t_end=2.0, step=0.05, integrator="lie-midpoint")
     X = np.concatenate([whole.d_rotation.values[20], whole.d_material_angular_velocity.values[20]])
     rows = [3, 4, 5, 0, 1, 2]  # second's parameters: velocity, then rotation
     assert abs(second.d_rotation.values[-1] @ X[rows] - whole.d_rotation.values[-1]).max() < 1e-13
@@ -520,15 +510,15 @@ def test_chosen_steps_and_continued_runs():
         {"wrt": "inertai"},
         {"wrt": []},
         {"wrt": 3},
-        {"wrt": "dampin", "load": damping(0.1)},
+        {"wrt": "dampin", "load": nt.damping(0.1)},
         {"integrator": "split"},
         {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"},
     ],
 )
 def test_what_is_refused(more):
-    for function in (sensitivities, gradient):
+    for function in (nt.sensitivities, nt.gradient):
         with says():
-            function(standard(J), **({"t_end": 1, "step": 0.1} | more))
+            function(nt.standard(J), **({"t_end": 1, "step": 0.1} | more))
 
 
 @pytest.mark.long
@@ -537,10 +527,10 @@ def test_a_gradient_holds_little_beside_the_states(scheme):
     """At most 200 bytes a step in all, of which the states have 56, and N of the director scheme 48."""
     steps, last = 200_000, np.array([[0, 0, 0], [0, 1.0, 0]])
     how = {"step": 0.05, "wrt": ["inertia", "load_scale"], "load": LOADS["space"], "integrator": scheme, **START}
-    gradient(standard(J), d_rotation=last, store="end", t_end=1, **how)  # code is loaded
+    nt.gradient(nt.standard(J), d_rotation=last, store="end", t_end=1, **how)  # code is loaded
     tracemalloc.start()
     try:
-        gradient(standard(J), d_rotation=last, store="end", t_end=steps * 0.05, **how)
+        nt.gradient(nt.standard(J), d_rotation=last, store="end", t_end=steps * 0.05, **how)
         assert tracemalloc.get_traced_memory()[1] < 200 * steps
     finally:
         tracemalloc.stop()
@@ -549,7 +539,7 @@ def test_a_gradient_holds_little_beside_the_states(scheme):
 def test_a_gradient_of_a_run_that_fails():
     """The part of the run that is known has no means over its steps."""
     with pytest.raises(SimulationError, match="the body turns") as caught:
-        gradient(standard(J), t_end=10, step=5, integrator="lie-midpoint", **START)
+        nt.gradient(nt.standard(J), t_end=10, step=5, integrator="lie-midpoint", **START)
     run = caught.value.partial
     assert len(run.material_angular_velocity) == 1
     assert run.to_dataset().sizes["time"] == 1
@@ -557,7 +547,7 @@ def test_a_gradient_of_a_run_that_fails():
 
 def test_gradient_refuses_other_shapes():
     with pytest.raises(ValueError, match=re.escape("d_rotation must have the shape (11, 3), got (2, 3)")):
-        gradient(standard(J), t_end=1, step=0.1, d_rotation=np.zeros((2, 3)))
+        nt.gradient(nt.standard(J), t_end=1, step=0.1, d_rotation=np.zeros((2, 3)))
 
 
 JACOBIANS = ["material_angular_velocity", "rotation", "inertia", "axis", "load_scale", "load[0].values"]
@@ -573,12 +563,12 @@ def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, 
     axis = SYSTEMS[body].axis
     W = W0 if axis is None else W0 - (W0 @ axis) * axis
     how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": LOADS[load], "store": store}
-    run = propagator(SYSTEMS[body], **how)
+    run = nt.propagator(SYSTEMS[body], **how)
     for scale in (1.0, 1.0, 0.7):
         for W_ in (W, 0.5 * W):
             begin = {"material_angular_velocity": W_, "rotation": R0}
             found = run.jacobian(wrt=names, load_scale=scale, **begin)
-            d = sensitivities(SYSTEMS[body], wrt=names, **(how | {"load": scale * LOADS[load]}), **begin)
+            d = nt.sensitivities(SYSTEMS[body], wrt=names, **(how | {"load": scale * LOADS[load]}), **begin)
             one = np.where(np.char.startswith(d.parameter.values.astype(str), "load"), 1 / scale, 1.0)
             # by the factor itself, and by a table before it is multiplied
             one = np.where(np.char.find(d.parameter.values.astype(str), "values") >= 0, 1.0, one)
@@ -594,27 +584,27 @@ def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, 
 def test_jacobians_by_few_parameters(scheme, body, load):
     """Turns of the start alone turn all of a run that does not see its attitude; of a heavy body they do not."""
     inertia, axis, dead = BODIES[body]
-    system = DirectorSystem(euler_inertia(inertia), axis, dead)
+    system = nt.DirectorSystem(euler_inertia(inertia), axis, dead)
     W = W0 if system.axis is None else W0 - (W0 @ system.axis) * system.axis
     how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": LOADS[load], "store": 4}
     names = ["material_angular_velocity", "rotation", "inertia", "duration"]
     start = {"material_angular_velocity": W, "rotation": R0}
-    found = propagator(system, **how).jacobian(wrt=names, **start)
-    d = sensitivities(system, wrt=names, **how, **start)
+    found = nt.propagator(system, **how).jacobian(wrt=names, **start)
+    d = nt.sensitivities(system, wrt=names, **how, **start)
     for array, expected in zip(found, (d.d_rotation, d.d_material_angular_velocity), strict=True):
         assert abs(array - expected.values).max() <= 1e-14 * max(1, abs(expected.values).max())
 
 
 def test_jacobian_serves_least_squares():
-    run = propagator(standard(J), t_end=1.0, step=0.05)
+    run = nt.propagator(nt.standard(J), t_end=1.0, step=0.05)
     goal = run(material_angular_velocity=W0).rotation[-1].as_matrix()
 
     def gap(W):
-        return rotations.log(goal.T @ run(material_angular_velocity=W).rotation[-1].as_matrix())
+        return nt.rotations.log(goal.T @ run(material_angular_velocity=W).rotation[-1].as_matrix())
 
     def slope(W):
         turned, _ = run.jacobian(material_angular_velocity=W, wrt="material_angular_velocity")
-        return rotations.dexp_inverse(-gap(W)) @ turned[-1]
+        return nt.rotations.dexp_inverse(-gap(W)) @ turned[-1]
 
     found = least_squares(gap, W0 + 0.3, jac=slope, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert abs(found.x - W0).max() < 1e-12
@@ -622,19 +612,19 @@ def test_jacobian_serves_least_squares():
 
 
 def test_jacobian_from_threads_and_without_preparation():
-    run = propagator(standard(J), t_end=1.0, step=0.05)
+    run = nt.propagator(nt.standard(J), t_end=1.0, step=0.05)
     starts = W0 * np.linspace(0.5, 1.5, 16)[:, None]
     expected = [run.jacobian(material_angular_velocity=W)[0] for W in starts]
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda W: run.jacobian(material_angular_velocity=W)[0], starts))
     assert np.array_equal(found, expected)
-    other = propagator(standard(J), t_end=1.0)  # which chooses its steps for each start
+    other = nt.propagator(nt.standard(J), t_end=1.0)  # which chooses its steps for each start
     assert abs(other.jacobian(material_angular_velocity=starts[0])[0] - expected[0]).max() < 1e-6
-    begin = simulate(standard(J), t_end=1, step=0.05, material_angular_velocity=starts[0])
+    begin = nt.simulate(nt.standard(J), t_end=1, step=0.05, material_angular_velocity=starts[0])
     assert run.jacobian(start=begin)[0].shape == (2, 3, 6)
     pickle.loads(pickle.dumps(run)).jacobian(material_angular_velocity=W0)
     with pytest.raises(ValueError, match=re.escape("make the propagator without times=")):
-        propagator(standard(J), times=[0.5, 1], step=0.05).jacobian()
+        nt.propagator(nt.standard(J), times=[0.5, 1], step=0.05).jacobian()
     with pytest.raises(ValueError, match=re.escape("wrt has the unknown parameter 'velocity'")):
         run.jacobian(wrt="velocity")
 
@@ -643,36 +633,36 @@ def test_jacobian_from_threads_and_without_preparation():
 def test_an_axis_turns_what_is_removed_of_the_start(integrator):
     """With project=True, W - n (n·W) turns with n in both factors; against central differences of the run."""
     J, n, W = [[2, 0.1, 0.3], [0.1, 2.5, -0.2], [0.3, -0.2, 3]], np.array([0.1, 0, 1]), (-1, 0.4, 0)
-    how = {"t_end": 2, "step": 0.05, "load": pulse((0.3, 0, 0), start=0.5, end=1.5), "integrator": integrator}
+    how = {"t_end": 2, "step": 0.05, "load": nt.pulse((0.3, 0, 0), start=0.5, end=1.5), "integrator": integrator}
     start, size, e = {"material_angular_velocity": W}, np.linalg.norm(n), 1e-5
 
     def end(axis):
-        run = simulate(suslov(J, axis), project=True, **start, **how)
+        run = nt.simulate(nt.suslov(J, axis), project=True, **start, **how)
         return run.material_angular_velocity.values[-1]
 
     differences = np.stack([(end(n + e * d) - end(n - e * d)) / (2 * e) for d in np.eye(3)], axis=1)
-    body = suslov(J, n)
-    found = sensitivities(body, wrt="axis", project=True, **start, **how).d_material_angular_velocity.values[-1]
+    body = nt.suslov(J, n)
+    found = nt.sensitivities(body, wrt="axis", project=True, **start, **how).d_material_angular_velocity.values[-1]
     assert found / size == pytest.approx(differences, abs=1e-8)
-    prepared = propagator(body, project=True, **how)
+    prepared = nt.propagator(body, project=True, **how)
     assert prepared.jacobian(wrt="axis", **start)[1][-1] == pytest.approx(found, abs=1e-12)
     c = np.array([1.0, 2, 0])
     slopes = np.vstack([np.zeros((40, 3)), c])
-    of_c = gradient(body, wrt="axis", project=True, d_material_angular_velocity=slopes, **start, **how)
+    of_c = nt.gradient(body, wrt="axis", project=True, d_material_angular_velocity=slopes, **start, **how)
     assert of_c.gradient.values == pytest.approx(c @ found, abs=1e-12)
     kept = np.array(W) - n * (n @ W) / size**2
-    across = sensitivities(body, wrt="axis", material_angular_velocity=kept, **how).d_material_angular_velocity.values[
-        -1
-    ]
+    across = nt.sensitivities(
+        body, wrt="axis", material_angular_velocity=kept, **how
+    ).d_material_angular_velocity.values[-1]
     assert abs(across - found).max() > 1e-2  # another function: the start that is given is across the axis
 
 
 @pytest.mark.parametrize("parameter", ["inertia", "axis", "dead_force"])
 def test_inputs_change_the_equations_of_steps_that_are_explicit(parameter):
     """What vanishes in the run has derivatives nonetheless: those of `gauss`, to the order."""
-    how = {"t_end": 0.5, "step": 0.005, "material_angular_velocity": (1, -2, 0), "load": sine((0.3, 0.2, 0), 0.7)}
+    how = {"t_end": 0.5, "step": 0.005, "material_angular_velocity": (1, -2, 0), "load": nt.sine((0.3, 0.2, 0), 0.7)}
     found, expected = (
-        sensitivities(nontwisting([3, 4, 5]), wrt=[parameter], integrator=name, **how)
+        nt.sensitivities(nt.nontwisting([3, 4, 5]), wrt=[parameter], integrator=name, **how)
         for name in ("lie-midpoint", "gauss")
     )
     for name in ("d_rotation", "d_material_angular_velocity"):

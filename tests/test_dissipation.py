@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from nontwist import (
-    compare,
-    damping,
-    heavy_top,
-    moment,
-    nontwisting,
-    pulse,
-    simulate,
-    standard,
-)
+import nontwist as nt
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.runfile import read_run_file
@@ -29,8 +20,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*rad a step", "ignore:.*runs in
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("step", [0.02, 0.2, 0.8])
 def test_energy_never_rises_and_momentum_stays(scheme, order, step):
-    run = simulate(
-        standard(J),
+    run = nt.simulate(
+        nt.standard(J),
         t_end=80,
         step=step,
         material_angular_velocity=MIDDLE,
@@ -45,10 +36,10 @@ def test_energy_never_rises_and_momentum_stays(scheme, order, step):
 
 
 def test_lie_midpoint_loses_what_its_derivation_says():
-    h, chi, body = 0.1, 0.6, standard([3, 4, 5])
+    h, chi, body = 0.1, 0.6, nt.standard([3, 4, 5])
     how = {"t_end": 2, "step": h, "material_angular_velocity": MIDDLE}
     for order in (1, 2):
-        run = simulate(body, integrator=LieMidpoint(order, dissipation=chi), **how)
+        run = nt.simulate(body, integrator=LieMidpoint(order, dissipation=chi), **how)
         W = run.material_angular_velocity.values
         middle = (W[1:] + W[:-1]) / 2
         Q = middle * [3, 4, 5]
@@ -58,13 +49,13 @@ def test_lie_midpoint_loses_what_its_derivation_says():
 
 
 @pytest.mark.parametrize(
-    "load", [None, pulse((1, 2, 3), 0, 0.7) + damping(0.1) + pulse((0, 2, 1), 0, 1, frame="space")]
+    "load", [None, nt.pulse((1, 2, 3), 0, 0.7) + nt.damping(0.1) + nt.pulse((0, 2, 1), 0, 1, frame="space")]
 )
 def test_energy_momentum_loses_what_its_derivation_says_under_any_load(load):
     """ΔK less the work is -χ/2 Σ E_i (Δ|d_i'|)²."""
     chi, E = 0.6, np.array([3, 2, 1])
-    run = simulate(
-        heavy_top([3, 4, 5], 1.5, (0.1, 0, 0.6)),
+    run = nt.simulate(
+        nt.heavy_top([3, 4, 5], 1.5, (0.1, 0, 0.6)),
         t_end=2,
         step=0.05,
         material_angular_velocity=MIDDLE,
@@ -81,10 +72,10 @@ def test_energy_momentum_loses_what_its_derivation_says_under_any_load(load):
 def test_lie_midpoint_loses_what_its_derivation_says_under_a_load():
     """Δ(K + V) less the work is -g (Q × W_m)·ΔP, with the impulse of the load as it is."""
     h, chi = 0.05, 0.6
-    load = pulse((1, 2, 3), 0, 0.7) + damping(0.1) + pulse((0, 2, 1), 0, 1, frame="space")
-    load += moment(lambda t, d, w: (0, t * d[0, 1], -w[2]))
-    run = simulate(
-        standard([3, 4, 5]),
+    load = nt.pulse((1, 2, 3), 0, 0.7) + nt.damping(0.1) + nt.pulse((0, 2, 1), 0, 1, frame="space")
+    load += nt.moment(lambda t, d, w: (0, t * d[0, 1], -w[2]))
+    run = nt.simulate(
+        nt.standard([3, 4, 5]),
         t_end=2,
         step=h,
         material_angular_velocity=MIDDLE,
@@ -104,8 +95,8 @@ def test_lie_midpoint_loses_what_its_derivation_says_under_a_load():
 def test_a_permanent_rotation_loses_nothing(scheme, axis):
     W = 2.0 * np.eye(3)[axis]
     for order in (1, 2):
-        run = simulate(
-            standard([3, 4, 5]), t_end=5, step=0.1, material_angular_velocity=W,
+        run = nt.simulate(
+            nt.standard([3, 4, 5]), t_end=5, step=0.1, material_angular_velocity=W,
             integrator=scheme(order, dissipation=1),
         )  # fmt: skip
         assert (run.material_angular_velocity.values == W).all()
@@ -113,23 +104,25 @@ def test_a_permanent_rotation_loses_nothing(scheme, axis):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("load", [None, damping(0.1) + pulse((1, 2, 3), -1, 3, frame="space")], ids=["free", "loaded"])
+@pytest.mark.parametrize(
+    "load", [None, nt.damping(0.1) + nt.pulse((1, 2, 3), -1, 3, frame="space")], ids=["free", "loaded"]
+)
 def test_the_measured_order(scheme, order, load):
     how = {"t_end": 2, "material_angular_velocity": MIDDLE, "load": load}
-    exact = simulate(standard(J), **how).directors.values[-1]
-    errors = [
-        abs(simulate(standard(J), step=2 / n, integrator=scheme(order, dissipation=0.7), **how).directors[-1] - exact)
-        .max().item()
+    exact = nt.simulate(nt.standard(J), **how).directors[-1]
+    runs = (
+        nt.simulate(nt.standard(J), step=2 / n, integrator=scheme(order, dissipation=0.7), **how)
         for n in (256, 512, 1024)
-    ]  # fmt: skip
+    )
+    errors = [abs(run.directors[-1] - exact).max().item() for run in runs]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
     assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.05)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_rotation_ends_about_the_axis_of_the_largest_moment(scheme):
-    run = simulate(
-        standard([3, 4, 5]),
+    run = nt.simulate(
+        nt.standard([3, 4, 5]),
         t_end=2000,
         step=0.2,
         store="end",
@@ -145,13 +138,13 @@ def test_rotation_ends_about_the_axis_of_the_largest_moment(scheme):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_without_dissipation_the_bits_are_those_of_the_scheme(scheme):
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": MIDDLE}
-    plain, zero = (simulate(standard(J), integrator=one, **how) for one in (scheme(), scheme(dissipation=0)))
+    plain, zero = (nt.simulate(nt.standard(J), integrator=one, **how) for one in (scheme(), scheme(dissipation=0)))
     assert (plain.quaternion.values == zero.quaternion.values).all()
 
 
 def test_energy_is_not_among_what_is_kept():
-    run = simulate(
-        standard(J), t_end=4, step=0.1, material_angular_velocity=MIDDLE, integrator=LieMidpoint(dissipation=0.5)
+    run = nt.simulate(
+        nt.standard(J), t_end=4, step=0.1, material_angular_velocity=MIDDLE, integrator=LieMidpoint(dissipation=0.5)
     )
     assert [one.symbol for one in drifts(run).values()] == ["π", "d·d"]
     assert max(one.relative for one in drifts(run).values()) < 1e-14
@@ -159,8 +152,8 @@ def test_energy_is_not_among_what_is_kept():
 
 def test_in_a_comparison():
     schemes = ["lie-midpoint", LieMidpoint(1, dissipation=1)]
-    data = compare(
-        standard(J), t_end=2, integrators=schemes, material_angular_velocity=MIDDLE, steps=[0.1, 0.05], repeats=1
+    data = nt.compare(
+        nt.standard(J), t_end=2, integrators=schemes, material_angular_velocity=MIDDLE, steps=[0.1, 0.05], repeats=1
     )
     assert data.attitude_order.isel(step=-1).values.round(0).tolist() == [2, 1]
 
@@ -182,7 +175,7 @@ def test_wrong_options_are_refused(options):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_constrained_bodies_are_refused(scheme):
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
-        simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator=scheme(dissipation=0.1))
+        nt.simulate(nt.nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator=scheme(dissipation=0.1))
     said(str(caught.value))
 
 
@@ -200,7 +193,7 @@ def test_in_run_files_and_sweeps(tmp_path, scheme):
     path.write_text(FILE.replace("NAME", scheme.name), encoding="utf-8")
     run = read_run_file(path).simulate()
     how = {"t_end": 4, "step": 0.1, "material_angular_velocity": MIDDLE}
-    alone = simulate(standard([3, 4, 5]), integrator=scheme(1, dissipation=0.5), **how)
+    alone = nt.simulate(nt.standard([3, 4, 5]), integrator=scheme(1, dissipation=0.5), **how)
     assert (run.quaternion.values == alone.quaternion.values).all()
     over = '{ key = "integrator.options.dissipation", kind = "list", values = [0.25, 0.5, 1.0] }'
     path.write_text(

@@ -18,7 +18,7 @@ from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
 from nontwist.errors import SimulationInterrupt, Status
-from nontwist.integrators import Continuous, composition, stack_march
+from nontwist.integrators import Continuous, split, stack_march
 from nontwist.validation import energy_momentum_reference
 
 STEP = 2.0**-7
@@ -33,7 +33,7 @@ def interrupted_in(monkeypatch):
     """March in blocks of 20 steps; Ctrl-C strikes when the kernel has done its third, before that is counted."""
 
     def prepare(order):
-        stages = len(composition.nodes(order))
+        stages = len(split.nodes(order))
         monkeypatch.setattr(stack_march, "NODES", 20 * stages)
         sound, calls = stack_march.StackMarch._run, []
 

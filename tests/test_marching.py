@@ -87,8 +87,8 @@ def test_values_are_arguments(monkeypatch):
 @pytest.mark.parametrize(
     "place",
     [
-        *("engine/marching", "engine/newton", "engine/outputs", "engine/observation"),
-        *("engine/sampling", "engine/state_moments", "engine/workspace"),
+        *("engine/marching", "engine/newton", "engine/outputs", "engine/workspace"),
+        *("engine/sampling", "engine/sampling", "engine/workspace"),
         "integrators/energy_momentum",
     ],
 )

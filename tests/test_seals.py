@@ -17,7 +17,7 @@ from zarr.storage import LocalStore
 from nontwist import nontwisting, open_run, open_sweep, plot, resample, simulate, sweep, view
 from nontwist.cli import app
 from nontwist.errors import SweepStoreError
-from nontwist.integrators.composition import fractions
+from nontwist.integrators.split import fractions
 from nontwist.sweeps.sealed_files import SealedFiles
 from nontwist.sweeps.seals import SEAL, sealed, unsealed
 from nontwist.sweeps.store import ABSENT, open_store

@@ -15,10 +15,10 @@ from ..geometry.attitudes import States
 from ..geometry.values import as_whole
 from ..integrators import IVP, Integrator, SimulationError, Status
 from ..integrators.base import Outcome
-from ..integrators.growing import Growth
 from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.members import in_threads
 from ..integrators.members import progress as counted
+from ..integrators.tangents import Growth
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion

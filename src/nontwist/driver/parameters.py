@@ -14,8 +14,7 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown
 from ..integrators.compiled import Compiled
-from ..integrators.linear_inputs import Entries, Nodes
-from ..integrators.linearised import Changes, is_seen_from_orbit
+from ..integrators.linearised import Changes, Entries, Nodes, is_seen_from_orbit
 from ..integrators.load_samples import as_marched
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP

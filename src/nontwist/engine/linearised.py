@@ -23,12 +23,11 @@ from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, doubles, put, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .chained import Chain
-from .known_steps import Directions, Known, Step, Steps, Wanted, symmetric, tilted
-from .linear_functions import Calls
+from .known_steps import Calls, Directions, Known, Step, Steps, Wanted, symmetric, tilted
 from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State
-from .state_moments import mean
+from .sampling import mean
 from .workspace import turned_into
 
 

@@ -34,10 +34,9 @@ from ..kernels.kernel import Kernel
 from ..kernels.memory import View, doubles, size_of
 from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .newton import Solution
-from .observation import begin_observing, extend, integrate, observe
 from .records import NODAL, Block, Parts, State, Work
 from .sampling import Nodes
-from .workspace import NAN, NOW, OK, gather, note, remember, scatter, write
+from .workspace import NAN, NOW, OK, begin_observing, extend, gather, integrate, note, observe, remember, scatter, write
 
 TOTALS = "twist", "work", "turned", "late"  # what is no mean
 PI = 3.141592653589793

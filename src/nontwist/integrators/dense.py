@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.layout import put, side_by_side, spans, views
-from ..engine.records import BODY, SUMS, Parts
+from ..engine.records import BODY, SUMS, Parts, put, side_by_side, spans, views
 from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
@@ -26,12 +25,10 @@ from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
-from .listing import Outputs
-from .marching import intervals_in, states_in
+from .marching import PreparedMarch, intervals_in, states_in
 from .members import PerThread
-from .prepared_march import PreparedMarch
 from .problem import IVP
-from .stack_march import StackMarch
+from .stack_march import Outputs, StackMarch
 
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
 

@@ -61,7 +61,7 @@ about a course of order 2, the mean of two steps, unless W or W' is 0 at the sta
 turns its sign the step is no near-identity map of (q, q̇), and compositions do not raise the order of all variables.
 `lie_midpoint` and `gauss` have no such part.
 
-Dissipation χ (`dissipative`), for bodies without a constraint: in the principal axes, where E is diagonal, the mean
+Dissipation χ (`compiled`), for bodies without a constraint: in the principal axes, where E is diagonal, the mean
 velocities u_i = ½ (V_i + V_i⁺) move the directors by
 
     Δd_i = h (1 + κ_i) u_i,        κ_i = χ (|V_i⁺| - |V_i|)/(|V_i⁺| + |V_i|),
@@ -93,8 +93,7 @@ from ..engine.generalised import EXACT, PAPER
 from ..engine.marching import Step, Text, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
-from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
+from ..engine.sampling import Loads, MomentOfStep, Nodes, mean, mean_moment_of_dead
 from ..geometry.values import among, shown
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
@@ -102,8 +101,7 @@ from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.kernel import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .base import IVP, SPIN
-from .compiled import Needs
-from .dissipative import Dissipative
+from .compiled import Dissipative, Needs
 
 MOMENTS = ("paper", "exact")
 

@@ -42,10 +42,10 @@ felt as a moment: Q × Ω has no component along Q, whatever 1/J_i has been roun
 does not turn.
 
 The first guess of z/h is the value at this step of the parabola through the last three, which leaves two iterations as
-a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the axis; under moments M alone z is explicit, the
-first two components of (h/2) M.
+a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the axis; under moments M alone z is explicit,
+the first two components of (h/2) M.
 
-Dissipation χ (`dissipative`), for bodies without a constraint. The body turns, and its momentum with it, by
+Dissipation χ (`compiled`), for bodies without a constraint. The body turns, and its momentum with it, by
 
     Ω = W_m + g T × W_m,        W_m = J⁻¹ Q,        T = Q + c,
 
@@ -71,11 +71,10 @@ from typing import Any, ClassVar
 from ..engine.marching import Step, Text, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Parts, State
-from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
+from ..engine.sampling import Loads, MomentOfStep, Nodes, mean, mean_moment_of_dead
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
-from .dissipative import Dissipative
+from .compiled import Dissipative
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.layout import layout
-from ..engine.records import STATE, SUMS, WORK
+from ..engine.records import STATE, SUMS, WORK, layout
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .base import IVP, Failure, Status
 from .compiled import Compiled
-from .listing import listed
 from .load_samples import WIDTHS
 from .marching import tangent
-from .stack_march import StackMarch
+from .stack_march import StackMarch, listed
 from .wheels import carrier
 
 Numbers = tuple[float, ...]

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
-from nontwist.recordings.rates import read_rates
+from nontwist.recordings.reading import read_rates
 from recordings.makers import ACC, DATA, GYR, N, R, T, apdm, mt_manager, mvnx
 from refusals import refused, warned
 

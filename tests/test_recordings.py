@@ -23,7 +23,7 @@ from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
 from nontwist.recordings.formats import READERS, Content
 from nontwist.recordings.formats.apart import read_apart
-from nontwist.recordings.rates import read_rates
+from nontwist.recordings.reading import read_rates
 from recordings.makers import BVH, motive, qualisys, spice_kernels
 from recordings.makers import R as MOVED
 from refusals import refused, warned

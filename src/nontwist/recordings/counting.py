@@ -13,9 +13,9 @@ from ..geometry.arrays import Array, as_array
 from ..geometry.frames import triad_about
 from ..geometry.twist_kernels import SIZE, count
 from ..geometry.values import among, shown
+from .attitudes import MEASURED
 from .motions import as_rotation, raw_motion
 from .options import ReadOptions
-from .rotations import MEASURED
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -79,7 +79,9 @@ class Dual(Derived):
 
 def _is_plain(x: Any) -> bool:
     """Whether x is a number without tangents, of whatever kind."""
-    return not isinstance(x, (tuple, list, bool)) and getattr(getattr(x, "dtype", None), "kind", "") != "O"
+    if isinstance(x, (tuple, list, bool)) or getattr(x, "is_series", False):
+        return False
+    return getattr(getattr(x, "dtype", None), "kind", "") != "O"
 
 
 def _is_array(x: Any) -> bool:

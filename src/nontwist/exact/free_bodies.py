@@ -63,8 +63,8 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import View, matrix_at, put, scratch, vector_at, view_in
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from ..models.catalogue import D3
-from ..models.system import checked_inertia as symmetric_inertia
-from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, planar
+from ..models.system import checked_inertia
+from .border import Motion, checked_attitude, checked_times, checked_velocity, planar
 from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
 from .free_step import FreeMotion, free_motion, free_until, set_origin
 
@@ -330,7 +330,7 @@ def _solved(
     if is_constrained:
         J, W = planar(inertia, velocity, physical)
     else:
-        J, W = symmetric_inertia(inertia, physical), checked_velocity(velocity)
+        J, W = checked_inertia(inertia, physical), checked_velocity(velocity)
     t, R = checked_times(times), checked_attitude(rotation)
     Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
     if free_top(J, W, R, t, int(is_constrained), Lam, velocities) != OK:

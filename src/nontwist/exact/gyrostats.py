@@ -74,9 +74,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats, cross
+from ..geometry.arrays import Array, as_array, cross
 from ..geometry.attitudes import attitudes
-from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity
+from ..models.system import checked_inertia
+from .border import Motion, checked_attitude, checked_times, checked_velocity
 from .free_bodies import TOO_FAR, free_standard
 from .free_constants import FARTHEST, carlson_rf
 
@@ -320,13 +321,12 @@ def free_gyrostat(
     >>> exact.free_gyrostat(J, c, (0.1, 2, 0.1), at)[1][:, 1].round(2)
     array([1.99, 1.99, 2.  ])
     """
-    checked_inertia(inertia, physical)  # its value is rounded
-    J, W, t = as_floats(inertia, "inertia"), checked_velocity(material_angular_velocity), checked_times(times)
+    J, W = checked_inertia(inertia, physical), checked_velocity(material_angular_velocity)
     c = as_array(rotor_momentum, "rotor_momentum", (3,))
     if not c.any():
-        return free_standard(J, W, t, rotation, physical=physical)
-    R = checked_attitude(rotation)
-    p, velocity = gyrostat_motion(np.diag(J) if J.ndim == 1 else (J + J.T) / 2, c, W, t)
+        return free_standard(J, W, times, rotation, physical=physical)
+    t, R = checked_times(times), checked_attitude(rotation)
+    p, velocity = gyrostat_motion(J, c, W, t)
     Lam: Array = R @ attitudes(p)
     return Lam, velocity
 

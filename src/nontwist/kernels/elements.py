@@ -338,7 +338,7 @@ def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once where the processor can; of tuples b and c entry by entry."""
     if isinstance(b, tuple):
         return mapped(lambda x, y: fma(a, x, y), b, c)
-    dual = dual_of(a, b, c)
+    dual = None if any(getattr(x, "is_series", False) for x in (a, b, c)) else dual_of(a, b, c)
     if dual is not None:
         return dual.through(lambda c, a, b: fma(a, b, c), lambda c, a, b, _: (1.0, b, a), (c, a, b))
     if any(isinstance(x, Element) for x in (a, b, c)) and all(map(is_number, (a, b, c))):

@@ -40,7 +40,6 @@ from nontwist.integrators import Continuous, EnergyMomentum
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
-from nontwist.runfile import read_run_file
 from nontwist.spec import Spec
 from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 from refusals import refused_as, says
@@ -474,60 +473,9 @@ test_refusals = refused_as(
 )
 
 
-FILE = """
-[body]
-kind = "standard"
-inertia = [2, 2, 1]
-[start]
-angular_velocity.body = [0.1, 0.2, 3]
-[time]
-t_end = 1
-step = 0.05
-[integrator]
-name = "energy-momentum"
-options = { moments = "exact" }
-[[load]]
-kind = "spring"
-stiffness = 20
-point = [0, 0, 1]
-anchor = [1, 0, 1]
-rest_length = 0.8
-[[load]]
-kind = "potential"
-vector = [0, 0, 1]
-quadratic = [[1, 0, 0], [0, 2, 0], [0, 0, 3]]
-[[load]]
-kind = "dipole"
-moment = [0, 0, 2]
-field = [0, 1, 0]
-[[load]]
-kind = "gravity_gradient"
-mean_motion = 0.1
-[[load]]
-kind = "director_forces"
-frame = "body"
-times = [0, 1]
-values = [[[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 0], [0, 0, 1], [1, 0, 0]]]
-"""
-
-
-def test_run_files(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(FILE, encoding="utf-8")
-    run = read_run_file(path).simulate()
-    I3 = np.eye(3)
-    load = (
-        spring(20, (0, 0, 1), (1, 0, 1), 0.8)
-        + potential((0, 0, 1), quadratic=np.diag([1.0, 2, 3]))
-        + dipole((0, 0, 2), (0, 1, 0))
-        + gravity_gradient(0.1)
-        + director_forces([0, 1], [I3, I3[[1, 2, 0]]], frame="body")
-    )
-    start = {"material_angular_velocity": (0.1, 0.2, 3)}
-    known = simulate(standard([2, 2, 1]), t_end=1, step=0.05, load=load, integrator=EXACT, **start)
-    assert np.array_equal(run.quaternion.values, known.quaternion.values)
-    assert np.array_equal(run.potential_energy.values, known.potential_energy.values)
-    assert load_of(json.loads(run.attrs["load"])) == load
+def test_records_make_the_load_again():
+    load = sum((POTENTIALS["spring"], gravity_gradient(0.3, start=2), director_forces(TIMES, FORCES)), QUADRATIC)
+    assert load_of(json.loads(json.dumps(load.description))) == load
     with says():
         load_of(POTENTIALS["function"].description)
 

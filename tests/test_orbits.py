@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from nontwist import drifts, gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
 from nontwist.loads import potentials as orbits
 from nontwist.loads.potentials import on_orbit
+from nontwist.runfile import read_run_file
 
 ECCENTRICITIES = [1e-9, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999999, 1 - 1e-12, 1 - 2**-53]
 e, n = 0.1, 1.0  # Hyperion: Wisdom, Peale & Mignard 1984, with (B - A)/C = 0.264
@@ -145,3 +146,17 @@ def test_members_of_an_ensemble_are_runs():
     alone = simulate(body, material_angular_velocity=W, **how)
     many = simulate_ensemble(body, material_angular_velocity=[W, W], **how)
     assert abs(many.quaternion.values[1, -1] @ alone.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
+
+
+def test_a_run_file_is_the_run(tmp_path):
+    path = tmp_path / "orbit.toml"
+    path.write_text(
+        'body = { kind = "standard", inertia = [1.0, 2.0, 6.0], physical = false }\n'
+        "start.angular_velocity = { body = [0.1, 0.0, 1.2] }\n"
+        "time = { t_end = 2.0, step = 0.05 }\n"
+        'load = [{ kind = "gravity_gradient", mean_motion = 1.0, eccentricity = 0.4 }]\n',
+        encoding="utf-8",
+    )
+    how = {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
+    run = simulate(standard([1, 2, 6], physical=False), material_angular_velocity=(0.1, 0, 1.2), **how)
+    assert np.array_equal(read_run_file(path).simulate().directors.values, run.directors.values)

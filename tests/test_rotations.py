@@ -62,6 +62,17 @@ def mp_dexp_inverse(theta):
     return mp.eye(3) - W / 2 + (1 - angle / 2 * mp.cot(angle / 2)) / angle**2 * W * W
 
 
+def mp_cayley(w):
+    half = mp_hat(w) / 2
+    return mp.inverse(mp.eye(3) - half) * (mp.eye(3) + half)
+
+
+def from_whole_turn(theta):
+    """|θ| over its distance from the next singular turn, at least 1."""
+    angle = mp.norm(theta)
+    return max(1, angle / abs(angle - 2 * mp.pi * max(1, mp.nint(angle / (2 * mp.pi)))))
+
+
 def mp_shortest(theta):
     """The rotation vector of the same rotation with at most half a turn."""
     angle = mp.norm(theta)
@@ -82,11 +93,23 @@ def test_hat_is_the_cross_product_and_vee_its_inverse():
     np.testing.assert_array_equal(rotations.vee(rotations.hat([1e-300, -2.0, 3e300])), [1e-300, -2.0, 3e300])
 
 
-def test_exp_against_mpmath():
-    theta = vectors(ANGLES + NEAR_PI + PAST_PI + SINGULAR)
-    got = rotations.exp(theta)
-    want = [mp_exp(exact(x)) for x in theta]
-    assert_ulps("exp", [ulps(g, w, max(1, mp.norm(exact(x)))) for g, w, x in zip(got, want, theta, strict=True)])
+EVERY, NEXT_TO_TURNS = ANGLES + NEAR_PI + PAST_PI, [2 * np.pi - 1e-3, 2 * np.pi + 1e-9, 4 * np.pi - 1e-12]
+CASES = {  # the reference, angles, the size that an ulp is of, and the bound
+    "exp": (mp_exp, EVERY + SINGULAR, lambda x, want: max(1, mp.norm(x)), 8),
+    "dexp": (mp_dexp, EVERY + SINGULAR, lambda x, want: length(want), 4),
+    "dexp_inverse": (mp_dexp_inverse, EVERY + NEXT_TO_TURNS, lambda x, want: length(want) * from_whole_turn(x), 8),
+    "cayley": (mp_cayley, [*ANGLES, 2.0, 1e3, 1e8, 1e16, 1e200], lambda x, want: 1, 8),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_against_mpmath(name):
+    reference, angles, size, bound = CASES[name]
+    theta = vectors(angles)
+    with mp.workdps(900):
+        pairs = [(exact(x), reference(exact(x))) for x in theta]
+    got = getattr(rotations, name)(theta)
+    assert_ulps(name, [ulps(g, want, size(x, want)) for g, (x, want) in zip(got, pairs, strict=True)], bound)
 
 
 def test_exp_keeps_the_digits_of_a_small_skew_part():
@@ -139,26 +162,6 @@ def test_log_takes_every_column_of_the_quaternion():
     assert_ulps("log, columns", errors)
 
 
-def test_dexp_against_mpmath():
-    theta = vectors(ANGLES + NEAR_PI + PAST_PI + SINGULAR)
-    with mp.workdps(700):
-        want = [mp_dexp(exact(x)) for x in theta]
-    assert_ulps("dexp", [ulps(g, w, length(w)) for g, w in zip(rotations.dexp(theta), want, strict=True)], 4.0)
-
-
-def test_dexp_inverse_against_mpmath():
-    near = [2 * np.pi - 1e-3, 2 * np.pi + 1e-9, 4 * np.pi - 1e-12]
-    theta = vectors(ANGLES + NEAR_PI + PAST_PI + near)
-    with mp.workdps(700):
-        want = [mp_dexp_inverse(exact(x)) for x in theta]
-    errors = []
-    for g, w, x in zip(rotations.dexp_inverse(theta), want, theta, strict=True):
-        angle = mp.norm(exact(x))
-        gap = abs(angle - 2 * mp.pi * max(1, mp.nint(angle / (2 * mp.pi))))
-        errors.append(ulps(g, w, length(w) * max(1, angle / gap)))
-    assert_ulps("dexp_inverse", errors)
-
-
 def test_coefficients_of_small_angles_keep_their_digits():
     # with θ = (a, b, 0) entry (0, 1) is the last coefficient times a b, alone
     for angle in (1e-140, 1e-8, 1e-3, 0.1, 0.5, 0.9, np.nextafter(1, 0), 1.0, np.nextafter(1, 2)):
@@ -195,16 +198,6 @@ def test_dexp_is_the_derivative_of_exp():
         derivative = (mp_exp(x + h * r) - mp_exp(x - h * r)) / (2 * h)
         want = rounded(derivative * mp_exp(x).T)
         np.testing.assert_allclose(rotations.hat(rotations.dexp(theta) @ rate), want, rtol=0, atol=4e-15)
-
-
-def test_cayley_against_mpmath():
-    w = vectors([*ANGLES, 2.0, 1e3, 1e8, 1e16, 1e200])
-    errors = []
-    with mp.workdps(900):
-        for x, g in zip(w, rotations.cayley(w), strict=True):
-            half = mp_hat(exact(x)) / 2
-            errors.append(ulps(g, mp.inverse(mp.eye(3) - half) * (mp.eye(3) + half), 1))
-    assert_ulps("cayley", errors)
 
 
 def test_cayley_inverse_against_mpmath():

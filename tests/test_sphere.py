@@ -57,30 +57,24 @@ def starts(angles):
                 yield d0, u, mp.mpf(float(angle))
 
 
-def test_exp_against_mpmath():
-    cases = list(starts(TINY_ANGLES + ANGLES + NEAR_PI + PAST_PI))
+@pytest.mark.parametrize(
+    ("angles", "factors"),
+    [(TINY_ANGLES + ANGLES + NEAR_PI + PAST_PI, [1.0]), ([1e-300, 1e-8, 0.3, 1.0, 3.0], [-2.0, 0.0, 0.3, 7.0])],
+)
+def test_exp_and_geodesic_against_mpmath(angles, factors):
+    cases = list(starts(angles))
     d0 = np.array([rounded(p) for p, _, _ in cases])
     v = np.array([rounded(a * u) for _, u, a in cases])
-    got = sphere.exp(d0, v)
-    assert_ulps(
-        "exp",
-        [ulps(g, mp_exp(exact(p), exact(w)), max(1, mp.norm(exact(w)))) for g, p, w in zip(got, d0, v, strict=True)],
-    )
+    np.testing.assert_array_equal(sphere.exp(d0, v), sphere.geodesic(d0, v, 1.0))
+    for s in factors:
+        want = [mp_exp(exact(p), mp.mpf(s) * exact(w)) for p, w in zip(d0, v, strict=True)]
+        sizes = [max(1, abs(s) * mp.norm(exact(w))) for w in v]
+        assert_ulps(f"geodesic {s}", [ulps(*case) for case in zip(sphere.geodesic(d0, v, s), want, sizes, strict=True)])
 
 
 def test_exp_keeps_the_digits_of_tiny_components():
     for tiny in (1e-300, 3e-170, 1e-20):
         np.testing.assert_array_equal(sphere.exp([1.0, 0.0, 0.0], [0.0, tiny, -2 * tiny]), [1.0, tiny, -2 * tiny])
-
-
-def test_geodesic_against_mpmath():
-    cases = list(starts([1e-300, 1e-8, 0.3, 1.0, 3.0]))
-    d0 = np.array([rounded(p) for p, _, _ in cases])
-    v = np.array([rounded(a * u) for _, u, a in cases])
-    for s in (-2.0, 0.0, 0.3, 1.0, 7.0):
-        want = [mp_exp(exact(p), mp.mpf(s) * exact(w)) for p, w in zip(d0, v, strict=True)]
-        sizes = [max(1, abs(s) * mp.norm(exact(w))) for w in v]
-        assert_ulps(f"geodesic {s}", [ulps(*case) for case in zip(sphere.geodesic(d0, v, s), want, sizes, strict=True)])
 
 
 def pairs():

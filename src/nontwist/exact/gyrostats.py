@@ -242,12 +242,9 @@ def _roots(g2: Decimal, g3: Decimal) -> tuple[Number, Number, Number]:
 
 def _half_period(span: float, part: float) -> float:
     """Return K(k)/√span, where k'² = part/span."""
-    a, b = math.sqrt(span), math.sqrt(max(part, 0.0))
-    if b == 0.0:
-        return math.inf
-    while a - b > 1e-15 * a:
-        a, b = 0.5 * (a + b), math.sqrt(a * b)
-    return math.pi / (a + b)
+    from scipy.special import ellipkm1
+
+    return float(ellipkm1(max(part, 0.0) / span)) / math.sqrt(span)
 
 
 def _pole(apart: list[complex], slope: complex) -> complex:

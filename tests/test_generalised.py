@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from complex_steps import cross
+from conftest import cross
 from nontwist import (
     damping,
     dipole,

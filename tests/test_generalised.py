@@ -12,7 +12,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from complex_steps import cross
+from conftest import cross
 from nontwist import (
     compare,
     damping,

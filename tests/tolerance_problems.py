@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from complex_steps import cross
-from conftest import compiled_load
+from conftest import compiled_load, cross
 from nontwist import (
     Load,
     body_moment,

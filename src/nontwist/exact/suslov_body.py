@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..engine.turning import exponential, magnus
+from ..engine.marching import exponential, magnus
 from ..geometry.arrays import Array, as_direction
 from ..geometry.stacks import EPS
 from ..kernels.control import Variables, loop, when

@@ -3,7 +3,6 @@ import pickle
 import re
 import warnings
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +28,6 @@ from nontwist import (
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS
-from nontwist.runfile import read_run_file
 from refusals import refused_as, says
 
 W = {"material_angular_velocity": [1, 2, 0]}
@@ -115,36 +113,23 @@ def test_a_run_of_a_twisting_body_does_not_start_a_nontwisting_one():
 
 
 R0 = Rotation.from_rotvec([0.3, -0.2, 0.9])
-FORMS = {
-    "Rotation": lambda: R0,
-    "matrix": R0.as_matrix,
-    "DataArray directors": lambda: paper_at_r0().directors[0],
-    "DataArray quaternion": lambda: paper_at_r0().quaternion[0],
-    "series of rotations": lambda: Rotation.concatenate([Rotation.identity(), R0]),
-    "trajectory": lambda: integrate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0),
-}
 
 
-def paper_at_r0():
-    return simulate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_rotation_takes_every_form_of_motion(form):
-    assert paper(rotation=FORMS[form]()).directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
-
-
-def test_quaternions_with_their_order():
-    last, first = R0.as_quat(), R0.as_quat(scalar_first=True)
-    for run in (paper(rotation=last, scalar_first=False), paper(rotation=first, scalar_first=True)):
-        assert run.directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
-
-
-def test_spatial_and_material_velocity_agree():
-    W0 = np.array([1.0, 2, 0])
-    a = paper(rotation=R0, material_angular_velocity=W0)
-    b = paper(rotation=R0, material_angular_velocity=None, angular_velocity=R0.apply(W0))
-    assert a.directors.values == pytest.approx(b.directors.values, abs=1e-14)
+def test_a_start_takes_every_form():
+    W0, run = np.array([1.0, 2, 0]), simulate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
+    first = paper(rotation=R0)
+    for form in (
+        {"rotation": R0.as_matrix()},
+        {"rotation": R0.as_quat(), "scalar_first": False},
+        {"rotation": R0.as_quat(scalar_first=True), "scalar_first": True},
+        {"rotation": run.directors[0]},
+        {"rotation": run.quaternion[0]},
+        {"rotation": Rotation.concatenate([Rotation.identity(), R0])},
+        {"rotation": integrate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)},
+        {"rotation": R0, "material_angular_velocity": None, "angular_velocity": R0.apply(W0)},
+    ):
+        assert paper(**form).directors.values == pytest.approx(first.directors.values, abs=1e-14)
+    assert first.directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -210,7 +195,7 @@ def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
 
 
 def test_a_table_that_ends_early_warns_once():
-    with pytest.warns(UserWarning, match=r"a table of the load ends at t = 0.05 s with a non-zero value") as seen:
+    with says(UserWarning) as seen:
         paper(load=body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
     assert len(seen) == 1
 
@@ -234,23 +219,12 @@ def test_progress_goes_to_stderr(capfd):
     assert "steps" in err
 
 
-def test_gauss_is_the_default_but_of_a_stepper(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_gauss_is_the_default_but_of_a_stepper():
     body, how = standard([1, 2, 2.5]), {"t_end": 1, "step": 0.1}
     runs = [simulate(body, **how), integrate(body, **how).to_dataset(), simulate_ensemble(body, **how)]
     runs.append(propagator(body, **how)().to_dataset())
-    Path("run.toml").write_text(
-        'body = { kind = "standard", inertia = [1, 2, 2.5] }\ntime = { t_end = 1, step = 0.1 }\n', encoding="utf-8"
-    )
-    runs.append(read_run_file("run.toml").simulate())
-    assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 5
+    assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 4
     assert stepper(body, 0.1).integrator == INTEGRATORS["lie-midpoint"](order=2)
-
-
-def test_an_integrator_may_be_an_instance():
-    instance = INTEGRATORS["energy-momentum"](order=2)
-    named = paper(integrator="energy-momentum", order=2)
-    assert np.array_equal(paper(integrator=instance).directors, named.directors)
 
 
 def test_code_without_a_module_name_is_warned_as_well():

@@ -31,7 +31,7 @@ from nontwist import (
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
 from nontwist.integrators import stack_march
-from refusals import says
+from refusals import refused_as
 
 RNG = np.random.default_rng(8)
 M = 17
@@ -186,12 +186,13 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
-@pytest.mark.filterwarnings("ignore:the load")
-def test_refused_with_the_value(case):
-    given = REFUSED[case]
-    with says():
-        simulate_ensemble(**{"system": standard(PAPER_J), "t_end": 0.1, "step": 0.01, **given})
+def given(case):
+    return lambda: simulate_ensemble(**{"system": standard(PAPER_J), "t_end": 0.1, "step": 0.01, **case})
+
+
+test_refused_with_the_value = pytest.mark.filterwarnings("ignore:the load")(
+    refused_as({name: given(case) for name, case in REFUSED.items()})
+)
 
 
 def test_stacks_say_which_body_is_wrong():

@@ -28,7 +28,7 @@ from nontwist.driver.events import Search
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
 from nontwist.runfile import read_run_file
-from refusals import says
+from refusals import refused_as, says
 
 BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
@@ -224,48 +224,51 @@ def test_no_events_are_an_empty_list():
 
 def test_events_are_saved(tmp_path):
     for i, event in enumerate([level, lambda t, state: 1.0]):
-        run = simulate(BODY, t_end=3, step=0.1, integrator="gauss", events=event, **TURNING)
-        save_run(run, tmp_path / f"{i}.nc")
-        assert open_run(tmp_path / f"{i}.nc").identical(run)
-        done = CliRunner().invoke(app, ["export", str(tmp_path / f"{i}.nc"), "--to", "json"])
-        found = json.loads(done.stdout)["columns"]
+        run, path = simulate(BODY, t_end=3, step=0.1, integrator="gauss", events=event, **TURNING), tmp_path / f"{i}.nc"
+        save_run(run, path)
+        assert open_run(path).identical(run)
+        found = json.loads(CliRunner().invoke(app, ["export", str(path), "--to", "json"]).stdout)["columns"]
         assert found["t_events [s]"] == run.t_events.values.tolist()
         assert found["event_name"] == run.event_name.values.tolist()
-        table = CliRunner().invoke(app, ["export", str(tmp_path / f"{i}.nc"), "--columns", "event_quaternion"])
+        table = CliRunner().invoke(app, ["export", str(path), "--columns", "event_quaternion"])
         header, *lines = csv.reader(table.stdout.splitlines())
         assert header == ["event_name", "t_events [s]", *(f"event_quaternion_{one}" for one in "xyzw")]
         assert [line[0] for line in lines] == run.event_name.values.tolist()
-        assert [float(line[1]) for line in lines] == run.t_events.values.tolist()
-        assert [[float(x) for x in line[2:]] for line in lines] == run.event_quaternion.values.tolist()
+        rows = np.array([line[1:] for line in lines], float).reshape(-1, 5)
+        assert np.array_equal(rows, np.column_stack([run.t_events, run.event_quaternion]))
     both = ["export", str(tmp_path / "0.nc"), "--columns", "kinetic_energy,t_events", "--out", str(tmp_path / "e.csv")]
     refused = CliRunner().invoke(app, both, env={"COLUMNS": "200"})
     assert (refused.exit_code, (tmp_path / "e.csv").exists()) == (2, False)
-    assert refused.stderr.endswith(
-        "Error: Invalid value for --columns: t_events has a line for each event, kinetic_energy has others; export "
-        "them one after the other, or both with --to json or --to npz\n"
-    )
+    assert "t_events has a line for each event, kinetic_energy has others" in refused.stderr
     both[-1] = str(tmp_path / "e.json")
     assert CliRunner().invoke(app, both).exit_code == 0
 
 
-def test_wrong_events_are_named():
-    def bad(t, state):
-        raise ZeroDivisionError("no distance is left")
+def bad(t, state):
+    raise ZeroDivisionError("no distance is left")
 
-    def text(t, state):
-        return "high"
 
-    cases = {
-        "events must be a function of time and state, or a list of them, got 3": 3,
-        "events[1] must be a function of time and state, got None": [level, None],
-        "terminal of the event event must be a whole number >= 0, got -1": with_attributes(level, terminal=-1),
-        "direction of the event event must be an array of numbers, got 'up'": with_attributes(level, direction="up"),
-        "the event bad fails at t = 0 s: ZeroDivisionError: no distance is left": bad,
-        "the event text fails at t = 0 s: its value must": text,
+def text(t, state):
+    return "high"
+
+
+def refused_events(events):
+    return lambda: simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=events, **TURNING)
+
+
+test_wrong_events_are_named = refused_as(
+    {
+        "no function": refused_events(3),
+        "one is none": refused_events([level, None]),
+        "terminal": refused_events(with_attributes(level, terminal=-1)),
+        "direction": refused_events(with_attributes(level, direction="up")),
+        "a function that fails": refused_events(bad),
+        "a function of no number": refused_events(text),
+        "no axis": lambda: axis_crosses((0, 0, 0)),
+        "cosine": lambda: axis_crosses(cosine=1.5),
+        "spin": lambda: spin_below(0),
     }
-    for message, events in cases.items():
-        with pytest.raises(ValueError, match=re.escape(message)):
-            simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=events, **TURNING)
+)
 
 
 def test_named_events():
@@ -278,13 +281,6 @@ def test_named_events():
     load = damping(1)
     slowed = simulate(BODY, t_end=4, step=0.1, load=load, integrator="gauss", events=slow, **TURNING)
     assert slowed.t_events.values == pytest.approx([4 * np.log(2)], abs=1e-9)
-    for call, message in (
-        (lambda: axis_crosses((0, 0, 0)), "axis must not be zero"),
-        (lambda: axis_crosses(cosine=1.5), "cosine must be between -1 and 1, got 1.5"),
-        (lambda: spin_below(0), "value must be positive, got 0"),
-    ):
-        with pytest.raises(ValueError, match=re.escape(message)):
-            call()
 
 
 FILE = """

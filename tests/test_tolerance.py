@@ -20,7 +20,6 @@ from nontwist import (
     integrate,
     moment,
     nontwisting,
-    propagator,
     pulse,
     rotation,
     rotations,
@@ -134,13 +133,9 @@ def test_the_order_may_be_fixed():
         assert run.integrator == Gauss(order=6)
     assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="split", load=LOAD, **W).integrator.order in (4, 6)
     assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="lie-midpoint", **W).integrator.order == 2
-
-
-def test_a_tolerance_without_an_integrator_takes_gauss():
-    run = integrate(BODY, t_end=5, load=LOAD, tolerance=1e-7, **W)
-    named = integrate(BODY, t_end=5, load=LOAD, tolerance=1e-7, **GAUSS, **W)
-    assert run.integrator == named.integrator
-    assert np.array_equal(run.quaternion, named.quaternion)
+    old = integrate(BODY, t_end=5, order=2, **GAUSS, **W)
+    assert old.tolerance is None
+    assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
 
 
 def test_states_are_close_where_nobody_has_chosen_a_step():
@@ -155,23 +150,6 @@ def test_states_are_close_where_nobody_has_chosen_a_step():
     run = integrate(BODY, t_end=5, tolerance=1e-8, **W)
     assert np.diff(run.time).max() == pytest.approx(run.step)
     assert run.step > 5 * apart
-
-
-def test_the_step_left_open_is_a_tolerance():
-    run = integrate(BODY, t_end=5, load=LOAD, **GAUSS, **W)
-    assert (run.tolerance, run.error_estimate <= 1e-8) == (1e-8, True)
-    old = integrate(BODY, t_end=5, order=2, **GAUSS, **W)
-    assert old.tolerance is None
-    assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
-
-
-def test_a_propagator_has_the_runs_of_integrate():
-    run = propagator(BODY, t_end=5, load=LOAD, tolerance=1e-9, **GAUSS)
-    for velocity in ((1, 2, 3), (0, 0.1, 0)):
-        start = {"material_angular_velocity": velocity}
-        one, two = run(**start), integrate(BODY, t_end=5, load=LOAD, tolerance=1e-9, store="end", **GAUSS, **start)
-        assert np.array_equal(one.quaternion, two.quaternion)
-        assert one.error_estimate == two.error_estimate
 
 
 def test_the_worst_member_decides():
@@ -214,51 +192,41 @@ def test_what_is_refused(how):
 
 
 def test_a_tolerance_below_ten_floors_is_refused():
-    """Two units of round-off in W move the attitude by 2 eps t |W| and more."""
-    message = (
-        r"^tolerance = 1e-15 cannot be reached: a change of the start by two units of round-off moves the end by "
-        r"(\S+); use tolerance >= (\S+)$"
-    )
+    """Two units of round-off in W move the attitude by 2 eps t |W| and more; far smaller ones take no longer."""
+    message = r"^tolerance = 1e-15 cannot be reached: .* moves the end by (\S+); use tolerance >= (\S+)$"
     with pytest.raises(ValueError, match=message) as info:
         integrate(BODY, t_end=5, tolerance=1e-15, store="end", **GAUSS, **W)
-    text = str(info.value)
-    floor, least = float(text.split("the end by ")[1].split(";")[0]), float(text.split(">= ")[1])
+    floor, least = map(float, re.match(message, str(info.value)).groups())
     assert 1e-15 < floor < 1e-13
     assert 10 * floor <= least <= 11.5 * floor
     run = integrate(BODY, t_end=5, tolerance=least, store="end", **GAUSS, **W)
     truth_of = integrate(BODY, times=[5], integrator=Continuous(rtol=1e-13, atol=1e-15), **W)
     assert abs(run.directors[-1] - truth_of.directors[-1]).max() <= 1e-11
+    with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
+        integrate(BODY, t_end=1, tolerance=1e-101, **W)
 
 
 def test_a_default_run_that_amplifies_round_off_says_so():
-    """A metre stick that swings about its middle axis, at 90°."""
+    """A metre stick that swings about its middle axis: it is known to ten times what two units move its end by."""
     J = inertia.shift(inertia.of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
     stick = heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
     start = Rotation.from_euler("x", np.pi / 2)
-    known = r"it is known to (\S+) rad at best; a shorter run is known better$"
-    message = (
-        r"^the motion amplifies errors: a change of the start by two units of round-off moves the end by (\S+) rad, so "
-    )
+    told = r"the motion amplifies errors: .* moves the end by (\S+) rad, so it is known to (\S+) rad at best"
     for t_end in (9, 12):
-        with pytest.warns(UserWarning, match=message) as told:
+        with pytest.warns(UserWarning, match=told) as seen:
             run = integrate(stick, t_end=t_end, rotation=start)
-        moved, at_best = map(float, re.match(message + known, str(told[0].message)).groups())
-        assert len(told) == 1
+        moved, at_best = map(float, re.search(told, str(seen[0].message)).groups())
+        assert len(seen) == 1
         assert 1e-4 < moved < 1
-        assert at_best == pytest.approx(10 * moved, rel=0.06)
-        assert run.tolerance == pytest.approx(10 * moved, rel=0.06)
+        assert (at_best, run.tolerance) == pytest.approx((10 * moved, 10 * moved), rel=0.06)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert integrate(stick, t_end=5, rotation=start).tolerance < 1e-3
-    refusal = message.replace("^", r"^tolerance = 0\.01 cannot be reached: ")
-    with pytest.raises(ValueError, match=refusal) as refused:
+    told = "tolerance = 0.01 cannot be reached: " + told + r".*; use tolerance >= (\S+)$"
+    with pytest.raises(ValueError, match=told) as refused:
         integrate(stick, t_end=12, rotation=start, tolerance=0.01)
-    pattern = refusal + known.removesuffix("$") + r"; use tolerance >= (\S+)$"
-    texts = re.match(pattern, str(refused.value)).groups()
-    moved, at_best, least = map(float, texts)
-    assert "e" not in "".join(texts)
-    assert at_best == pytest.approx(10 * moved, rel=0.06)
-    assert least == pytest.approx(10.5 * moved, rel=0.06)
+    moved, at_best, least = map(float, re.search(told, str(refused.value)).groups())
+    assert (at_best, least) == pytest.approx((10 * moved, 10.5 * moved), rel=0.06)
 
 
 def test_an_undeclared_kink_is_told():
@@ -293,21 +261,6 @@ def test_what_saturates_with_the_state_is_told_and_is_within_its_tolerance_once_
         integrate(BODY, load=compiled_load(clipped), tolerance=1e-12, **how)
     run = integrate(BODY, load=compiled_load(smooth), tolerance=1e-12, **how)
     assert run.error_estimate <= 1e-12
-
-
-def test_a_run_whose_end_hangs_on_its_start_is_told_the_tolerance_it_can_have():
-    """A top upright and slow: step=None takes ten floors instead of 1e-8, and says which tolerance that is."""
-    top = heavy_top([2.0, 2.0, 0.5], 1.0, [0, 0, 1.0])
-    run = integrate(top, t_end=10, angular_velocity=(1e-9, 0, 0.1), **GAUSS)
-    assert run.tolerance >= 1e-8
-    assert run.error_estimate <= run.tolerance
-
-
-def test_steps_do_not_shrink_with_tolerances_below_round_off():
-    """They are refused after a run, which was as long as they were small."""
-    body = standard([3, 4, 5])
-    with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
-        simulate(body, t_end=1, tolerance=1e-101, material_angular_velocity=(1, 2, 3))
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])

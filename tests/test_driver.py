@@ -39,16 +39,13 @@ def paper(**arguments):
 
 test_refused_with_the_value = refused_as(
     {
-        "step zero": lambda: paper(step=0),
         "step negative": lambda: paper(step=-0.1),
-        "step nan": lambda: paper(step=np.nan),
         "step long": lambda: paper(step=0.2),
         "step unfit": lambda: paper(step=0.03),
         "step short": lambda: paper(step=1e-25, store="end"),
         "t_end": lambda: paper(t_end=-1),
         "t_end nan": lambda: paper(t_end=np.nan),
         "store": lambda: paper(store=0),
-        "store word": lambda: paper(store="last"),
         "store list": lambda: paper(store=[2]),
         "rotation stretched": lambda: paper(rotation=np.diag([1, 1, 1 + 1e-6])),
         "rotation left": lambda: paper(rotation=np.diag([1, 1, -1])),
@@ -61,11 +58,9 @@ test_refused_with_the_value = refused_as(
         "spin": lambda: paper(material_angular_velocity=[1, 2, 0.5]),
         "integrator": lambda: paper(integrator="euler"),
         "order too high": lambda: paper(order=6, integrator="energy-momentum"),
-        "order of energy-momentum that is gone": lambda: paper(order=4, integrator="energy-momentum"),
         "order of lie-midpoint that is gone": lambda: paper(order=8, integrator="lie-midpoint"),
         "order of split that is gone": lambda: paper(order=8, integrator="split"),
         "order odd": lambda: paper(order=5),
-        "order": lambda: paper(order=3, integrator="energy-momentum"),
         "load": lambda: paper(order=2, load=space_moment(lambda t: (np.inf, 0, 0))),
         "start twice": lambda: paper(start=paper(), rotation=np.eye(3)),
         "start velocity": lambda: paper(start=paper()),

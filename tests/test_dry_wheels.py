@@ -14,7 +14,6 @@ from nontwist import (
     simulate,
     simulate_ensemble,
     standard,
-    stepper,
     suslov,
     wheel,
 )
@@ -268,10 +267,8 @@ def test_a_run_file_says_the_same():
 test_what_is_refused = refused_as(
     [
         lambda: wheel("x", 1, coulomb=-1),
-        lambda: under(standard(J), integrator="lie-midpoint"),
         lambda: under(standard(J), integrator="continuous"),
         lambda: under(nontwisting(J, spin=1)),
-        lambda: stepper(standard(J), 0.1, load=wheel("z", 0.2, coulomb=1), integrator="gauss"),
         lambda: sensitivities(standard(J), t_end=1, load=wheel("z", 0.2, coulomb=1)),
         lambda: simulate_ensemble(standard(J), t_end=1, load=wheel("z", 0.2, coulomb=1), reduce="drift"),
     ]

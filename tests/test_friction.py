@@ -237,7 +237,6 @@ def test_run_files_and_comparisons(tmp_path):
 test_what_is_refused = refused_as(
     [
         lambda: dry_friction(-1),
-        lambda: dry_friction(1, (0, 0, 0)),
         lambda: -dry_friction(1),
         lambda: dry_friction(1, "x") + dry_friction(2, (-3, 0, 0)),
         lambda: dry_friction(1, "x") + dry_friction(2),

@@ -40,7 +40,8 @@ def test_ways_to_one_motion(name, tmp_path):
 
     def require(run, other, bound, at=slice(None)):
         for key in names:
-            assert abs(run[key].values - other[key].values[at]).max() <= bound, key
+            right = other[key].values[at]
+            assert abs(run[key].values - right).max() <= bound * max(1.0, abs(right).max()), key
 
     asked = simulate(body, times=AT, **start, **how)
     require(resample(whole, AT, load=how["load"]), asked, 1e-12)
@@ -61,10 +62,12 @@ def test_ways_to_one_motion(name, tmp_path):
     starts = {key: [value] * 20 for key, value in start.items() if key != "rotation"} | (
         start if "rotation" in start else {}
     )
-    many = simulate_ensemble(body, t_end=END, load_scale=[1, 0.5] * 10, variables="all", threads=2, **starts, **how)
+    many = simulate_ensemble(
+        body, t_end=END, load_scale=[1, 0.5] * 10, variables="all", store=1, threads=2, **starts, **how
+    )
     scaled = simulate(body, t_end=END, **start, **how | {"load": 0.5 * how["load"]})
     for i, one in ((0, whole), (18, whole), (19, scaled)):
-        require(many.isel(member=i), one, 1e-13 if one is scaled else 0.0, [0, -1])
+        require(many.isel(member=i), one, 1e-13 if one is scaled else 0.0)
     more = simulate_ensemble(body, start=many, t_end=END + 1, load_scale=[1, 0.5] * 10, variables="all", **how)
     one = simulate(body, t_end=END + 1, **start, **how | {"load": 0.5 * how["load"]})
     require(more.isel(member=19, time=[-1]), one, 1e-12, [-1])

@@ -15,16 +15,15 @@ import typer
 from . import (
     check_commands,
     compare_commands,
+    evidence_commands,
     fit_commands,
-    paper_commands,
     result_commands,
     run_commands,
     sweep_commands,
     twist_commands,
-    validation_commands,
     view_commands,
 )
-from .options import Command
+from .options import Command, command
 from .outcomes import Commands
 from .summaries import imported
 
@@ -98,9 +97,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "sweep": sweep_commands.sweep_command,
     "sweep-show": sweep_commands.show_command,
     "sweep-verify": sweep_commands.verify_command,
-    "reproduce": paper_commands.reproduce_command,
-    "validate": validation_commands.validate_command,
+    "reproduce": evidence_commands.reproduce_command,
+    "validate": evidence_commands.validate_command,
     "schema": run_commands.schema_command,
 }
 for _name, _function in COMMANDS.items():
-    app.command(_name, cls=Command)(_function)
+    app.command(_name, cls=Command)(command(_function))

@@ -10,10 +10,10 @@ from warnings import catch_warnings, simplefilter
 
 import typer
 
-from .options import Debug, Json, OneRunFile, Overrides, Quiet, RunFiles
-from .outcomes import BAD_DATA, DIFFERS, CommandError, about, say, stdout
-from .run_commands import printed_warnings, read_all, read_one
-from .summaries import estimate_words, forecast_rows, hint, print_json, print_rows, print_table, set_again, typed
+from .options import Json, OneRunFile, Opt, Overrides, Quiet, RunFiles
+from .outcomes import BAD_DATA, DIFFERS, CommandError, about, printed_warnings, say, show
+from .run_commands import read_all, read_one
+from .summaries import estimate_words, forecast_rows, hint, in_words, print_rows, print_table, set_again, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -21,16 +21,14 @@ if TYPE_CHECKING:
     from ..driver.prepared import Prepared
 
 TOLERANCE = 0.2  # of the observed order
+TARGET = (
+    "Instead, find the order and step that reach this error, and how long such a run takes. The order of FILE is "
+    "ignored; --set integrator.order=N chooses one."
+)
 NOISE = 1e-12  # of the difference of two runs in the nine director components: below it no order can be seen
 
 
-def check_command(
-    files: RunFiles,
-    overrides: Overrides = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> None:
+def check_command(files: RunFiles, overrides: Overrides = None, as_json: Json = False, quiet: Quiet = False) -> None:
     """Validate FILEs and preview each run without running it.
 
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
@@ -40,7 +38,6 @@ def check_command(
 
     wrong = False
     for path in files:
-        found: dict[str, Any] = {"file": str(path), "problems": [], "forecast": None}
         try:
             run_file = read_one(path, overrides)
             expected = forecast(run_file)
@@ -51,11 +48,10 @@ def check_command(
             say(f"{path}: {problem}", "red")
         for warning in expected.warnings if expected is not None else ():
             say(f"{path}: warning: {warning}", "yellow")
-        if as_json:
-            found["problems"] = [problem._asdict() for problem in problems]
-            numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
-            print_json(found | {"forecast": numbers})
-        elif expected is not None and not problems and not quiet:
+        told = [problem._asdict() for problem in problems]
+        numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
+        is_read = in_words({"file": str(path), "problems": told, "forecast": numbers}, as_json, quiet)
+        if is_read and expected is not None and not problems:
             print_rows(f"{path} is valid", forecast_rows(run_file, expected))
             command = "run" if run_file.sweep is None else "sweep"
             say(hint(" ".join(["nontwist", command, typed(path), *set_again(overrides)])))
@@ -67,18 +63,9 @@ def check_command(
 def precision_command(
     file: OneRunFile,
     overrides: Overrides = None,
-    target: Annotated[
-        float | None,
-        typer.Option(
-            metavar="RADIANS",
-            help="Instead, find the order and step that reach this error, and how long such a run takes. The order of "
-            "FILE is ignored; --set integrator.order=N chooses one.",
-            show_default=False,
-        ),
-    ] = None,
+    target: Annotated[float | None, Opt(TARGET, "RADIANS")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Run FILE with its step h, h/2 and h/4; print the second quotient and the observed order.
 
@@ -103,9 +90,7 @@ def precision_command(
             simplefilter("ignore")  # of the same as the first
             runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
     numbers = {"file": str(file), **measured(runs, first.integrator.order)}  # type: ignore[attr-defined]
-    if as_json:
-        print_json(numbers)
-    elif not quiet:
+    if in_words(numbers, as_json, quiet):
         print_precision(numbers)
     if not numbers["agrees"]:
         raise typer.Exit(DIFFERS)
@@ -148,9 +133,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
         "error_estimate": found.error_estimate,
         "seconds": seconds,
     }
-    if as_json:
-        print_json(numbers)
-    elif not quiet:
+    if in_words(numbers, as_json, quiet):
         span = grid.borders[-1] - grid.borders[0]
         swept = "sweep" in document(str(file), file.read_bytes())  # its members take one step
         many, chosen = "no step was found that fits the breakpoints; move them to a common grid", ""
@@ -218,17 +201,11 @@ def print_precision(numbers: dict[str, Any]) -> None:
     }
     title = f"{numbers['file']}: steps h = {numbers['step']:.6g} s, h/2, h/4"
     print_table(title, columns, right=tuple(columns))
-    out, median = stdout(), numbers["observed_order"]
+    median = numbers["observed_order"]
     if median is None:
-        out.print("no order can be observed: the runs differ by round-off only", markup=False, emoji=False)
-        out.print("take longer steps, or a lower order: --set integrator.order=2", markup=False, emoji=False)
+        show("no order can be observed: the runs differ by round-off only")
+        show("take longer steps, or a lower order: --set integrator.order=2")
         return
     verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
-    out.print(
-        f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False, emoji=False
-    )
-    out.print(
-        f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad",
-        markup=False,
-        emoji=False,
-    )
+    show(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}")
+    show(f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad")

@@ -9,54 +9,37 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
-from .outcomes import BAD_DATA, SOLVER, CommandError, about, say
-from .run_commands import printed_warnings, read_one
-from .summaries import hint, print_fitting, print_json, set_again, typed
+from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet
+from .outcomes import BAD_DATA, SOLVER, CommandError, about, printed_warnings, say
+from .run_commands import read_one
+from .summaries import hint, in_words, print_fitting, say_written, set_again, typed
 
 if TYPE_CHECKING:
     import xarray
 
+CHOSEN = Opt(
+    "An integrator to compare. Repeatable.", "NAME[:ORDER]", "--integrator", default="all that can solve the problem"
+)
+AGAINST = Opt("What --figure draws the errors over: run times, which are overhead where runs are short, or steps.")
 NUMBERS = ("attitude_error_max", "attitude_order", "momentum_error_max", "momentum_order", "twist_defect", "run_time")
 
 
 def compare_command(
     file: OneRunFile,
     overrides: Overrides = None,
-    integrators: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--integrator",
-            metavar="NAME[:ORDER]",
-            help="An integrator to compare. Repeatable.",
-            show_default="all that can solve the problem",
-        ),
-    ] = None,
+    integrators: Annotated[list[str] | None, CHOSEN] = None,
     steps: Annotated[
         list[float] | None,
-        typer.Option(
-            "--step",
-            metavar="SECONDS",
-            help="A step to compare. Repeatable.",
-            show_default="seven, from coarse to fine",
-        ),
+        Opt("A step to compare. Repeatable.", "SECONDS", "--step", default="seven, from coarse to fine"),
     ] = None,
-    every: Annotated[bool, typer.Option("--every", help="Print every run, not only the summary.")] = False,
+    every: Annotated[bool, Opt("Print every run, not only the summary.")] = False,
     figure: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Draw the work-precision diagram to this file (.pdf, .png, .svg)."),
+        Path | None, Opt("Draw the work-precision diagram to this file (.pdf, .png, .svg).", "PATH")
     ] = None,
-    against: Annotated[
-        Literal["seconds", "steps"],
-        typer.Option(
-            metavar="seconds|steps",
-            help="What --figure draws the errors over: run times, which are overhead where runs are short, or steps.",
-        ),
-    ] = "seconds",
+    against: Annotated[Literal["seconds", "steps"], AGAINST] = "seconds",
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Compare integrators on the problem of FILE: errors, measured orders, drifts, run times.
 
@@ -75,9 +58,8 @@ def compare_command(
     with about(str(file), ValueError), printed_warnings(file):
         bar = not quiet and sys.stderr.isatty()
         found = compare(problem, integrators=chosen, steps=steps, progress=bar)
-    if as_json:
-        print_json({"file": str(file), "reference": found.attrs["reference"], "runs": _rows(found)})
-    elif not quiet:
+    is_read = in_words({"file": str(file), "reference": found.attrs["reference"], "runs": _rows(found)}, as_json, quiet)
+    if is_read:
         if every:
             print_fitting(comparison.table(found))
         print_fitting(comparison.summary(found))
@@ -86,12 +68,12 @@ def compare_command(
         raise CommandError(
             f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
         )
-    if not (quiet or as_json):
+    if is_read:
         again = " ".join([typed(file), *set_again(overrides)])
         say(hint(f"nontwist precision {again}", f"nontwist run {again}"))
     if figure is not None:
         plot.save(plot.work_precision(found, against=against), figure, force=force)
-        say(f"written: {figure}")
+        say_written([figure])
 
 
 def _choice(text: str) -> str | tuple[str, int]:

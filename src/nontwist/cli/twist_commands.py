@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,9 +14,9 @@ import typer
 from ..errors import SENTENCES, InputError, ShellOptions
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Debug, DecimalComma, Force, Json, Quiet, looks_like_a_file, reads
-from .outcomes import BAD_DATA, CommandError, about, require_readable, say, words
-from .summaries import hint, print_json, typed
+from .options import DecimalComma, Force, Json, Opt, Quiet, Reading, argument, looks_like_a_file, names_of
+from .outcomes import BAD_DATA, CommandError, about, printed_warnings, require_readable
+from .summaries import in_words, say_written, typed
 from .twist_results import facts, summary, write
 
 READING = tuple(name for name in specs(ReadOptions) if name not in ("columns", "body"))
@@ -39,87 +38,50 @@ def _two_or_four(order: int) -> int:
     return order
 
 
-@reads()
+DATA = argument(
+    "DATA", "Recording: CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS or NetCDF; - for CSV on standard input."
+)
+SECOND = Opt("Recording of a second sensor; measure the twist relative to it.", "FILE")
+SECOND_READ = Opt('How to read FILE, if not like DATA: "--inverse --time-unit ms", or "".', "OPTIONS")
+CLOCKS = Opt(
+    "Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
+    default="shared for one file; for two files, from their dates or times",
+)
+SHAKE = Opt(
+    "Interval in which both sensors were shaken together (s, times of DATA): aligns the clocks by it alone. Repeat it "
+    "for a second shake, as --clocks drift requires.",
+    "T0,T1",
+)
+ALIGN = Opt("Correct the mounting: at rest, the axes of both bodies are parallel to those of space.")
+STATIC = Opt("Interval at rest (s).", "T0,T1", default="the second in which all turn least")
+ORDER = Opt("4 for a smooth path, 2 for great circles between samples.", "2|4", check=_two_or_four)
+RESULTS = Opt("Results to write: NAME.nc, NAME.pdf, NAME.png.", "NAME", default="DATA-twist here")
+
+
 def twist_command(
     ctx: typer.Context,
-    data: Annotated[
-        str,
-        typer.Argument(
-            metavar="DATA",
-            help="Recording: CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS or NetCDF; - for CSV on standard input.",
-        ),
-    ],
-    axis: Annotated[
-        Any, typer.Option(metavar="AXIS", help='Axis: x, y, z, or three numbers "0.1,0.2,0.97".', parser=parse_axis)
-    ] = "z",
-    axis_frame: Annotated[
-        Literal["body", "space"],
-        typer.Option(metavar="body|space", help="Whether the axis is fixed in the body or in space."),
-    ] = "body",
+    data: Annotated[str, DATA],
+    axis: Annotated[Any, Opt('Axis: x, y, z, or three numbers "0.1,0.2,0.97".', "AXIS", parser=parse_axis)] = "z",
+    axis_frame: Annotated[Literal["body", "space"], Opt("Whether the axis is fixed in the body or in space.")] = "body",
     *,
-    reading: Any,
-    relative_to: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Recording of a second sensor; measure the twist relative to it.")
-    ] = None,
-    relative_options: Annotated[
-        str | None,
-        typer.Option(metavar="OPTIONS", help='How to read FILE, if not like DATA: "--inverse --time-unit ms", or "".'),
-    ] = None,
-    relative_columns: Annotated[
-        str | None, typer.Option(metavar="HEADERS", help="Columns of the second sensor, in FILE or DATA.")
-    ] = None,
-    relative_body: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Body of the second sensor, in FILE or DATA.")
-    ] = None,
-    clocks: Annotated[
-        Literal["shared", "shift", "drift"] | None,
-        typer.Option(
-            metavar="shared|shift|drift",
-            help="Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
-            show_default="shared for one file; for two files, from their dates or times",
-        ),
-    ] = None,
-    shake: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="T0,T1",
-            help="Interval in which both sensors were shaken together (s, times of DATA): aligns the clocks by it "
-            "alone. Repeat it for a second shake, as --clocks drift requires.",
-        ),
-    ] = None,
-    align: Annotated[
-        Literal["static"] | None,
-        typer.Option(
-            metavar="static",
-            help="Correct the mounting: at rest, the axes of both bodies are parallel to those of space.",
-        ),
-    ] = None,
-    static: Annotated[
-        str | None,
-        typer.Option(metavar="T0,T1", help="Interval at rest (s).", show_default="the second in which all turn least"),
-    ] = None,
-    order: Annotated[
-        int,
-        typer.Option(
-            metavar="2|4", help="4 for a smooth path, 2 for great circles between samples.", callback=_two_or_four
-        ),
-    ] = 4,
-    degrees: Annotated[
-        bool, typer.Option("--degrees", help="Use degrees in the summary, the figure and the CSV file.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="NAME", help="Results to write: NAME.nc, NAME.pdf, NAME.png.", show_default="DATA-twist here"
-        ),
-    ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Also write the curves to NAME.csv.")] = False,
+    reading: Annotated[dict[str, Any], Reading()],
+    relative_to: Annotated[str | None, SECOND] = None,
+    relative_options: Annotated[str | None, SECOND_READ] = None,
+    relative_columns: Annotated[str | None, Opt("Columns of the second sensor, in FILE or DATA.", "HEADERS")] = None,
+    relative_body: Annotated[str | None, Opt("Body of the second sensor, in FILE or DATA.", "NAME")] = None,
+    clocks: Annotated[Literal["shared", "shift", "drift"] | None, CLOCKS] = None,
+    shake: Annotated[list[str] | None, SHAKE] = None,
+    align: Annotated[Literal["static"] | None, ALIGN] = None,
+    static: Annotated[str | None, STATIC] = None,
+    order: Annotated[int, ORDER] = 4,
+    degrees: Annotated[bool, Opt("Use degrees in the summary, the figure and the CSV file.")] = False,
+    out: Annotated[Path | None, RESULTS] = None,
+    csv: Annotated[bool, Opt("Also write the curves to NAME.csv.")] = False,
     decimal_comma: DecimalComma = False,
-    figure: Annotated[bool, typer.Option(help="Draw NAME.pdf and NAME.png.")] = True,
+    figure: Annotated[bool, Opt("Draw NAME.pdf and NAME.png.", option="--figure/--no-figure")] = True,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Measure the twist of a recorded motion about an axis, with swing-twist angle, solid angle and error estimates.
 
@@ -143,8 +105,7 @@ def twist_command(
         if place.exists() and any(place.samefile(one) for one in read):
             raise typer.BadParameter(f"{place} is the recording itself; choose another name", param_hint="--out")
     require_free(*places.values(), force=force)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with printed_warnings():
         with about(f"cannot read {data}", OSError), about(data, ValueError):
             motion = read_motion(sys.stdin if data == "-" else data, **reading)
         second = relative_to or (data if relative_columns or relative_body else None)
@@ -160,7 +121,7 @@ def twist_command(
         other = None
         if second is not None:
             own = dict(reading) if relative_options is None else _reading(ctx, second, relative_options)
-            own |= {"columns": _names(relative_columns), "body": relative_body}
+            own |= {"columns": names_of(relative_columns), "body": relative_body}
             with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second):
                 other = read_motion(second, **own)
         with about(data, ValueError):
@@ -178,16 +139,11 @@ def twist_command(
     result.attrs["read"] = motion.attrs["notes"]
     if other is not None:
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
-    for warning in caught:
-        say(f"warning: {words(warning.message)}", "yellow")
     write(result, places, degrees=degrees, decimal_comma=decimal_comma, force=force)
-    if as_json:
-        print_json({"file": data, **facts(result)})
-    elif not quiet:
+    if in_words({"file": data, **facts(result)}, as_json, quiet):
         summary(result, degrees)
     if not quiet:
-        result_file = places[".nc"]
-        say(f"written: {', '.join(map(str, places.values()))}; {hint(f'nontwist view {typed(result_file)}')}")
+        say_written(places.values(), f"nontwist view {typed(places['.nc'])}")
 
 
 def _named(out: Path) -> Path:
@@ -221,10 +177,6 @@ def _reading(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
             param_hint=hint,
         )
     return {name: own.params[name] for name in READING}
-
-
-def _names(text: str | None) -> list[str] | None:
-    return [name.strip() for name in text.split(",")] if text else None
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import warnings
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,8 +12,8 @@ import typer
 
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Debug, Force, given_again, reads, require_suffix
-from .outcomes import about, largest_turn, require_readable, say, smooth, words
+from .options import Force, Opt, Reading, argument, given_again, require_suffix
+from .outcomes import about, largest_turn, printed_warnings, require_readable, say, smooth
 from .summaries import typed
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 STEPS = 10**6  # of a run whose states are completed, which takes as long as the run
 
-Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
+Show = Annotated[bool, Opt("Open the page in the browser.", option="--open/--no-open")]
 
 
 def _camera(text: str) -> Any:
@@ -35,91 +34,62 @@ def _camera(text: str) -> Any:
     return azimuth, elevation
 
 
-@reads()
+LENGTH = Opt(
+    "Length of the film until its last picture, which stands for 1.5 s; the length of the run shows it in real time.",
+    "SECONDS",
+    default="8",
+    least=0.1,
+)
+FPS = Opt(
+    "Pictures per second of the film; a GIF shows each for whole hundredths of a second: 15 becomes 14.3.",
+    "RATE",
+    default="12.5 (GIF), 25 (MP4)",
+    least=0.1,
+    most=50,
+)
+WIDTH = Opt(
+    "Width of the whole film or picture.",
+    "PIXELS",
+    default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
+    least=100,
+    most=4096,
+)
+CAMERA = Opt(
+    "Direction from which films and pictures are seen, degrees: 35,20.",
+    "AZIMUTH,ELEVATION",
+    default="from the side of the paths; under gravity from above the horizon",
+    parser=_camera,
+)
+LABELS = Opt(
+    "Name of the run; of two, separated by a comma.",
+    "A[,B]",
+    default="titles, or kinds of the bodies, with the names of the files where they are equal",
+)
+TITLE = Opt("Title of the page, film or picture.", "TEXT", default="that of the run file")
+
+
 def view_command(
     ctx: typer.Context,
-    run: Annotated[
-        Path,
-        typer.Argument(metavar="RUN", help="Run or twist result (NetCDF), or recording of any format."),
-    ],
-    other: Annotated[
-        Path | None, typer.Argument(metavar="[RUN2]", help="Second run or recording, shown next to RUN.")
-    ] = None,
+    run: Annotated[Path, argument("RUN", "Run or twist result (NetCDF), or recording of any format.")],
+    other: Annotated[Path | None, argument("[RUN2]", "Second run or recording, shown next to RUN.")] = None,
     *,
-    reading: Any,
-    first: Annotated[
-        float | None,
-        typer.Option("--from", metavar="T", help="Start of the part to show, s.", show_default="the start"),
-    ] = None,
-    last: Annotated[
-        float | None, typer.Option("--to", metavar="T", help="End of the part to show, s.", show_default="the end")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
-    ] = None,
-    gif: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a film instead (.gif).")] = None,
-    mp4: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a film instead (.mp4); needs ffmpeg.")] = None,
-    png: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Write a picture of one moment instead (.png).")
-    ] = None,
-    at: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time of --png.", show_default="the end")] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            min=0.1,
-            help="Length of the film until its last picture, which stands for 1.5 s; the length of the run shows it in "
-            "real time.",
-            show_default="8",
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(
-            metavar="RATE",
-            min=0.1,
-            max=50,
-            help="Pictures per second of the film; a GIF shows each for whole hundredths of a second: 15 becomes 14.3.",
-            show_default="12.5 (GIF), 25 (MP4)",
-        ),
-    ] = None,
-    width: Annotated[
-        int | None,
-        typer.Option(
-            metavar="PIXELS",
-            min=100,
-            max=4096,
-            help="Width of the whole film or picture.",
-            show_default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
-        ),
-    ] = None,
-    camera: Annotated[
-        Any,
-        typer.Option(
-            metavar="AZIMUTH,ELEVATION",
-            help="Direction from which films and pictures are seen, degrees: 35,20.",
-            show_default="from the side of the paths; under gravity from above the horizon",
-            parser=_camera,
-        ),
-    ] = None,
-    dark: Annotated[
-        bool, typer.Option("--dark", help="Use the colours of the dark page in films and pictures.")
-    ] = False,
-    labels: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A[,B]",
-            help="Name of the run; of two, separated by a comma.",
-            show_default="titles, or kinds of the bodies, with the names of the files where they are equal",
-        ),
-    ] = None,
-    title: Annotated[
-        str | None,
-        typer.Option(metavar="TEXT", help="Title of the page, film or picture.", show_default="that of the run file"),
-    ] = None,
+    reading: Annotated[dict[str, Any], Reading()],
+    first: Annotated[float | None, Opt("Start of the part to show, s.", "T", "--from", default="the start")] = None,
+    last: Annotated[float | None, Opt("End of the part to show, s.", "T", "--to", default="the end")] = None,
+    out: Annotated[Path | None, Opt("Page to write (.html).", "PATH", default="RUN-view.html here")] = None,
+    gif: Annotated[Path | None, Opt("Write a film instead (.gif).", "PATH")] = None,
+    mp4: Annotated[Path | None, Opt("Write a film instead (.mp4); needs ffmpeg.", "PATH")] = None,
+    png: Annotated[Path | None, Opt("Write a picture of one moment instead (.png).", "PATH")] = None,
+    at: Annotated[float | None, Opt("Time of --png.", "SECONDS", default="the end")] = None,
+    seconds: Annotated[float | None, LENGTH] = None,
+    fps: Annotated[float | None, FPS] = None,
+    width: Annotated[int | None, WIDTH] = None,
+    camera: Annotated[Any, CAMERA] = None,
+    dark: Annotated[bool, Opt("Use the colours of the dark page in films and pictures.")] = False,
+    labels: Annotated[str | None, LABELS] = None,
+    title: Annotated[str | None, TITLE] = None,
     show: Show = True,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
@@ -175,8 +145,7 @@ def view_command(
     if given and all(map(_is_result, inputs)):
         raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=given[0])
     require_free(*(path for path in (target, *films) if path is not None), force=force)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with printed_warnings():
         runs = [_read(path, reading, slice(first, last), given) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
         look: dict[str, Any] = {
@@ -191,8 +160,6 @@ def view_command(
             save_film(runs, path, seconds=seconds, rate=fps, **look)
         if png is not None:
             save_still(runs, png, at, **look)
-    for warning in caught:
-        say(f"warning: {words(warning.message)}")
     for path in filter(None, (gif, mp4, png)):
         say(f"written: {path} ({path.stat().st_size / 1e3:.0f} kB)")
     if page is not None and target is not None:
@@ -266,10 +233,9 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
 
 
 def play_command(
-    out: Annotated[Path, typer.Option(metavar="PATH", help="Page to write (.html).")] = Path("playground.html"),
+    out: Annotated[Path, Opt("Page to write (.html).", "PATH")] = Path("playground.html"),
     show: Show = True,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Write and open the playground: two bodies get the same kick, and one of them may not twist.
 

@@ -150,8 +150,7 @@ def planned(
     grid = None if steps is None else stretched((t0, t1), (steps,))
     load = as_load(load)
     if load.terms:
-        load = known_body(load, systems)
-        require_possible(scheme, systems, load)
+        load = fitting(load, scheme, systems)
     return Plan(
         scheme,
         systems,
@@ -166,8 +165,9 @@ def planned(
     )
 
 
-def require_possible(scheme: Integrator, systems: SystemStack, load: Load) -> None:
-    """Raise a ValueError where loads with internal states do not go with an integrator, with bodies or friction."""
+def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
+    """Return a load that knows the body; a ValueError where it does not go with integrator, bodies or friction."""
+    load = known_body(load, systems)
     scheme.require_memory(load)
     if load.frictions and load.remembering:
         raise ValueError(
@@ -176,6 +176,7 @@ def require_possible(scheme: Integrator, systems: SystemStack, load: Load) -> No
         )
     for k in range(len(systems)) if load.wheels else ():
         carrier(systems[k], load)
+    return load
 
 
 def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:

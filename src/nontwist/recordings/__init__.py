@@ -6,7 +6,7 @@
   rows that are missing are found: a `Motion`. `reading` does likewise for angular velocities: `Rates`.
 - `motions` takes a motion of any form, and cleans it: `Samples`.
 - `relative` brings two to one clock (`clocks`) and to the axes of their segments.
-- `twisting` measures the twist and its errors (`noise`), `counting` counts it live.
+- `twisting` measures the twist and its errors, `counting` counts it live.
 """
 
 from . import sentences as sentences  # which errors of this package look up

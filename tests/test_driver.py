@@ -8,23 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import BODIES, PAPER_J
-from nontwist import (
-    body_moment,
-    damping,
-    integrate,
-    moment,
-    nontwisting,
-    propagator,
-    pulse,
-    simulate,
-    simulate_ensemble,
-    sine,
-    space_moment,
-    standard,
-    stepper,
-    suslov,
-)
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS
@@ -34,7 +19,7 @@ W = {"material_angular_velocity": [1, 2, 0]}
 
 
 def paper(**arguments):
-    return simulate(nontwisting(PAPER_J), **{"t_end": 0.1, "step": 0.01, **W, **arguments})
+    return nt.simulate(nt.nontwisting(PAPER_J), **{"t_end": 0.1, "step": 0.01, **W, **arguments})
 
 
 test_refused_with_the_value = refused_as(
@@ -61,11 +46,11 @@ test_refused_with_the_value = refused_as(
         "order of lie-midpoint that is gone": lambda: paper(order=8, integrator="lie-midpoint"),
         "order of split that is gone": lambda: paper(order=8, integrator="split"),
         "order odd": lambda: paper(order=5),
-        "load": lambda: paper(order=2, load=space_moment(lambda t: (np.inf, 0, 0))),
+        "load": lambda: paper(order=2, load=nt.space_moment(lambda t: (np.inf, 0, 0))),
         "start twice": lambda: paper(start=paper(), rotation=np.eye(3)),
         "start velocity": lambda: paper(start=paper()),
-        "no step small enough": lambda: simulate(
-            standard([1, 1, 1]), t_end=1e9, angular_velocity=[1, 0, 0], integrator="lie-midpoint"
+        "no step small enough": lambda: nt.simulate(
+            nt.standard([1, 1, 1]), t_end=1e9, angular_velocity=[1, 0, 0], integrator="lie-midpoint"
         ),
     }
 )
@@ -91,7 +76,7 @@ def test_time_grid_and_store():
 
 @pytest.mark.parametrize("store", [4, "end"])
 def test_intervals_hold_means_sums_and_maxima(store):
-    load = pulse([3, -1, 2], 0.01, 0.09) + space_moment([0, 0.1], [[1, 0, 0], [0, 0, 0]])
+    load = nt.pulse([3, -1, 2], 0.01, 0.09) + nt.space_moment([0, 0.1], [[1, 0, 0], [0, 0, 0]])
     full, some = paper(load=load), paper(load=load, store=store)
     ends = [0, 4, 8, 10] if store == 4 else [0, 10]
     for k, (a, b) in enumerate(pairwise(ends)):
@@ -102,16 +87,16 @@ def test_intervals_hold_means_sums_and_maxima(store):
 
 
 def test_a_run_of_a_twisting_body_does_not_start_a_nontwisting_one():
-    run = simulate(standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=[0, 0, 1])
+    run = nt.simulate(nt.standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=[0, 0, 1])
     with pytest.raises(ValueError, match="along the constrained body axis"):
-        simulate(nontwisting(PAPER_J), t_end=0.2, step=0.01, start=run)
+        nt.simulate(nt.nontwisting(PAPER_J), t_end=0.2, step=0.01, start=run)
 
 
 R0 = Rotation.from_rotvec([0.3, -0.2, 0.9])
 
 
 def test_a_start_takes_every_form():
-    W0, run = np.array([1.0, 2, 0]), simulate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
+    W0, run = np.array([1.0, 2, 0]), nt.simulate(nt.standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
     first = paper(rotation=R0)
     for form in (
         {"rotation": R0.as_matrix()},
@@ -120,7 +105,7 @@ def test_a_start_takes_every_form():
         {"rotation": run.directors[0]},
         {"rotation": run.quaternion[0]},
         {"rotation": Rotation.concatenate([Rotation.identity(), R0])},
-        {"rotation": integrate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)},
+        {"rotation": nt.integrate(nt.standard([1, 1, 1]), t_end=1, step=1, rotation=R0)},
         {"rotation": R0, "material_angular_velocity": None, "angular_velocity": R0.apply(W0)},
     ):
         assert paper(**form).directors.values == pytest.approx(first.directors.values, abs=1e-14)
@@ -137,9 +122,9 @@ def test_project_removes_the_spin_only(integrator):
 def test_of_a_velocity_along_the_constrained_axis_nothing_is_left(size):
     how = {"t_end": 1 / size, "step": 0.5 / size, "integrator": "lie-midpoint", "project": True}
     along, across = np.array([1.0, 1, 0]), np.array([1.0, 1 + 1e-12, 0])
-    run = integrate(suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * along, **how)
+    run = nt.integrate(nt.suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * along, **how)
     assert not run.states.velocity.any()
-    run = integrate(suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * across, **how)
+    run = nt.integrate(nt.suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * across, **how)
     assert run.states.velocity[:, :2].all()
 
 
@@ -148,7 +133,7 @@ def test_partial_holds_the_states_before_the_failure():
         return [0, 0, 1 / int(t < 0.5)]
 
     with pytest.raises(SimulationError, match=r"the load fails raised ZeroDivisionError at t = 0\.55 s") as info:
-        simulate(standard([1, 1, 1]), t_end=1, step=0.1, load=moment(fails), order=2)
+        nt.simulate(nt.standard([1, 1, 1]), t_end=1, step=0.1, load=nt.moment(fails), order=2)
     error = info.value
     assert error.status == Status.LOAD
     assert error.time == pytest.approx(0.5)
@@ -161,29 +146,29 @@ def test_partial_holds_the_states_before_the_failure():
 
 
 def test_automatic_step_turns_at_most_a_twentieth():
-    for load in (None, pulse([40, 10, 0], 0, 0.5), damping(1.0)):
-        run = simulate(nontwisting(PAPER_J), t_end=1, material_angular_velocity=[3, 4, 0], load=load)
+    for load in (None, nt.pulse([40, 10, 0], 0, 0.5), nt.damping(1.0)):
+        run = nt.simulate(nt.nontwisting(PAPER_J), t_end=1, material_angular_velocity=[3, 4, 0], load=load)
         turn = np.linalg.norm(run.angular_velocity, axis=1).max() * np.diff(run.time).max()
         assert 0.015 < turn <= 0.05 * (1 + 1e-9)
-    top = simulate(BODIES["heavy_top"](), t_end=2, rotation=Rotation.from_rotvec([0.5, 0, 0]))
+    top = nt.simulate(BODIES["heavy_top"](), t_end=2, rotation=Rotation.from_rotvec([0.5, 0, 0]))
     assert np.linalg.norm(top.angular_velocity, axis=1).max() * np.diff(top.time).max() <= 0.05
 
 
 def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run = simulate(standard([1, 1, 1]), t_end=1, load=pulse([1, 0, 0], 0.1, 0.12))
+        run = nt.simulate(nt.standard([1, 1, 1]), t_end=1, load=nt.pulse([1, 0, 0], 0.1, 0.12))
     acts = run.time.values[(run.time.values >= 0.1) & (run.time.values <= 0.12)]
     assert np.diff(acts).max() <= 0.001 + 1e-15
     assert {0.1, 0.11, 0.12} <= set(acts.tolist())
     assert float(run.spatial_momentum[-1, 0]) == pytest.approx(0.01, rel=1e-4)
-    fast = simulate(standard([1, 1, 1]), t_end=1, load=sine([1, 0, 0], 10))
+    fast = nt.simulate(nt.standard([1, 1, 1]), t_end=1, load=nt.sine([1, 0, 0], 10))
     assert fast.attrs["step"] <= 1 / 200
 
 
 def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
     with says(UserWarning) as seen:
-        paper(load=pulse([1, 0, 0], 0, 0.05))
+        paper(load=nt.pulse([1, 0, 0], 0, 0.05))
     assert len(seen) == 1
     assert "step = 0.0125 s fits" in str(seen[0].message)
     assert seen[0].filename == __file__
@@ -191,7 +176,7 @@ def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
 
 def test_a_table_that_ends_early_warns_once():
     with says(UserWarning) as seen:
-        paper(load=body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
+        paper(load=nt.body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
     assert len(seen) == 1
 
 
@@ -204,7 +189,7 @@ def test_a_run_that_does_not_fit_into_memory_is_refused_with_a_store_that_fits(m
     monkeypatch.undo()
     assert 1e8 < free_memory() < 1e15
     with pytest.raises(ValueError, match=r"1e\+11 stored states need 8e\+04 GB"):
-        simulate(standard([1, 1, 1]), t_end=1e3, step=1e-8)
+        nt.simulate(nt.standard([1, 1, 1]), t_end=1e3, step=1e-8)
 
 
 def test_progress_goes_to_stderr(capfd):
@@ -215,11 +200,11 @@ def test_progress_goes_to_stderr(capfd):
 
 
 def test_gauss_is_the_default_but_of_a_stepper():
-    body, how = standard([1, 2, 2.5]), {"t_end": 1, "step": 0.1}
-    runs = [simulate(body, **how), integrate(body, **how).to_dataset(), simulate_ensemble(body, **how)]
-    runs.append(propagator(body, **how)().to_dataset())
+    body, how = nt.standard([1, 2, 2.5]), {"t_end": 1, "step": 0.1}
+    runs = [nt.simulate(body, **how), nt.integrate(body, **how).to_dataset(), nt.simulate_ensemble(body, **how)]
+    runs.append(nt.propagator(body, **how)().to_dataset())
     assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 4
-    assert stepper(body, 0.1).integrator == INTEGRATORS["lie-midpoint"](order=2)
+    assert nt.stepper(body, 0.1).integrator == INTEGRATORS["lie-midpoint"](order=2)
 
 
 def test_code_without_a_module_name_is_warned_as_well():
@@ -227,14 +212,16 @@ def test_code_without_a_module_name_is_warned_as_well():
     code = "def go(simulate, *a, **k):\n    return simulate(*a, **k)"
     exec(code, nameless := {})
     with pytest.warns(UserWarning, match="runs in Python"):
-        nameless["go"](simulate, standard([2, 3, 4]), t_end=0.1, step=0.05, load=moment(lambda t, d, w: -0.1 * w))
+        nameless["go"](
+            nt.simulate, nt.standard([2, 3, 4]), t_end=0.1, step=0.05, load=nt.moment(lambda t, d, w: -0.1 * w)
+        )
 
 
 @pytest.mark.parametrize("integrator", ["energy-momentum", "lie-midpoint"])
 def test_a_turn_of_which_no_digit_is_left_is_refused_at_once(integrator):
     """The equations of a step have a root at which the velocity reverses; here it is below the last digit of W."""
     attitude = Rotation.from_rotvec([1, 2, 2.5])
-    load = sine([-1.56e75, -2.6e37, 0], 1.0, frame="space")
+    load = nt.sine([-1.56e75, -2.6e37, 0], 1.0, frame="space")
     how = {"t_end": 1, "step": 0.05, "order": 2, "rotation": attitude, "material_angular_velocity": (0, 0, 2.2e73)}
     with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the body turns 1\.1e\+72 rad in one step"):
-        simulate(standard([0.97, 8.36, 7.39]), load=load, integrator=integrator, **how)
+        nt.simulate(nt.standard([0.97, 8.36, 7.39]), load=load, integrator=integrator, **how)

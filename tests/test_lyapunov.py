@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from nontwist.engine import chained
+from nontwist.engine import linearised
 from nontwist.kernels.memory import view_of
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
@@ -161,13 +161,13 @@ def test_what_has_no_derivatives_has_no_exponents():
 def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
     rng, steps = np.random.default_rng(rows + count), 5
     M, n = rng.normal(size=(rows, rows + 2, steps)), rng.normal(size=rows)
-    start, found = rng.normal(size=(rows, chained.LANES)), []
+    start, found = rng.normal(size=(rows, linearised.LANES)), []
     for how in ("__call__", "on_floats"):
-        block, x, lengths = view_of(chained.Growth), start.copy(), np.zeros((3, count))
+        block, x, lengths = view_of(linearised.Growth), start.copy(), np.zeros((3, count))
         block.steps, block.width, block.stride, block.changes, block.every = steps, rows + 2, steps, count, 2
         block.matrices, block.weights, block.normal = M, np.linspace(1, 2, rows), n / np.linalg.norm(n)
         block.state, block.lengths = x, lengths
-        getattr(chained.grow(rows), how)(block.address)
+        getattr(linearised.grow(rows), how)(block.address)
         found.append((x, lengths))
     assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])
     assert np.array_equal(found[0][1], found[1][1])

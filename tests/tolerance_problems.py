@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import nontwist as nt
-from complex_steps import cross
-from conftest import compiled_load
+from conftest import compiled_load, cross
 from nontwist.geometry import rotations
 from nontwist.inertia import convected_inertia
 

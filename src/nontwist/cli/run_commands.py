@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, require_folder, require_suffix
+from ..errors import RunFileError
+from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, printed_warnings, say, smooth
 from .summaries import hint, in_words, print_rows, run_numbers, run_rows, say_written, typed
 
@@ -66,8 +67,6 @@ def run_command(
 
 def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFile]:
     """Read run files; all problems of all of them are reported in one error."""
-    from ..errors import RunFileError
-
     run_files, problems = {}, []
     for path in files:
         try:
@@ -114,8 +113,7 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
         require_folder(out, instead="; results are NetCDF, NAME.nc, and nontwist export writes CSV, NPZ and JSON")
         out.mkdir(parents=True, exist_ok=True)
         return out / name
-    if files > 1:
-        raise typer.BadParameter(f"{out} is one file for {files} results; name a folder", param_hint="--out")
+    refuse((files > 1, "--out", f"{out} is one file for {files} results; name a folder"))
     return out
 
 

@@ -75,7 +75,7 @@ def export_command(
     with its name. NPZ and JSON contain states along time,
     quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
-    from ..geometry.euler import require_sequence
+    from ..geometry.attitudes import require_sequence
     from ..io.exports import in_degrees, with_euler, write_csv, write_json, write_npz
     from ..io.whole import require_free, written
 

@@ -98,7 +98,7 @@ from ..geometry.values import among, shown
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
-from ..kernels.parts import part
+from ..kernels.kernel import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .base import IVP, SPIN
 from .compiled import Dissipative, Needs

@@ -17,8 +17,7 @@ from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.rates import Rates, of_run, read_rates
 from ..recordings.reading import read_motion
 from ..recordings.rotations import Motion
-from .orienting import continuous, derived_rates, finite_rows
-from .speeds import Speed, as_speed, constant
+from .measuring import Speed, as_speed, constant, continuous, derived_rates, finite_rows
 
 SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well
 

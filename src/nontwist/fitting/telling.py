@@ -277,7 +277,7 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
         low -= error
     low = brentq(beyond, low, best, xtol=ACCURACY * error)
     if room > 1e-5 and beyond(best + room * (1 - 1e-3)) > 0:
-        high = brentq(beyond, best, best + room * (1 - 1e-3), xtol=ACCURACY * room)
+        high = brentq(beyond, best, best + room * (1 - 1e-3), xtol=ACCURACY * min(error, room))
     return np.array([low, high])
 
 

@@ -5,7 +5,7 @@ from math import fsum, prod
 import numpy as np
 import pytest
 
-from nontwist.integrators.composition import HALVES, fractions, nodes
+from nontwist.integrators.split import HALVES, fractions, nodes
 
 ODD = {2: (1,), 4: (1, 3), 6: (1, 3, 5)}
 

@@ -8,22 +8,8 @@ from itertools import product
 import numpy as np
 import pytest
 
+import nontwist as nt
 from conftest import compiled_load
-from nontwist import (
-    DirectorSystem,
-    Load,
-    damping,
-    heavy_top,
-    integrate,
-    moment,
-    nontwisting,
-    pulse,
-    simulate_ensemble,
-    sine,
-    standard,
-    suslov,
-    with_gravity,
-)
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.problem import IVP
@@ -32,10 +18,10 @@ from nontwist.integrators.stack_march import StackMarch
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
 AXIS = np.array([1.0, 2, 3])
 BODIES = {
-    "standard": standard(TILTED),
-    "nontwisting": nontwisting([3, 4, 5]),
-    "suslov": suslov(TILTED, AXIS),
-    "heavy_top": heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)),
+    "standard": nt.standard(TILTED),
+    "nontwisting": nt.nontwisting([3, 4, 5]),
+    "suslov": nt.suslov(TILTED, AXIS),
+    "heavy_top": nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)),
 }
 SCHEMES = {name: one for name, one in INTEGRATORS.items() if issubclass(one, Compiled)}
 PAIRS = [pair for pair in product(SCHEMES, BODIES) if pair != ("split", "suslov")]  # whose axis is not principal
@@ -51,21 +37,21 @@ def pushing(t, d, w):
 
 
 LOADS = {
-    "none": Load(),
-    "body": sine((1, 2, 3), 0.7),
-    "pulse": pulse((1, 2, 3), 0.0, 0.32),
-    "space": sine((1, 0.2, 3), 0.7, frame="space"),
-    "damping": damping([0.1, 0.2, 0.3]) + sine((1, 2, 3), 0.7),
+    "none": nt.Load(),
+    "body": nt.sine((1, 2, 3), 0.7),
+    "pulse": nt.pulse((1, 2, 3), 0.0, 0.32),
+    "space": nt.sine((1, 0.2, 3), 0.7, frame="space"),
+    "damping": nt.damping([0.1, 0.2, 0.3]) + nt.sine((1, 2, 3), 0.7),
     "compiled": None,  # when it is used
-    "python": moment(pushing) + sine((1, 2, 3), 0.7),
+    "python": nt.moment(pushing) + nt.sine((1, 2, 3), 0.7),
 }
 
 
 def stack(bodies, W, load, scales, steps=60):
-    load = compiled_load(pushing) + damping(0.1) if load is None else load
+    load = compiled_load(pushing) + nt.damping(0.1) if load is None else load
     q = np.tile([0.5, 0.5, -0.5, 0.5], (len(W), 1))
     grid = 0.0, 0.02 * steps, steps, np.arange(steps + 1)
-    return IVP(DirectorSystem.stack(bodies), q, W, load, *grid, scales, intervals=True)
+    return IVP(nt.DirectorSystem.stack(bodies), q, W, load, *grid, scales, intervals=True)
 
 
 def starts(body, m):
@@ -78,8 +64,8 @@ def starts(body, m):
 @pytest.mark.parametrize("load", ["none", "body", "pulse", "space"])
 def test_members_of_any_form_have_the_bits_of_a_run_of_their_own(load, order):
     """Heavy bodies and others in one stack, whose loads split takes at other nodes."""
-    held, m = nontwisting([3, 4, 5]), 6
-    heavy = with_gravity(held, 0.5, [0.1, 0.2, 0.3])
+    held, m = nt.nontwisting([3, 4, 5]), 6
+    heavy = nt.with_gravity(held, 0.5, [0.1, 0.2, 0.3])
     bodies, W, scales = [held, heavy] * (m // 2), starts(held, m), np.linspace(0, 2, m)
     together = StackMarch(stack(bodies, W, LOADS[load], scales), SCHEMES["split"](order=order))
     together.run(threads=2)
@@ -103,7 +89,7 @@ def test_a_member_with_statistics_has_the_same_bits(scheme, body):
         "order": SCHEMES[scheme].orders[:2][-1],
     }
     plain, observed = (
-        simulate_ensemble(BODIES[body], material_angular_velocity=W, reduce=reduce, **how)
+        nt.simulate_ensemble(BODIES[body], material_angular_velocity=W, reduce=reduce, **how)
         for reduce in ((), ("drift", "averages"))
     )
     for name in ("quaternion", "material_angular_velocity"):
@@ -125,16 +111,16 @@ def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
     own, W = BODIES[body], starts(BODIES[body], 3)[1]
 
     def run(s, r):
-        system = DirectorSystem(s * own.euler_inertia, own.axis, s * r * r * own.dead_force)
+        system = nt.DirectorSystem(s * own.euler_inertia, own.axis, s * r * r * own.dead_force)
         made = {
-            "none": Load,
-            "body": lambda: s * r * r * sine((1, 2, 3), 0.7 * r),
-            "pulse": lambda: s * r * r * pulse((1, 2, 3), 0.0, 0.32 / r),
-            "space": lambda: s * r * r * sine((1, 2, 3), 0.7 * r, frame="space"),
-            "damping": lambda: s * r * damping([0.1, 0.2, 0.3]),
+            "none": nt.Load,
+            "body": lambda: s * r * r * nt.sine((1, 2, 3), 0.7 * r),
+            "pulse": lambda: s * r * r * nt.pulse((1, 2, 3), 0.0, 0.32 / r),
+            "space": lambda: s * r * r * nt.sine((1, 2, 3), 0.7 * r, frame="space"),
+            "damping": lambda: s * r * nt.damping([0.1, 0.2, 0.3]),
             "compiled": lambda: s * r * r * compiled_load(slowed(r)),
         }[load]()
-        return integrate(
+        return nt.integrate(
             system, t_end=1 / r, step=0.02 / r, material_angular_velocity=r * W, load=made, integrator=scheme
         )
 
@@ -155,14 +141,14 @@ def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
 @pytest.mark.parametrize(("body", "load"), [("standard", "none"), ("nontwisting", "none"), ("nontwisting", "body")])
 def test_scaling_by_powers_of_two_changes_no_bit_of_closed_solutions(body, load):
     """The load turns the body about one axis, for which there is a solution."""
-    own = BODIES["standard"] if body == "standard" else nontwisting([3, 3, 5])
+    own = BODIES["standard"] if body == "standard" else nt.nontwisting([3, 3, 5])
 
     def run(s, r):
-        return integrate(
-            DirectorSystem(s * own.euler_inertia, own.axis),
+        return nt.integrate(
+            nt.DirectorSystem(s * own.euler_inertia, own.axis),
             times=np.linspace(0, 1, 11) / r,
             material_angular_velocity=r * np.array([1, 2, 3 * (own.axis is None)]),
-            load=None if load == "none" else s * r * r * sine((1, 2, 0), 0.7 * r),
+            load=None if load == "none" else s * r * r * nt.sine((1, 2, 0), 0.7 * r),
             integrator="exact",
         )
 
@@ -177,12 +163,8 @@ def test_scaling_by_powers_of_two_changes_no_bit_of_closed_solutions(body, load)
 
 def test_a_small_body_that_turns_slowly_keeps_its_momentum():
     """Whose squares are no numbers: the momentum was once off by 41 %."""
-    run = integrate(
-        standard(1e-100 * np.array(TILTED)), t_end=1e29, step=1e27, material_angular_velocity=(1e-30, 2e-30, -1e-30)
+    run = nt.integrate(
+        nt.standard(1e-100 * np.array(TILTED)), t_end=1e29, step=1e27, material_angular_velocity=(1e-30, 2e-30, -1e-30)
     ).to_dataset()
     pi = run.spatial_momentum.values
     assert pi == pytest.approx(np.tile(pi[0], (len(pi), 1)), rel=1e-12)
-
-
-def test_the_schemes_of_the_engine():
-    assert set(SCHEMES) == {"lie-midpoint", "gauss", "energy-momentum", "split"}

@@ -23,10 +23,9 @@ from nontwist.fitting.quality import correlation, noise_of
 from nontwist.fitting.shooting import Shooting, Stretch, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
-from nontwist.recordings.headers import rate_unit
+from nontwist.recordings.headers import ACCELEROMETER, GYROSCOPE, rate_unit
 from nontwist.recordings.headers import sensors as three_axes
-from nontwist.recordings.rates import Rates
-from nontwist.recordings.spellings import ACCELEROMETER, GYROSCOPE
+from nontwist.recordings.reading import Rates
 from nontwist.runfile import read_run_file
 from refusals import refused, refused_as
 

@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import BODIES, LOADS, PAPER_J
-from nontwist import (
-    integrate,
-    nontwisting,
-    rotations,
-    simulate,
-    sine,
-    space_moment,
-    standard,
-    with_gravity,
-)
 
 LIE = {"integrator": "lie-midpoint", "order": 2, "step": 0.01, "t_end": 0.4, "project": True}
 ALL_LOADS = {"none": lambda: None} | LOADS
@@ -25,7 +16,7 @@ ALL_LOADS = {"none": lambda: None} | LOADS
 def test_impulse(name, load):
     """Δπ = h m - h μ Λ_m n, with the moment of dead forces in m."""
     body = BODIES[name]()
-    run = simulate(body, angular_velocity=[1, -2, 0.5], load=ALL_LOADS[load](), **LIE)
+    run = nt.simulate(body, angular_velocity=[1, -2, 0.5], load=ALL_LOADS[load](), **LIE)
     q = run.directors.values
     qm = (q[1:] + q[:-1]) / 2
     impulse = run.moment.values + np.cross(qm, body.dead_force).sum(1)
@@ -36,8 +27,8 @@ def test_impulse(name, load):
 
 
 def test_vertical_momentum_of_a_heavy_body():
-    body = with_gravity(standard([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]]), 0.5, [0.1, 0.3, 0.2])
-    run = simulate(body, angular_velocity=[1, -2, 3], **LIE)
+    body = nt.with_gravity(nt.standard([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]]), 0.5, [0.1, 0.3, 0.2])
+    run = nt.simulate(body, angular_velocity=[1, -2, 3], **LIE)
     vertical = run.spatial_momentum.sel(axis="z").values
     assert vertical == pytest.approx(vertical[0], rel=1e-13)
     assert np.ptp(run.spatial_momentum.sel(axis="x").values) > 0.1
@@ -45,32 +36,34 @@ def test_vertical_momentum_of_a_heavy_body():
 
 @pytest.mark.parametrize("name", BODIES)
 def test_velocities_are_tangent_at_every_node(name):
-    run = integrate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=sine([5, 3, 1], 2), **LIE)
+    run = nt.integrate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=nt.sine([5, 3, 1], 2), **LIE)
     g = run.director_velocities @ np.swapaxes(run.directors, 1, 2)
     assert abs(g + np.swapaxes(g, 1, 2)).max() < 1e-13
 
 
 def test_free_nontwisting_motion_is_the_same_discrete_closed_form():
     W = np.array([6.0, -18, 0])
-    run = integrate(nontwisting(PAPER_J), t_end=1, step=0.005, material_angular_velocity=W, integrator="lie-midpoint")
-    exact = Rotation.from_rotvec(np.arange(201)[:, None] * rotations.log(rotations.cayley(0.005 * W))).as_matrix()
+    run = nt.integrate(
+        nt.nontwisting(PAPER_J), t_end=1, step=0.005, material_angular_velocity=W, integrator="lie-midpoint"
+    )
+    exact = Rotation.from_rotvec(np.arange(201)[:, None] * nt.rotations.log(nt.rotations.cayley(0.005 * W))).as_matrix()
     assert np.swapaxes(run.directors, 1, 2) == pytest.approx(exact, abs=1e-12)
 
 
 def test_the_step_is_symmetric():
     """A step back from the end with the reversed velocity returns to the start."""
-    body, load = BODIES["suslov"](), space_moment(lambda t: (1, 2, 3))
-    there = integrate(body, angular_velocity=[1, -2, 0.5], load=load, **LIE)
+    body, load = BODIES["suslov"](), nt.space_moment(lambda t: (1, 2, 3))
+    there = nt.integrate(body, angular_velocity=[1, -2, 0.5], load=load, **LIE)
     w = there.to_dataset().angular_velocity[-1].values
-    back = integrate(body, rotation=there.rotation[-1], angular_velocity=-w, load=load, **LIE)
+    back = nt.integrate(body, rotation=there.rotation[-1], angular_velocity=-w, load=load, **LIE)
     assert back.directors[-1] == pytest.approx(there.directors[0], abs=1e-12)
 
 
 def test_lie_midpoint_continues_a_run_of_the_director_scheme():
-    kick = {"angular_velocity": [1, -2, 0], "load": sine([30, 10, 0], 2), "step": 0.01}
-    first = integrate(nontwisting(PAPER_J), t_end=0.2, integrator="energy-momentum", **kick)
+    kick = {"angular_velocity": [1, -2, 0], "load": nt.sine([30, 10, 0], 2), "step": 0.01}
+    first = nt.integrate(nt.nontwisting(PAPER_J), t_end=0.2, integrator="energy-momentum", **kick)
     load = {"load": kick["load"], "step": 0.01}
-    second = integrate(nontwisting(PAPER_J), t_end=0.4, start=first, integrator="lie-midpoint", **load)
+    second = nt.integrate(nt.nontwisting(PAPER_J), t_end=0.4, start=first, integrator="lie-midpoint", **load)
     assert second.time[0] == 0.2
     assert abs(second.to_dataset().twist_rate).max() < 1e-13
 
@@ -80,6 +73,8 @@ def test_turns_below_the_resolution_of_an_attitude_add_up(name):
     steps, turn = 10**5, 1e-17
     how = {"t_end": steps, "step": 1.0, "store": "end", "integrator": name, "order": 2}
     start = Rotation.from_rotvec([0, np.pi / 2, 0])  # no component of its quaternion that turns is near 0
-    q = integrate(standard([1, 1, 1]), rotation=start, material_angular_velocity=[0, turn, 0], **how).states.quaternion
+    q = nt.integrate(
+        nt.standard([1, 1, 1]), rotation=start, material_angular_velocity=[0, turn, 0], **how
+    ).states.quaternion
     turned = Rotation.from_quat(q[0]).inv() * Rotation.from_quat(q[-1])
     assert abs(turned.as_rotvec() - [0, steps * turn, 0]).max() < 4e-16

@@ -4,28 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import (
-    body_moment,
-    damping,
-    gradient,
-    heavy_top,
-    integrate,
-    memory_load,
-    nontwisting,
-    propagator,
-    rotor,
-    sensitivities,
-    sine,
-    spring,
-    standard,
-    suslov,
-    wheel,
-)
+import nontwist as nt
+from test_derivatives import derivative, last
 
 J = np.diag([3.0, 4.0, 5.0])
 W0 = np.array([0.3, 0.1, 0.35])
 KINKS = [0.5, 1.0, 2.0], [0.0, 0.5, -0.3]
-BODIES = {"standard": standard(J), "suslov": suslov(J + 0.1, (1, 0, 1)), "top": heavy_top(J, 1, (0, 0, 0.5))}
+BODIES = {"standard": nt.standard(J), "suslov": nt.suslov(J + 0.1, (1, 0, 1)), "top": nt.heavy_top(J, 1, (0, 0, 0.5))}
 START = ["material_angular_velocity", "rotation"]
 FIELDS = {"speed": 3.0, "torque": 0.1, "viscous": 0.05}
 
@@ -59,25 +44,15 @@ def holding(t, z, directors, w):
 
 
 def loaded(beside="wheels", speed=3.0, torque=0.1, viscous=0.05):
-    own = wheel((1, 1, 0), 0.2, speed, torque, viscous=viscous)
+    own = nt.wheel((1, 1, 0), 0.2, speed, torque, viscous=viscous)
     if beside == "wheels":  # one that is driven, and one whose function takes no arrays
-        others = wheel("z", 0.1, 5, torque=KINKS) + wheel("y", 0.1, 4, friction=halting, compiled=False)
-        return own + wheel((1, -1, 1), 0.3, -10, spin_up, friction=drag) + others
+        others = nt.wheel("z", 0.1, 5, torque=KINKS) + nt.wheel("y", 0.1, 4, friction=halting, compiled=False)
+        return own + nt.wheel((1, -1, 1), 0.3, -10, spin_up, friction=drag) + others
     if beside == "memory in space":
-        others = damping(0.1) + sine((0.1, 0.2, 0.3), 0.4, frame="space") + rotor("y", 0.7)
-        table = body_moment([0, 3], [[0, 0, 0], [0.3, 0.1, 0.2]])
-        return own + 2 * memory_load(fading, pulling, [0.3, 0.1], scale=[1, 1], compiled=True) + others + table
-    return 0.5 * (own + memory_load(branching, holding, [0.3], scale=[1], frame="body"))
-
-
-def ends(body, how, **changed):
-    """The changes of attitude and W at the end of a run by a number, from four runs, to the fourth power of 4e-4."""
-    near, weights = 4e-4 * np.array([-2, -1, 1, 2]), np.array([1, -8, 8, -1]) / (12 * 4e-4)
-    ((name, make),) = changed.items()
-    runs = [integrate(body, **(how | {name: make(e)})) for e in near]
-    first = integrate(body, **how).rotation[-1].inv()
-    turn = sum(w * (first * run.rotation[-1]).as_rotvec() for w, run in zip(weights, runs, strict=True))
-    return turn, sum(w * run.material_angular_velocity[-1] for w, run in zip(weights, runs, strict=True))
+        others = nt.damping(0.1) + nt.sine((0.1, 0.2, 0.3), 0.4, frame="space") + nt.rotor("y", 0.7)
+        table = nt.body_moment([0, 3], [[0, 0, 0], [0.3, 0.1, 0.2]])
+        return own + 2 * nt.memory_load(fading, pulling, [0.3, 0.1], scale=[1, 1], compiled=True) + others + table
+    return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
@@ -94,22 +69,24 @@ def test_derivatives_are_those_of_differences(beside, body, order):
     body = BODIES[body]
     how = {"t_end": 2, "step": 0.1, "order": order, "load": loaded(beside), "material_angular_velocity": W0}
     how |= {"project": True, "integrator": "gauss"}
-    found = sensitivities(body, wrt=[*START, *(f"load[0].{name}" for name in FIELDS)], **how)
-    rows = [ends(body, how, material_angular_velocity=lambda e, v=v: W0 + e * v) for v in np.eye(3)]
-    rows += [ends(body, how, rotation=lambda e, v=v: Rotation.from_rotvec(e * v)) for v in np.eye(3)]
-    rows += [ends(body, how, load=lambda e, n=n, x=x: loaded(beside, **{n: x + e})) for n, x in FIELDS.items()]
-    turns, velocities = (np.array(each).T for each in zip(*rows, strict=True))
-    assert found.d_rotation.values[-1] == pytest.approx(turns, abs=5e-9)
-    assert found.d_material_angular_velocity.values[-1] == pytest.approx(velocities, abs=5e-9)
+    found = nt.sensitivities(body, wrt=[*START, *(f"load[0].{name}" for name in FIELDS)], **how)
+
+    def by(name, make):
+        return derivative(lambda e: nt.integrate(body, **how | {name: make(e)}), 4e-4)
+
+    rows = [by("material_angular_velocity", lambda e, v=v: W0 + e * v) for v in np.eye(3)]
+    rows += [by("rotation", lambda e, v=v: Rotation.from_rotvec(e * v)) for v in np.eye(3)]
+    rows += [by("load", lambda e, n=n, x=x: loaded(beside, **{n: x + e})) for n, x in FIELDS.items()]
+    assert last(found) == pytest.approx(np.array(rows).T, abs=5e-9)
 
 
 def test_adjoint_propagator_and_continued_sums_agree():
     how = {"t_end": 2, "step": 0.05, "load": 0.5 * loaded("memory in space"), "project": True}
     wrt = [*START, "load[0].torque", "load[0].speed"]
-    found = sensitivities(standard(J), wrt=wrt, material_angular_velocity=W0, store=20, **how)
+    found = nt.sensitivities(nt.standard(J), wrt=wrt, material_angular_velocity=W0, store=20, **how)
     slopes = np.random.default_rng(1).normal(size=(2, len(found.time), 3))
-    both = gradient(
-        standard(J),
+    both = nt.gradient(
+        nt.standard(J),
         wrt=wrt,
         material_angular_velocity=W0,
         store=20,
@@ -120,32 +97,32 @@ def test_adjoint_propagator_and_continued_sums_agree():
     forward = np.einsum("tx,txp->p", slopes[0], found.d_rotation.values)
     forward += np.einsum("tx,txp->p", slopes[1], found.d_material_angular_velocity.values)
     assert both.gradient.values == pytest.approx(forward, abs=1e-12)
-    turn, velocity = propagator(standard(J), store=20, **how).jacobian(wrt=wrt, material_angular_velocity=W0)
+    turn, velocity = nt.propagator(nt.standard(J), store=20, **how).jacobian(wrt=wrt, material_angular_velocity=W0)
     assert turn == pytest.approx(found.d_rotation.values, abs=1e-12)
     assert velocity == pytest.approx(found.d_material_angular_velocity.values, abs=1e-12)
 
 
 def test_of_a_driven_wheel_beside_memory_they_are_what_they_are_alone():
     """A load with memory that does nothing changes no derivative."""
-    nothing = memory_load(branching, lambda t, z, d, w: 0.0 * w, [0.3], scale=[1], compiled=False)
+    nothing = nt.memory_load(branching, lambda t, z, d, w: 0.0 * w, [0.3], scale=[1], compiled=False)
     how = {"t_end": 2, "step": 0.1, "material_angular_velocity": W0, "wrt": [*START, "load[0].torque", "load[0].speed"]}
-    load = wheel((1, 2, 0), 0.3, 4, 0.2)
-    alone = sensitivities(standard(J), load=load, **how)
-    beside = sensitivities(standard(J), load=load + nothing, **how)
+    load = nt.wheel((1, 2, 0), 0.3, 4, 0.2)
+    alone = nt.sensitivities(nt.standard(J), load=load, **how)
+    beside = nt.sensitivities(nt.standard(J), load=load + nothing, **how)
     assert beside.d_rotation.values == pytest.approx(alone.d_rotation.values, abs=1e-11)
 
 
 @pytest.mark.parametrize(
     ("body", "load", "wrt", "words"),
     [
-        (standard(J), loaded(), "load_scale", "load_scale is none of them"),
-        (standard(J), loaded(), "inertia", "inertia is none of them"),
-        (standard(J), loaded(), "load[0].scale", r"load\[0\].scale is none of them"),
-        (standard(J), loaded() + spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), START, "no derivatives beside .*spring"),
-        (nontwisting(J, spin=1), loaded("memory in space"), START, "where a spin is prescribed"),
-        (standard(J), wheel("x", 0.1, 3, friction=lambda speed: float(speed)), START, "cannot be differentiated"),
+        (nt.standard(J), loaded(), "load_scale", "load_scale is none of them"),
+        (nt.standard(J), loaded(), "inertia", "inertia is none of them"),
+        (nt.standard(J), loaded(), "load[0].scale", r"load\[0\].scale is none of them"),
+        (nt.standard(J), loaded() + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), START, "no derivatives beside .*spring"),
+        (nt.nontwisting(J, spin=1), loaded("memory in space"), START, "where a spin is prescribed"),
+        (nt.standard(J), nt.wheel("x", 0.1, 3, friction=lambda speed: float(speed)), START, "cannot be differentiated"),
     ],
 )
 def test_what_has_none_is_refused(body, load, wrt, words):
     with pytest.raises(ValueError, match=words):
-        sensitivities(body, t_end=1, step=0.1, material_angular_velocity=W0, load=load, wrt=wrt, project=True)
+        nt.sensitivities(body, t_end=1, step=0.1, material_angular_velocity=W0, load=load, wrt=wrt, project=True)

@@ -8,29 +8,20 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from nontwist import (
-    body_moment,
-    damping,
-    heavy_top,
-    integrate,
-    pulse,
-    simulate,
-    simulate_ensemble,
-    standard,
-)
+import nontwist as nt
 from nontwist.driver.grid import automatic_grid, graded, stretches_of
 from nontwist.integrators.costs import largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
 
 J, WEIGHT = 1.01, 9.81
-OIL = heavy_top([J, J, 0.01], mass=1, centre_of_mass=(0, 0, 1))
+OIL = nt.heavy_top([J, J, 0.01], mass=1, centre_of_mass=(0, 0, 1))
 HANGING = Rotation.from_euler("x", np.pi - 1)
 DAMPED = [1e2, 1e4, 1e8]  # N m s: rates up to 1e10 1/s, in runs of up to 1e8 s
 
 
 def how(c):
-    return {"t_end": 10 * c / WEIGHT, "rotation": HANGING, "load": damping(c)}
+    return {"t_end": 10 * c / WEIGHT, "rotation": HANGING, "load": nt.damping(c)}
 
 
 @cache
@@ -59,7 +50,7 @@ def angles(run):
 @pytest.mark.parametrize("c", DAMPED)
 def test_a_pendulum_in_oil_creeps_down(c, order):
     """Nobody has chosen a step; of order 4 steps are shorter."""
-    run = integrate(OIL, **how(c), integrator="gauss", order=order)
+    run = nt.integrate(OIL, **how(c), integrator="gauss", order=order)
     angle, rate = pendulum(c)[1][:, -1]
     assert angles(run)[-1] == pytest.approx(angle, rel=2e-9)
     assert -run.material_angular_velocity[-1, 0] == pytest.approx(rate, rel=2e-8)
@@ -72,14 +63,14 @@ def test_a_pendulum_in_oil_creeps_down(c, order):
 def test_states_between_steps_are_within_the_tolerance(c, tolerance):
     """While the velocity comes up, in about J/c, and later; relative to the largest velocity."""
     t, (angle, rate) = pendulum(c)
-    run = integrate(OIL, **how(c), times=t, tolerance=tolerance)
+    run = nt.integrate(OIL, **how(c), times=t, tolerance=tolerance)
     assert abs(angles(run) - angle).max() <= tolerance
     assert abs(run.material_angular_velocity[:, 0] + rate).max() <= tolerance * abs(rate).max()
 
 
 def test_lie_midpoint_creeps_as_well():
     """Order 2, 0.05 rad a step, and less than 5 % of a decay in the first ones."""
-    run = integrate(OIL, **how(1e4), integrator="lie-midpoint")
+    run = nt.integrate(OIL, **how(1e4), integrator="lie-midpoint")
     angle, rate = pendulum(1e4)[1][:, -1]
     assert angles(run)[-1] == pytest.approx(angle, rel=2e-3)
     assert -run.material_angular_velocity[-1, 0] == pytest.approx(rate, rel=2e-3)
@@ -91,8 +82,8 @@ def test_a_push_is_resolved_where_it_begins_and_ends(rate):
     """About a principal axis ``W = M/c (1 - exp(-λ t))`` while it lasts, and ``W exp(-λ t)`` behind it."""
     c, M, until = 2.0 * rate, 3.0 * rate, 1.7  # J = 2, W up to 1.5
     t = np.sort(np.concatenate([np.geomspace(0.1 / rate, 1, 20), until + np.geomspace(0.1 / rate, 1, 20)]))
-    load = damping(c) + body_moment([0, until], [[0, M, 0], [0, M, 0]])
-    run = integrate(standard([1.5, 2, 2.5]), t_end=5, times=t, load=load)
+    load = nt.damping(c) + nt.body_moment([0, until], [[0, M, 0], [0, M, 0]])
+    run = nt.integrate(nt.standard([1.5, 2, 2.5]), t_end=5, times=t, load=load)
     since = np.maximum(t - until, 0.0)
     expected = M / c * (1 - np.exp(-rate * np.minimum(t, until))) * np.exp(-rate * since)
     turned = M * np.minimum(t, until) / c - 2.0 * expected / c
@@ -110,7 +101,7 @@ def test_a_heavy_body_with_drag_along_slanted_axes():
         np.array([0.05, 0.02, 0.6]),
         2.0,
     )
-    body = heavy_top(inertia, mass=mass, centre_of_mass=arm)
+    body = nt.heavy_top(inertia, mass=mass, centre_of_mass=arm)
     start, W0, t = Rotation.from_rotvec([2.0, 0.5, -0.3]), np.array([3.0, -2.0, 4.0]), np.array([0.001, 0.1, 5.0, 60.0])
 
     def rates(_, y):
@@ -127,8 +118,8 @@ def test_a_heavy_body_with_drag_along_slanted_axes():
 
     begin = np.append(start.as_quat(), W0)
     found = solve_ivp(rates, (0, t[-1]), begin, t_eval=t, method="Radau", rtol=1e-12, atol=1e-13).y.T
-    run = integrate(
-        body, times=t, t_end=t[-1], rotation=start, material_angular_velocity=W0, load=damping(C), tolerance=1e-8
+    run = nt.integrate(
+        body, times=t, t_end=t[-1], rotation=start, material_angular_velocity=W0, load=nt.damping(C), tolerance=1e-8
     )
     apart = Rotation.from_quat(found[:, :4]).inv() * Rotation.from_quat(run.quaternion)
     assert apart.magnitude().max() <= 1e-8
@@ -137,8 +128,8 @@ def test_a_heavy_body_with_drag_along_slanted_axes():
 
 
 def test_ensembles_take_such_steps():
-    runs = simulate_ensemble(OIL, **how(1e4), load_scale=[0.5, 1, 2])
-    alone = [integrate(OIL, **how(1e4) | {"load": f * damping(1e4)}, store="end") for f in (0.5, 1, 2)]
+    runs = nt.simulate_ensemble(OIL, **how(1e4), load_scale=[0.5, 1, 2])
+    alone = [nt.integrate(OIL, **how(1e4) | {"load": f * nt.damping(1e4)}, store="end") for f in (0.5, 1, 2)]
     W = runs.material_angular_velocity.values[:, -1]
     assert pytest.approx(W, rel=1e-6, abs=1e-12) == [run.material_angular_velocity[-1].tolist() for run in alone]
 
@@ -159,33 +150,33 @@ def test_steps_grow_with_the_time_behind_a_kink():
 def test_what_damping_bounds():
     systems, W = stacked(OIL), np.zeros((1, 3))
     for c in DAMPED:
-        slow = slowest_damping(systems, damping(c))
+        slow = slowest_damping(systems, nt.damping(c))
         assert slow == pytest.approx(c / J)
-        assert swing_rate(systems, damping(c)) == pytest.approx(2 * WEIGHT / (c + np.sqrt(c**2 - 4 * J * WEIGHT)))
-        fastest = largest_velocity(systems, W, damping(c), 0, 10 * c / WEIGHT)
+        assert swing_rate(systems, nt.damping(c)) == pytest.approx(2 * WEIGHT / (c + np.sqrt(c**2 - 4 * J * WEIGHT)))
+        fastest = largest_velocity(systems, W, nt.damping(c), 0, 10 * c / WEIGHT)
         assert abs(pendulum(c)[1][1]).max() <= fastest <= WEIGHT / c * np.sqrt(J / 0.01) * 1.001
-    assert swing_rate(systems, damping(0.1)) == swing_rate(systems, Load())
-    assert slowest_damping(systems, damping([1, 1, 0])) == 0
-    pushed = largest_velocity(systems, W, damping(10.0) + pulse((0, 0, 5.0), end=100), 0, 100)
+    assert swing_rate(systems, nt.damping(0.1)) == swing_rate(systems, Load())
+    assert slowest_damping(systems, nt.damping([1, 1, 0])) == 0
+    pushed = largest_velocity(systems, W, nt.damping(10.0) + nt.pulse((0, 0, 5.0), end=100), 0, 100)
     assert 0.5 <= pushed < 65
-    faster = largest_velocity(systems, np.array([[0, 0, 3.0]]), damping(1e4), 0, 1e3)
+    faster = largest_velocity(systems, np.array([[0, 0, 3.0]]), nt.damping(1e4), 0, 1e3)
     assert faster == pytest.approx(3.0, rel=1e-2)
 
 
 @pytest.mark.parametrize("scheme", ["split", "energy-momentum"])
 def test_what_must_resolve_every_decay_names_what_need_not(scheme):
     with pytest.raises(ValueError, match="or the integrator gauss, which takes damped modes in long steps"):
-        simulate(OIL, **how(1e4), integrator=scheme)
+        nt.simulate(OIL, **how(1e4), integrator=scheme)
     with pytest.raises(ValueError, match="or choose the integrator gauss, which takes damped modes in long steps"):
-        simulate(OIL, **how(1e4), integrator=scheme, tolerance=1e-6)
-    grid = automatic_grid(stacked(OIL), np.zeros((1, 3)), damping(100), 0.0, 1.0)
+        nt.simulate(OIL, **how(1e4), integrator=scheme, tolerance=1e-6)
+    grid = automatic_grid(stacked(OIL), np.zeros((1, 3)), nt.damping(100), 0.0, 1.0)
     assert grid.longest <= 1e-4 * (1 + 1e-9)
 
 
 def test_a_step_that_is_too_long_is_told_with_what_works():
     message = r"1e\+06 1/s, which step = 10.1937 s does not resolve: .*; try step <= 8e-06, or none: a tolerance begins"
     with pytest.warns(UserWarning, match=message):
-        simulate(OIL, **how(1e4), step=how(1e4)["t_end"] / 1000)
+        nt.simulate(OIL, **how(1e4), step=how(1e4)["t_end"] / 1000)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        simulate(OIL, **how(1e4))
+        nt.simulate(OIL, **how(1e4))

@@ -1,7 +1,6 @@
-"""Files of recordings: dialects of CSV, and formats as a reference library or their published description has them.
+"""What is said of recordings: readings that are decided by what is beside, times, bodies, refusals, and their lines.
 
-Written by a reference library: .npy, .npz (NumPy), .mat (SciPy, h5py), .c3d (ezc3d), ROS bags (rosbags), CK (spiceypy).
-Written here from the published description: OpenSim storage, MVNX (MVN User Manual), BVH (Biovision), CSV.
+Files of every format and maker with known attitudes are in `recordings`.
 """
 
 import io
@@ -10,6 +9,7 @@ import re
 import signal
 import sys
 import warnings
+from functools import partial
 
 import h5py
 import numpy as np
@@ -23,9 +23,28 @@ from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
 from nontwist.recordings.formats import READERS, Content
 from nontwist.recordings.formats.apart import read_apart
-from nontwist.recordings.rates import read_rates
-from recordings.makers import BVH, motive, qualisys, spice_kernels
+from nontwist.recordings.reading import read_rates
+from recordings.makers import (
+    ACC,
+    DATA,
+    GYR,
+    apdm,
+    bvh,
+    made,
+    mat,
+    motive,
+    mt_manager,
+    mvnx,
+    npz,
+    qualisys,
+    ros,
+    ros_message,
+    ros_write,
+    spice_kernels,
+    sto,
+)
 from recordings.makers import R as MOVED
+from recordings.test_same import LIBRARIES
 from refusals import refused, warned
 
 N = 90
@@ -59,64 +78,6 @@ def matrix(motion):
 
 
 MATRIX = matrix(R)
-HEADERS = {
-    "qw qx qy qz": quaternion(),
-    "letters around": quaternion("Shimmer_Quat_W_CAL Shimmer_Quat_X_CAL Shimmer_Quat_Y_CAL Shimmer_Quat_Z_CAL"),
-    "Quat_": quaternion("Quat_W Quat_X Quat_Y Quat_Z"),
-    "Orientation/": quaternion("/imu/orientation/w /imu/orientation/x /imu/orientation/y /imu/orientation/z"),
-    "x y z beside": {"x": T, "y": T, "z": T, **quaternion()},
-    "real": quaternion("q_real q_i q_j q_k"),
-    "r i j k": quaternion("qr qi qj qk"),
-    "s x y z": quaternion("q_s q_x q_y q_z"),
-    "Xsens": quaternion("Quat_q0 Quat_q1 Quat_q2 Quat_q3"),
-    "EuRoC": quaternion("q_RS_w[] q_RS_x[] q_RS_y[] q_RS_z[]"),
-    "Mat[1][1]": MATRIX,
-}
-
-
-@pytest.mark.parametrize("case", HEADERS)
-def test_headers(case):
-    found = read_motion(table({"time": T, **HEADERS[case]}))
-    same(found)
-    assert np.array_equal(found.time, T)
-
-
-DIALECTS = {
-    "semicolons, decimal commas": {"sep": ";", "decimal": ","},
-    "tabs, decimal commas": {"sep": "\t", "decimal": ","},
-    "commas, decimal commas in quotes": {"decimal": ","},
-    "blanks": {"sep": " "},
-    "MT Manager": {
-        "sep": "\t",
-        "head": "// General information:\n//  MT Manager version: 2022.2.0\n// Coordinate system: ENU\n",
-    },
-    "lines before": {"head": "sep=,\nDeviceTag:,DOT 1\nFirmwareVersion:,2.0.0\n\n"},
-    "comments": {"head": "# a comment, with a comma\n# another\n"},
-    "byte order mark": {"head": "\ufeff"},
-}
-
-
-@pytest.mark.parametrize("case", DIALECTS)
-def test_dialects(case, tmp_path):
-    text = table({"time": T, **quaternion()}, **DIALECTS[case]).getvalue()
-    (tmp_path / "data.csv").write_text(text, encoding="utf-8")
-    for source in (io.StringIO(text), tmp_path / "data.csv"):
-        found = read_motion(source)
-        same(found)
-        assert found.time.values == pytest.approx(T, abs=1e-15)
-
-
-def test_headers_in_a_comment_and_a_line_of_units():
-    rows = table({"t": T, **quaternion()}).getvalue().split("\n", 1)[1]
-    same(
-        read_motion(io.StringIO("# made by hand\n#timestamp [ms], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n" + rows))
-    )
-    tum = (
-        table({"t": T, "tx": T, "ty": T, "tz": T, **quaternion("qx qy qz qw", Q)}, sep=" ").getvalue().split("\n", 1)[1]
-    )
-    same(read_motion(io.StringIO("# timestamp tx ty tz qx qy qz qw\n" + tum)))
-    found = read_motion(io.StringIO("Timestamp_CAL,W,X,Y,Z\nms,no_units,no_units,no_units,no_units\n" + rows))
-    assert found.time.values == pytest.approx(T / 1000, abs=1e-18)
 
 
 LETTERS = [a + b + c for a in "xyz" for b in "xyz" for c in "xyz" if a != b != c]
@@ -131,47 +92,6 @@ def test_every_order_of_angles(letters, unit):
     same(found, Rotation.from_euler(letters, given))
     about = "moving axes (intrinsic)" if letters.isupper() else "fixed axes (extrinsic)"
     assert f"Euler angles {letters} about {about}, {unit}: a, b, c" in found.notes
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("Roll (deg)", "Pitch (deg)", "Yaw (deg)"),
-        ("Euler_X [deg]", "Euler_Y [deg]", "Euler_Z [deg]"),
-        ("roll_deg", "pitch_deg", "heading_deg"),
-    ],
-)
-def test_angles_by_their_headers(names):
-    yaw, pitch, roll = R.as_euler("ZYX", degrees=True).T
-    columns = dict(zip(names, (roll, pitch, yaw), strict=True))
-    same(read_motion(table({"time": T, **columns}), euler="ZYX"))
-    assert np.array_equal(read_motion(table({"time": T, **columns}), euler="ZYX").time, T)
-    wrong = read_motion(table({"time": T, **columns}), euler="zyx")
-    assert (rotation(wrong).inv() * R).magnitude().max() > 0.1
-
-
-def test_rotation_vectors():
-    for unit, columns in (("rad", R.as_rotvec()), ("deg", np.degrees(R.as_rotvec()))):
-        data = dict(zip(("rotvec_x", "rotvec_y", "rotvec_z"), columns.T, strict=True))
-        same(read_motion(table(data), rotation_vector=True, angle_unit=unit))
-    assert "rotation vector, rad" in read_motion(table(data), rotation_vector=True).notes
-
-
-def test_numbered_quaternions_ask_for_the_scalar_unless_the_values_say_it():
-    for names in ("q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3"):
-        with refused("scalar-unknown"):
-            read_motion(table(quaternion(names)))
-        same(read_motion(table(quaternion(names)), scalar_first=True))
-    tared = R[0].inv() * R
-    for values, place in ((np.roll(tared.as_quat(), 1, axis=1), "first"), (tared.as_quat(), "last")):
-        found = read_motion(table(quaternion("q0 q1 q2 q3", values)))
-        same(found, tared)
-        assert f"scalar {place}" in found.notes
-    for values, place in ((WXYZ, "first"), (Q, "last")):
-        found = read_motion(table({**quaternion("q0 q1 q2 q3", values), **gyroscope()}))
-        same(found)
-        assert f"scalar {place}" in found.notes
-        assert "checked: agreement with the gyroscope 1.00" in found.notes
 
 
 def gyroscope(motion=R, sign=1.0):
@@ -239,43 +159,28 @@ def test_a_motion_that_comes_back_to_the_identity_loses_no_rows():
 
 DATES = pandas.to_datetime("2026-03-01T12:00:00.5") + pandas.to_timedelta(T, unit="s")
 LATER = pandas.to_datetime("2026-12-31T23:59:59.5") + pandas.to_timedelta(T, unit="s")  # into the next year
-TIMES = {
-    "ISO": ("time", [d.isoformat() for d in DATES], {}),
-    "ISO, UTC": ("Timestamp", [d.isoformat() + "Z" for d in DATES], {}),
-    "slashes": ("DateTime", [d.strftime("%Y/%m/%d %H:%M:%S.%f") for d in DATES], {}),
-    "day first": ("Datum", [d.strftime("%d.%m.%Y %H:%M:%S.%f") for d in DATES], {}),
-    "day first, decimal comma": ("time", [d.strftime("%d.%m.%Y %H:%M:%S,%f") for d in DATES], {}),
-    "US": ("Date", [d.strftime("%m/%d/%Y %H:%M:%S.%f") for d in LATER], {}),
-    "US, AM and PM": ("Date", [d.strftime("%m/%d/%Y %I:%M:%S.%f %p") for d in LATER], {}),
-    "day first, slashes": ("Date", [d.strftime("%d/%m/%Y %H:%M:%S,%f") for d in LATER], {}),
-    "single digits": ("Date", [f"{d.month}/{d.day}/{d:%Y} {d.hour}:{d:%M:%S.%f}" for d in LATER], {}),
-    "time of day, AM and PM": ("time", [d.strftime("%I:%M:%S.%f %p") for d in DATES - pandas.Timedelta(1, "s")], {}),
-    "time of day": ("time", [d.strftime("%H:%M:%S.%f") for d in DATES], {}),
-    "ms": ("time_ms", 1e3 * T, {}),
-    "us": ("timestamp_us", np.round(1e6 * T).astype(int), {}),
-    "ns in brackets": ("t [ns]", np.round(1e9 * T).astype(int), {}),
-    "told": ("time", 1e3 * T, {"time_unit": "ms"}),
-    "ticks": ("SampleTimeFine", np.round(1e4 * T).astype(int), {"time_unit": "1e-4"}),
-    "epoch, ns": ("timestamp", 1772366400_000000000 + np.round(1e9 * T).astype(int), {}),
-    "epoch, ms": ("unix_timestamp", 1772366400_000 + np.round(1e3 * T).astype(int), {}),
-    "packets": ("PacketCounter", np.arange(N), {"rate": 50}),
-    "packets of 16 bits": ("PacketCounter", (np.arange(N) + 65530) % 65536, {"rate": 50}),
-    "ticks of 32 bits": (
-        "SampleTimeFine",
-        (np.round(1e6 * T).astype(int) + 2**32 - 10**6) % 2**32,
-        {"time_unit": "us"},
-    ),
-    "no column": ("qq", np.zeros(N), {"rate": 50}),
-    "named": ("when", T, {"time_column": "when"}),
-}
 
 
-@pytest.mark.parametrize("case", TIMES)
-def test_times(case):
-    name, values, options = TIMES[case]
-    found = read_motion(table({name: values, **quaternion()}), **options)
+BY_NUMBERS = ", as the numbers above 12 show"
+
+
+@pytest.mark.parametrize(("header", "times", "note"), [
+    ("Date", [d.strftime("%m/%d/%Y %H:%M:%S.%f") for d in LATER], f"dates, month/day/year{BY_NUMBERS}"),
+    ("Date", [d.strftime("%m/%d/%Y %I:%M:%S.%f %p") for d in LATER], f"dates, month/day/year{BY_NUMBERS}"),
+    ("Date", [d.strftime("%d/%m/%Y %H:%M:%S,%f") for d in LATER], f"dates, day/month/year{BY_NUMBERS}"),
+    ("Date", [f"{d.month}/{d.day}/{d:%Y} {d.hour}:{d:%M:%S.%f}" for d in LATER], f"dates, month/day/year{BY_NUMBERS}"),
+    ("time", [d.strftime("%I:%M:%S.%f %p") for d in DATES - pandas.Timedelta(1, "s")], "from its first"),
+    ("ms", 1e3 * T, "ms"),
+    ("elapsed (s)", T, "s"),
+    ("TimeStartup [ns]", 1e9 * T, "ns"),
+])  # fmt: skip
+def test_times_by_their_headers_and_the_numbers_in_them(header, times, note):
+    """The order of day and month is that of numbers above 12; a clock of 12 hours passes noon."""
+    found = read_motion(table({header: times, **quaternion()}))
     assert found.time.values - found.time.values[0] == pytest.approx(T, abs=1e-12)
-    same(found)
+    assert f"time: column {header!r}, {note}; " in found.notes
+    if header == "Date":
+        assert found.attrs["start"] == LATER[0].timestamp()
 
 
 def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
@@ -287,16 +192,6 @@ def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
         assert f"time: not used: the column 'Date' holds '{given[0]}'" in read_motion(table(columns)).notes
         with refused("day-or-month", name="Date", value=given[0], why=why):
             read_motion(table(columns), time_column="Date")
-
-
-@pytest.mark.parametrize(
-    ("case", "order"), [("US", "month/day"), ("US, AM and PM", "month/day"), ("day first, slashes", "day/month")]
-)
-def test_the_order_of_day_and_month_is_that_of_numbers_above_12(case, order):
-    name, values, _ = TIMES[case]
-    found = read_motion(table({name: values, **quaternion()}))
-    assert found.attrs["start"] == LATER[0].timestamp()
-    assert f"time: column 'Date', dates, {order}/year, as the numbers above 12 show" in found.notes
 
 
 @pytest.mark.parametrize("wrong", ["13:00:00 PM", "0:00:00 AM", "12/31/2026 25:00:00", "2/31/2026 10:00:00"])
@@ -342,12 +237,6 @@ def test_messages_stay_short():
     assert told.value.fields["names"].endswith(" and 440 more")
 
 
-def test_dates_keep_what_they_count_from():
-    for case, start in (("ISO", 1772366400.5), ("epoch, ns", 1772366400), ("epoch, ms", 1772366400)):
-        name, values, _ = TIMES[case]
-        assert read_motion(table({name: values, **quaternion()})).attrs["start"] == start, case
-
-
 UNKNOWN_TIMES = {
     "no unit": ({"time": np.arange(N) * 20}, "no-time-unit", {"name": "time", "step": 20}),
     "ticks": ({"SampleTimeFine": np.arange(N)}, "no-time-unit", {"name": "SampleTimeFine"}),
@@ -389,50 +278,21 @@ def test_packets_that_were_lost_leave_gaps():
     assert found.time.values == pytest.approx(kept / 50)
 
 
-def test_rounded_quaternions():
-    short = np.round(WXYZ, 3)
-    with_three = read_motion(table({"time": T, **quaternion(values=short)}), normalize=True)
-    same(with_three, tolerance=2e-3)
-    assert np.linalg.norm(with_three.values, axis=1) == pytest.approx(np.ones(N), abs=1e-15)
-    assert "normalized: quaternions had lengths from 0.99" in with_three.notes
-    raw = quaternion(values=np.round(WXYZ * 2**14).astype(int))
-    with refused("scaled", rows="90 rows", place="line 2", what="quaternion"):
-        read_motion(table({"time": T, **raw}))
-    same(read_motion(table({"time": T, **raw}), normalize=True), tolerance=2e-4)
-    rounded = {name: np.round(column, 1) for name, column in MATRIX.items()}
-    same(read_motion(table({"time": T, **rounded}), normalize=True), tolerance=0.12)
+@pytest.mark.parametrize("names", ["q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3"])
+def test_numbered_quaternions_ask_for_the_scalar(names):
+    with refused("scalar-unknown"):
+        read_motion(table(quaternion(names)))
 
 
-def test_two_sensors_in_one_table():
-    data = {"time": T, **quaternion("fore_qw fore_qx fore_qy fore_qz"), **quaternion("up_qw up_qx up_qy up_qz", Q)}
-    with refused("bodies-in-columns", bodies="fore, up"):
-        read_motion(table(data))
-    same(read_motion(table(data), body="Fore"))
-    with refused("no-body", body="leg", names="fore, up"):
-        read_motion(table(data), body="leg")
-
-
-@pytest.mark.parametrize(
-    ("headers", "name"),
-    [
-        ("Upper_{}", "Upper"),
-        ("Shoulder {}", "Shoulder"),
-        ("r_{}", "r"),
-        ("Upper.q{}", "Upper"),
-        ("Upper_Quat_{}", "Upper"),
-        ("Upperq{}", "Upper"),
-    ],
-)
-def test_bodies_may_end_in_letters_of_rotations(headers, name):
-    data = {"time": T, **quaternion("Fore_w Fore_x Fore_y Fore_z", Q)}
-    data |= {headers.format(x): column for x, column in zip("wxyz", WXYZ.T, strict=True)}
-    same(read_motion(table(data), body=name))
-
-
-def test_a_matrix_of_a_body_may_end_in_letters_of_rotations():
-    for headers, name in (("Upper_{}", "Upper"), ("Upper_r{}", "Upper"), ("Upper_m_{}", "Upper"), ("r{}", None)):
-        data = {headers.format(re.sub(r"\D", "", key)): column for key, column in MATRIX.items()}
-        same(read_motion(table({"time": T, **data}), body=name))
+@pytest.mark.parametrize(("columns", "forms"), [
+    (quaternion("w x y z"), ["Upper_{}", "Shoulder {}", "r_{}", "Upper.q{}", "Upper_Quat_{}", "Upperq{}"]),
+    ({key[4] + key[7]: one for key, one in MATRIX.items()}, ["Upper_{}", "Upper_r{}", "Upper_m_{}"]),
+])  # fmt: skip
+def test_bodies_may_end_in_letters_of_rotations(columns, forms):
+    for form in forms:
+        data = {"time": T, **quaternion("Fore_w Fore_x Fore_y Fore_z", Q)}
+        data |= {form.format(x): column for x, column in columns.items()}
+        same(read_motion(table(data), body=re.split(r"[_ .q{]", form)[0]))
 
 
 ABC = {"columns": ["a", "b", "c"]}
@@ -478,143 +338,172 @@ def quietly(text, options):
 # formats
 
 
-STO = "DataRate=50\nDataType=Quaternion\nversion=3\nOpenSimVersion=4.1\nendheader\n"
-MOT = "joint angles\nversion=1\nnRows=90\nnColumns=4\ninDegrees={}\n\nendheader\n"
+def objects(path):
+    np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
 
 
-def test_opensim_quaternions(tmp_path):
-    rows = ["time\ttorso_imu\thumerus_imu"]
-    for t, q in zip(T, WXYZ, strict=True):
-        cell = ",".join(f"{x:.17g}" for x in q)
-        rows.append(f"{t:.17g}\t1,0,0,0\t{cell}")
-    (tmp_path / "a.sto").write_text(STO + "\n".join(rows) + "\n", encoding="utf-8")
-    found = read_motion(tmp_path / "a.sto", body="humerus_imu")
-    same(found)
-    assert np.array_equal(found.time, T)
-    with refused("several-bodies", names="torso_imu, humerus_imu"):
-        read_motion(tmp_path / "a.sto")
-    assert found.notes == (
-        "orientation: quaternions of OpenSim, scalar first; body: humerus_imu; time: as the format defines, s; "
-        "direction: body to space, as the format defines, which nothing in the file confirms"
-    )
-    (tmp_path / "b.sto").write_text("no header\n1\t2\n", encoding="utf-8")
-    with refused("no-endheader"):
-        read_motion(tmp_path / "b.sto")
+def cut_short(path):
+    scipy.io.savemat(path, {"quat": WXYZ, "time": T[:, None]})
+    path.write_bytes(path.read_bytes()[:300])
 
 
-@pytest.mark.parametrize("said", ["yes", "no"])
-def test_opensim_angles_in_the_unit_of_the_header(said, tmp_path):
-    angles = R.as_euler("ZXY", degrees=said == "yes")
-    text = MOT.format(said) + "time\tarm_flex\tarm_add\tarm_rot\n"
-    text += "".join("\t".join(f"{x:.17g}" for x in (t, *row)) + "\n" for t, row in zip(T, angles, strict=True))
-    (tmp_path / "a.mot").write_text(text, encoding="utf-8")
-    found = read_motion(tmp_path / "a.mot", ["arm_flex", "arm_add", "arm_rot"], euler="ZXY")
-    same(found)
-    assert np.array_equal(found.time, T)
-    assert f"as inDegrees={said} says" in found.notes
-
-
-MVNX = """<?xml version="1.0" encoding="UTF-8"?>
-<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="4"><mvn version="2020"/>
-<subject label="S" frameRate="50" segmentCount="2">
-<segments><segment label="Pelvis" id="1"><points><point label="p"/></points></segment>
-<segment label="RightForeArm" id="2"/></segments>
-<sensors><sensor label="RightForeArm"/></sensors>
-<frames segmentCount="2" sensorCount="1">
-<frame time="0" index="" type="npose"><orientation>1 0 0 0 1 0 0 0</orientation></frame>
-{}</frames></subject></mvnx>
-"""
-
-
-def test_mvnx(tmp_path):
-    frames = "".join(
-        f'<frame time="{1000 * t:.0f}" index="{k}" type="normal"><orientation>1 0 0 0 '
-        f"{' '.join(f'{x:.9f}' for x in q)}</orientation><position>0 0 0 0 0 0</position>"
-        f"<sensorOrientation>{' '.join(f'{x:.9f}' for x in -q)}</sensorOrientation></frame>\n"
-        for k, (t, q) in enumerate(zip(T, WXYZ, strict=True))
-    )
-    path = tmp_path / "a.mvnx"
-    path.write_text(MVNX.format(frames), encoding="utf-8")
-    for body in ("RightForeArm", "sensor RightForeArm"):
-        found = read_motion(path, body=body)
-        same(found, tolerance=1e-8)
-        assert found.time.values == pytest.approx(T)
-    with refused("several-bodies", names="Pelvis, RightForeArm, sensor RightForeArm"):
-        read_motion(path)
-    path.write_text(MVNX.format(frames)[:2000], encoding="utf-8")
-    with refused("unreadable", what="MVNX file"):
-        read_motion(path)
-
-
-def test_bvh(tmp_path):
-    hips, arm = R.as_euler("ZXY", degrees=True), R[::-1].as_euler("YXZ", degrees=True)
-    rows = [" ".join(f"{x:.17g}" for x in (1, 2, 3, *a, *b, 0, 0, 0)) for a, b in zip(hips, arm, strict=True)]
-    head = f"{BVH}Frames: {N}\nFrame Time: 0.02\n"
-    path = tmp_path / "a.bvh"
-    path.write_text(head + "\n".join(rows), encoding="utf-8")
-    same(read_motion(path, body="Hips"))
-    same(read_motion(path, body="Leg"))
-    found = read_motion(path, body="Arm")
-    same(found, R * R[::-1])
-    assert found.time.values == pytest.approx(T)
-    path.write_text(head + "\n".join([*rows[:3], "1 2 3"]), encoding="utf-8")
-    assert path.read_text(encoding="utf-8").split("\n")[30] == "1 2 3"
-    with refused("row-length", place="line 31", what="motion", count=3, width=12):
-        read_motion(path, body="Arm")
-    path.write_text("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", encoding="utf-8")
-    with refused("no-hierarchy"):
-        read_motion(path)
-
-
-def test_numpy_files(tmp_path):
-    np.save(tmp_path / "q.npy", WXYZ)
-    same(read_motion(tmp_path / "q.npy", scalar_first=True, rate=50))
-    np.save(tmp_path / "m.npy", R.as_matrix())
-    same(read_motion(tmp_path / "m.npy"))
-    np.save(tmp_path / "tq.npy", np.column_stack([T, WXYZ]))
-    found = read_motion(tmp_path / "tq.npy", scalar_first=True)
-    same(found)
-    assert np.array_equal(found.time, T)
-    np.save(tmp_path / "s.npy", np.rec.fromarrays([T, *WXYZ.T], names="time,qw,qx,qy,qz"))
-    same(read_motion(tmp_path / "s.npy"))
-    np.save(tmp_path / "o.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with refused("unreadable", what="NPY file"):
-        read_motion(tmp_path / "o.npy")
-    np.savez(tmp_path / "two.npz", arm=Q, leg=Q, t=T)
-    same(read_motion(tmp_path / "two.npz", body="leg", scalar_first=False))
-    with refused("scalar-unknown", who="the array 'leg' does"):
-        read_motion(tmp_path / "two.npz", body="leg")
-
-
-def test_matlab_files(tmp_path):
-    scipy.io.savemat(tmp_path / "a.mat", {"quat": WXYZ, "time": T[:, None]})
-    found = read_motion(tmp_path / "a.mat", scalar_first=True)
-    same(found)
-    assert np.array_equal(found.time, T)
-    scipy.io.savemat(
-        tmp_path / "b.mat", {"imu": {"qw": WXYZ[:, 0], "qx": WXYZ[:, 1], "qy": WXYZ[:, 2], "qz": WXYZ[:, 3]}}
-    )
-    same(read_motion(tmp_path / "b.mat", rate=50))
-    scipy.io.savemat(tmp_path / "c.mat", {"R": np.moveaxis(R.as_matrix(), 0, 2)})
-    same(read_motion(tmp_path / "c.mat"))
-    with h5py.File(tmp_path / "d.mat", "w", userblock_size=512) as file:
-        file["quat"], file["time"] = WXYZ.T, T[None]
-    with open(tmp_path / "d.mat", "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file")
-    same(read_motion(tmp_path / "d.mat", scalar_first=True))
-    (tmp_path / "e.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
-    with refused("unreadable", what="MAT file"):
-        read_motion(tmp_path / "e.mat")
-    with h5py.File(tmp_path / "other.h5", "w") as file:
+def of_another_file(path):
+    """An array of MATLAB 7.3 whose numbers are kept in another file."""
+    with h5py.File(path.with_name("other.h5"), "w") as file:
         file["secret"] = WXYZ.T
-    with h5py.File(tmp_path / "f.mat", "w", userblock_size=512) as file:
+    with h5py.File(path, "w", userblock_size=512) as file:
         layout = h5py.VirtualLayout(shape=(4, N), dtype=float)
-        layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "secret", shape=(4, N))
+        layout[:] = h5py.VirtualSource(path.with_name("other.h5"), "secret", shape=(4, N))
         file.create_virtual_dataset("quat", layout)
-    with open(tmp_path / "f.mat", "r+b") as file:
+    with open(path, "r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    with refused("unreadable", what="MAT file"):
-        read_motion(tmp_path / "f.mat", scalar_first=True)
+
+
+def markers_alone(path):
+    import ezc3d
+
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [50]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
+    file["data"]["points"] = np.zeros((4, 1, 3))
+    file.write(str(path))
+
+
+GARBAGE, TURNS = "garbage\x00" * 100, {"fore arm": MOVED, "Upper": MOVED.inv()}
+PAIR = quaternion("fore_qw fore_qx fore_qy fore_qz") | quaternion("up_qw up_qx up_qy up_qz", Q)
+BOTH, TWO = partial(npz, arrays={"arm": Q, "leg": Q, "t": T}), table({"time": T, **PAIR}).getvalue()
+SCALED = table({"time": T, **quaternion(values=np.round(WXYZ * 2**14).astype(int))}).getvalue()
+MIXED = mt_manager("\t", ("Acc", "Gyr", "Quat", "Euler", "Mat"))  # a matrix beside another quaternion
+MIXED = MIXED.replace("Quat_q1", "Quat_qa").replace("Quat_q2", "Quat_q1").replace("Quat_qa", "Quat_q2")
+FILES = {  # content, file, options; code and fields
+    "OpenSim": (sto(), "a.sto", {}, "several-bodies", {"names": "torso_imu, humerus_imu"}),
+    "OpenSim, no header": ("no header\n1\t2\n", "a.sto", {}, "no-endheader", {}),
+    "MVNX": (mvnx(), "a.mvnx", {}, "several-bodies", {"names": "Pelvis, LeftHand, sensor LeftHand"}),
+    "MVNX, cut short": (mvnx()[:2000], "a.mvnx", {}, "unreadable", {"what": "MVNX file"}),
+    "BVH": ("\n".join([*bvh().split("\n")[:30], "1 2 3"]), "a.bvh", {"body": "Arm"}, "row-length",
+            {"place": "line 31", "what": "motion", "count": 3, "width": 12}),
+    "BVH, cut short": ("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", "a.bvh", {}, "no-hierarchy", {}),
+    "NumPy, objects": (objects, "a.npy", {}, "unreadable", {"what": "NPY file"}),
+    "NumPy, scalar": (BOTH, "a.npz", {"body": "leg"}, "scalar-unknown", {"who": "the array 'leg' does"}),
+    "NumPy, angles": (BOTH, "a.npz", {"euler": "ZYX"}, "attitudes", {"name": "euler", "names": "arm, leg"}),
+    "NumPy, a vector": (BOTH, "a.npz", {"rotation_vector": True}, "attitudes", {"name": "rotation_vector"}),
+    "MATLAB, cut short": (cut_short, "a.mat", {}, "unreadable", {"what": "MAT file"}),
+    "MATLAB, of another file": (of_another_file, "a.mat", {}, "unreadable", {"what": "MAT file"}),
+    "C3D": (markers_alone, "a.c3d", {}, "no-rotations", {}),
+    "C3D, garbage": (GARBAGE, "a.c3d", {}, "unreadable", {"what": "C3D file"}),
+    "ROS": (partial(ros, version=1), "a.bag", {}, "which-topic", {"names": "/imu, /pose, /odometry, /tf:base"}),
+    "ROS, garbage": (GARBAGE, "a.bag", {}, "unreadable", {"what": "ROS bag"}),
+    "SPICE": (spice_kernels, "a.tm", {"rate": 50, "body": "-1"}, "which-instrument", {"names": "-9000"}),
+    "SPICE, no rate": (spice_kernels, "a.tm", {}, "no-rate", {}),
+    "SPICE, garbage": ("garbage", "a.tm", {"rate": 50}, "unreadable", {}),
+    "Motive": (motive({key: one.as_quat() for key, one in TURNS.items()}), "a.csv", {}, "bodies-in-columns",
+               {"bodies": "fore arm, Upper"}),
+    "Qualisys": (qualisys(TURNS), "a.tsv", {}, "bodies-in-columns", {"bodies": "fore arm, Upper"}),
+    "CSV": (TWO, "a.csv", {}, "bodies-in-columns", {"bodies": "fore, up"}),
+    "CSV, no body": (TWO, "a.csv", {"body": "leg"}, "no-body", {"body": "leg", "names": "fore, up"}),
+    "MT Manager, blanks": (mt_manager(" ").replace("      ", "   "), "a.csv", {"rate": 50}, "empty-fields",
+                           {"headers": 21, "fields": 16}),
+    "MT Manager, two": (MIXED, "a.csv", {"rate": 50}, "several-orientations", {}),
+    "a spreadsheet": ("PK\x03\x04\x00", "a.xlsx", {}, "unknown-format", {}),
+    "CSV, counts": (SCALED, "a.csv", {}, "scaled", {"rows": "90 rows", "place": "line 2", "what": "quaternion"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_files_are_refused_by_a_code(case, tmp_path):
+    content, file, options, code, fields = FILES[case]
+    if (suffix := file[1:]) in LIBRARIES:
+        pytest.importorskip(LIBRARIES[suffix])
+    path = made(content, file).write(tmp_path)
+    with refused(code, **fields):
+        read_motion(path, **options)
+
+
+BACK = MOVED.inv()
+
+
+def inverted_messages(kind, writer, store):
+    opened = writer.add_connection("/imu", kind, typestore=store)
+    for k in range(len(MOVED)):
+        ros_write(writer, store, 1, opened, *ros_message(store, 1, kind, k, attitudes=BACK.as_quat()))
+
+
+BAG = {f"ROS, {name[-8:]}": (partial(ros, version=1, write=partial(inverted_messages, name)), "a.bag", {}) for name in (
+    "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry"
+)}  # fmt: skip
+ARRAYS = {"attitude": BACK.as_matrix(), "time": np.arange(60) / 50, "gyr": GYR, "acc": ACC}
+INVERTED = BAG | {
+    "SPICE": (partial(spice_kernels, attitudes=BACK), "a.tm", {"rate": 50}),
+    "MVNX": (mvnx(BACK), "a.mvnx", {"body": "LeftHand"}),
+    "APDM": (apdm(), "a.csv", {"body": "Lower"}),
+    "NumPy": (partial(npz, arrays=ARRAYS), "a.npz", {}),
+    "MATLAB": (partial(mat, arrays=ARRAYS), "a.mat", {}),
+}
+
+
+@pytest.mark.parametrize("case", INVERTED)
+def test_files_with_inverted_attitudes(case, tmp_path):
+    """The angular velocity beside them tells it."""
+    content, file, options = INVERTED[case]
+    if (suffix := file[1:]) in LIBRARIES:
+        pytest.importorskip(LIBRARIES[suffix])
+    path = made(content, file).write(tmp_path)
+    with warned("reading-by-evidence"):
+        found = read_motion(path, **options)
+    same(found, MOVED[: len(found)], tolerance=2e-6)
+
+
+def test_a_rotation_that_opensim_has_printed():
+    """That of the last frame in ground, by SimTK::Rotation."""
+    last = [
+        [0.934227080753713, 0.24852452834453098, 0.25584237412423283],
+        [-0.02313259708242066, 0.7579979454246571, -0.6518466059466912],
+        [-0.35592786423461975, 0.6030544532155674, 0.7138912255506824],
+    ]
+    assert abs(rotation(read_motion(DATA / "readers/opensim.sto"))[-1].as_matrix() - last).max() < 1e-14
+
+
+@pytest.mark.parametrize("labels", [("Type", "Name", "ID"), ("", "", "")])
+def test_motive_with_its_markers_and_lost_frames(labels):
+    """Formats 1.23 and 1.21, which has no words before the types, names and identities."""
+    body = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    marker = ["Position"] * 3 + ["Marker Quality"]
+    types = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 4 + ["Marker"] * 3
+    names = ["arm"] * 8 + ['"arm:Marker1"'] * 4 + ["arm:Marker1"] * 3
+    lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion,Coordinate Space,Global", ""]
+    for label, cells in zip(labels, (types, names, ['"DF9A05"'] * 15), strict=True):
+        lines.append(",".join(["", label, *cells]))
+    lines += [",".join(["", "", *body, *marker, *["Position"] * 3]), "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,,X,Y,Z"]
+    for k in range(N):
+        cells = [""] * 12 if k == 4 else [repr(float(x)) for x in (*Q[k], 1, 2, 3, 1e-4, 1, 2, 3, 0.9)]
+        lines.append(",".join([str(k), f"{T[k]:.6f}", *cells, "1", "2", "3"]))
+    found = read_motion(io.StringIO("\n".join(lines)))
+    assert not np.isfinite(found.values[4]).any()
+    kept = np.delete(np.arange(N), 4)
+    same(found[kept], R[kept])
+    assert found.time.values == pytest.approx(T)
+
+
+def test_times_of_mvnx_are_those_of_its_indices(tmp_path):
+    text = mvnx(MOVED, 1 / 60)
+    found = read_motion(made(text, "a.mvnx").write(tmp_path), body="LeftHand")
+    assert found.time.values == pytest.approx(np.arange(60) / 60, rel=1e-7)
+    path = made(text.replace('index="', 'index="7'), "b.mvnx").write(tmp_path)
+    assert read_motion(path, body="LeftHand").time.values[1] == 0.017
+    assert "checked" not in read_motion(path, body="Pelvis").notes  # it is at rest
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat", ".c3d", ".bag"])
+def test_a_table_with_the_suffix_of_another_format_is_told_its_own(suffix, tmp_path):
+    path = made(TWO, f"a{suffix}").write(tmp_path)
+    with refused("text-inside", suffix=suffix):
+        read_motion(path)
+    path.write_bytes(b"\x93NUMPY\x01\x00 cut short")
+    with refused("unreadable"):
+        read_motion(path)
+
+
+MOT = "joint angles\nversion=1\nnRows=90\nnColumns=4\ninDegrees={}\n\nendheader\n"
 
 
 def end_the_process(path):
@@ -624,109 +513,6 @@ def end_the_process(path):
 def test_a_library_that_ends_its_process_does_not_end_ours(tmp_path):
     with pytest.raises(RuntimeError, match=f"the process that reads it ended with -{signal.SIGABRT.value}"):
         read_apart(end_the_process, tmp_path / "x")
-
-
-def test_c3d(tmp_path):
-    ezc3d = pytest.importorskip("ezc3d")
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [50]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
-    file["data"]["points"] = np.zeros((4, 1, N))
-    poses = np.tile(np.eye(4)[:, :, None, None], (1, 1, 2, N))
-    poses[:3, :3, 1] = np.moveaxis(R.as_matrix(), 0, 2)
-    file.add_parameter("ROTATION", "LABELS", ["pelvis_4X4", "r_larm_4X4"])
-    file["data"]["rotations"] = poses
-    path = tmp_path / "a.c3d"
-    file.write(str(path))
-    found = read_motion(path, body="r_larm_4X4", normalize=True)
-    same(found, tolerance=1e-6)  # C3D holds single precision
-    assert found.time.values == pytest.approx(T)
-    plain = ezc3d.c3d()
-    plain["parameters"]["POINT"]["RATE"]["value"] = [50]
-    plain["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
-    plain["data"]["points"] = np.zeros((4, 1, 3))
-    plain.write(str(path))
-    with refused("no-rotations"):
-        read_motion(path)
-    path.write_bytes(b"garbage\x00" * 100)
-    with refused("unreadable", what="C3D file"):
-        read_motion(path)
-
-
-@pytest.mark.parametrize("version", [1, 2])
-def test_ros_bags(version, tmp_path):
-    pytest.importorskip("rosbags")
-    from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
-    kinds = store.types
-    path = tmp_path / ("a.bag" if version == 1 else "a")
-    writer = rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=8)
-    pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
-    with writer:
-        add = {"typestore": store}
-        one = writer.add_connection("/imu", "sensor_msgs/msg/Imu", **add)
-        other = writer.add_connection("/pose", "geometry_msgs/msg/PoseStamped", **add)
-        third = writer.add_connection("/inverted", "sensor_msgs/msg/Imu", **add)
-        fourth = writer.add_connection("/odometry", "nav_msgs/msg/Odometry", **add)
-        rates = np.radians(np.stack(list(gyroscope().values()), axis=1))
-        for k, (t, q) in enumerate(zip(T, Q, strict=True)):
-            nanoseconds = 1_700_000_000_000_000_000 + round(1e9 * t)
-            stamp = kinds["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
-            first = {"seq": k} if version == 1 else {}
-            header = kinds["std_msgs/msg/Header"](**first, stamp=stamp, frame_id="map")
-            turned = kinds["geometry_msgs/msg/Quaternion"](*q)
-            zero = kinds["geometry_msgs/msg/Vector3"](0, 0, 0)
-            nine = np.zeros(9)
-            rate = kinds["geometry_msgs/msg/Vector3"](*rates[k])
-            imu = kinds["sensor_msgs/msg/Imu"](header, turned, nine, rate, nine, zero, nine)
-            back = kinds["geometry_msgs/msg/Quaternion"](*(q * [-1, -1, -1, 1]))
-            inverted = kinds["sensor_msgs/msg/Imu"](header, back, nine, rate, nine, zero, nine)
-            place = kinds["geometry_msgs/msg/Point"](0, 0, 0)
-            pose = kinds["geometry_msgs/msg/PoseStamped"](header, kinds["geometry_msgs/msg/Pose"](place, turned))
-            posed = kinds["geometry_msgs/msg/PoseWithCovariance"](pose.pose, np.zeros(36))
-            moving = kinds["geometry_msgs/msg/TwistWithCovariance"](
-                kinds["geometry_msgs/msg/Twist"](zero, rate), np.zeros(36)
-            )
-            odometry = kinds["nav_msgs/msg/Odometry"](header, "base", posed, moving)
-            for connection, message in ((one, imu), (other, pose), (third, inverted), (fourth, odometry)):
-                writer.write(connection, nanoseconds + 5, pack(message, connection.msgtype))
-    for topic in ("/imu", "/pose", "/odometry"):
-        found = read_motion(path, body=topic)
-        same(found)
-        assert found.time.values == pytest.approx(T, abs=3e-7)
-        assert found.attrs["start"] == pytest.approx(1.7e9, abs=1e-6)
-        assert ("checked: agreement with the gyroscope" in found.attrs["notes"]) == (topic != "/pose")
-    with warned("reading-by-evidence"):
-        same(read_motion(path, body="/inverted"))
-    with refused("which-topic", names="/imu, /pose, /inverted, /odometry"):
-        read_motion(path)
-    (tmp_path / "b.bag").write_bytes(b"garbage\x00" * 100)
-    with refused("unreadable", what="ROS bag"):
-        read_motion(tmp_path / "b.bag")
-
-
-def test_spice(tmp_path):
-    pytest.importorskip("spiceypy")
-    meta = tmp_path / "a.tm"
-    for spinning in (True, False):
-        spice_kernels(meta, MOVED, spinning)
-        found = read_motion(meta, rate=50)
-        same(found, MOVED[: len(found)], tolerance=2e-6)
-    assert found.sizes["time"] >= len(MOVED) - 1
-    assert found.time.values == pytest.approx(T[: len(found)], abs=1e-7)
-    spice_kernels(meta, MOVED.inv())
-    with warned("reading-by-evidence"):
-        found = read_motion(meta, rate=50)
-    same(found[:N], R[: len(found)], tolerance=2e-6)
-    with refused("no-rate"):
-        read_motion(meta)
-    with refused("which-instrument", names="-9000"):
-        read_motion(meta, rate=50, body="-1")
-    meta.write_text("garbage", encoding="utf-8")
-    with refused("unreadable"):
-        read_motion(meta, rate=50)
 
 
 @pytest.mark.parametrize(
@@ -759,29 +545,6 @@ def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
     same(read_motion(tmp_path / "a.arm"))
 
 
-def test_ticks_of_a_unit_that_is_told():
-    ticks = 4_000_000_000 + 16_667 * np.arange(N)
-    found = read_motion(table({"SampleTimeFine": ticks, **quaternion()}), time_unit="us")
-    assert np.allclose(found.time - found.time[0], np.arange(N) * 0.016667, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("header", "scale"),
-    [
-        ("Zeit (s)", 1.0),
-        ("Zeit", 1.0),
-        ("ms", 1e3),
-        ("elapsed (s)", 1.0),
-        ("TimeStartup [ns]", 1e9),
-        ("motionTimestamp_sinceReboot(s)", 1.0),
-        ("Shimmer_8A_Timestamp_Unix_CAL (ms)", 1e3),
-    ],
-)
-def test_a_column_with_a_unit_of_time_is_the_time(header, scale):
-    found = read_motion(table({header: T * scale, **quaternion()}))
-    assert np.allclose(found.time, T, rtol=1e-12)
-
-
 def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
     columns = {"epoc (ms)": 1_683_188_000_000 + 20 * np.arange(N), "timestamp (+0200)": "2023-05-04T10.11.12"}
     found = read_motion(table({**columns, **quaternion()}))
@@ -799,31 +562,6 @@ def test_roll_is_found_among_desired_rolls():
     same(read_motion(table({**other, **euler}), euler="ZYX", angle_unit="rad"))
 
 
-def test_bodies_of_motive_are_found_by_the_names_above_the_headers():
-    same(read_motion(io.StringIO(motive({"Fore arm": Q}, T))), tolerance=1e-9)
-    two = {"Fore arm": Q, "Upper": R.inv().as_quat()}
-    same(read_motion(io.StringIO(motive(two, T)), body="fore arm"), tolerance=1e-9)
-    same(read_motion(io.StringIO(motive(two, T)), body="Upper"), R.inv(), 1e-9)
-    with refused("bodies-in-columns", bodies="Fore arm, Upper"):
-        read_motion(io.StringIO(motive(two, T)))
-
-
-def test_bodies_of_qualisys_are_found_and_agree_with_its_angles():
-    same(read_motion(io.StringIO(qualisys({"fore arm": R}, T))), tolerance=1e-9)
-    two = {"fore arm": R, "upper": R.inv()}
-    same(read_motion(io.StringIO(qualisys(two, T)), body="upper"), R.inv(), 1e-9)
-    same(read_motion(io.StringIO(qualisys({"fore arm": R}, T)), euler="XYZ", angle_unit="deg"), tolerance=1e-9)
-    with refused("bodies-in-columns", bodies="fore arm, upper"):
-        read_motion(io.StringIO(qualisys(two, T)))
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
-def test_encodings(tmp_path, encoding):
-    content = table(dict(zip(("Yaw (°)", "Pitch (°)", "Roll (°)"), R.as_euler("ZYX", degrees=True).T, strict=True)))
-    (tmp_path / "angles.csv").write_bytes(content.getvalue().encode(encoding))
-    same(read_motion(tmp_path / "angles.csv", euler="ZYX", rate=50))
-
-
 def test_comments_between_rows_are_left_out_and_said(tmp_path):
     lines = table({"time": T, **quaternion()}).getvalue().splitlines()
     text = "\n".join([*lines[:30], "# paused, and resumed, twice, by hand, at noon, I think", *lines[30:], "// end"])
@@ -832,20 +570,6 @@ def test_comments_between_rows_are_left_out_and_said(tmp_path):
         found = read_motion(source)
         same(found)
         assert "left out: 2 lines of comments between the rows" in found.attrs["notes"]
-
-
-def test_the_time_beside_a_quaternion_in_a_structure_is_found(tmp_path):
-    scipy.io.savemat(tmp_path / "a.mat", {"data": {"time": T, "q": Q}, "note": "by hand"})
-    found = read_motion(tmp_path / "a.mat", scalar_first=False)
-    assert np.array_equal(found.time, T)
-
-
-def test_options_for_columns_are_refused_where_there_are_attitudes(tmp_path):
-    np.savez(tmp_path / "a.npz", time=T, q=Q)
-    for option in ({"euler": "ZYX"}, {"rotation_vector": True}):
-        name = next(iter(option))
-        with refused("attitudes", name=name, names="q"):
-            read_motion(tmp_path / "a.npz", **option)
 
 
 def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
@@ -892,6 +616,24 @@ def test_a_damaged_row_is_missing_and_never_converted(normalize):
     assert np.flatnonzero(np.isnan(found.values).any(axis=1)).tolist() == [40]
     others = np.delete(np.arange(N), 40)
     same(found[others], R[others])
+
+
+@pytest.mark.parametrize("first", ["0.0,nan,,,", "2026-03-01T12:00:00,nan,,,", "0.0,,,,"])
+def test_a_first_row_that_is_missing_is_no_header(first):
+    text = "\n".join(["time,qw,qx,qy,qz", first, first, *ROWS[2:]])
+    if first.startswith("2026"):
+        text = text.replace("\n0.", "\n2026-03-01T12:00:00.").replace("\n1.", "\n2026-03-01T12:00:01.")
+    found = read_motion(io.StringIO(text))
+    assert len(found) == N
+    assert not np.isfinite(found.values[:2]).any()
+    same(found[2:], R[2:])
+
+
+def test_why_no_samples_are_left_is_said():
+    text = "time,qw,qx,qy,qz\n0,nan,0,0,0\n0.02,,,,\n0.04,0,0,0,0\n"
+    with refused("too-few-samples", left=0, count=3) as told:
+        twist(read_motion(io.StringIO(text)))
+    assert told.value.fields["why"].startswith(": dropped 3 rows")
 
 
 def test_attitudes_of_many_lengths_are_not_normalized():
@@ -1100,3 +842,11 @@ def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_pat
     assert "time: the column 'time' is ignored, as a rate is given; time: 50 samples" in found.attrs["notes"]
     with refused("rate-and-time", name="time"):
         read_motion(table(columns), rate=50, time_column="time")
+
+
+def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
+    (tmp_path / "a.csv").write_text(TWO, encoding="utf-8")
+    for option, word in (("--angle-unit", "grad"), ("--clocks", "foo"), ("--align", "foo")):
+        result = CliRunner().invoke(app, ["twist", str(tmp_path / "a.csv"), option, word])
+        assert result.exit_code == 2
+        assert f"Error: Invalid value for '{option}': '{word}' is not one of '" in result.stderr

@@ -6,22 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nontwist import (
-    Load,
-    body_moment,
-    damping,
-    integrate,
-    nontwisting,
-    open_run,
-    propagator,
-    pulse,
-    save_run,
-    simulate,
-    simulate_ensemble,
-    sine,
-    space_moment,
-    standard,
-)
+import nontwist as nt
 from nontwist.driver.grid import automatic_grid, kinks, stretches_of
 from nontwist.driver.planning import planned
 from nontwist.driver.single_run import PreparedPlan, integrated
@@ -31,17 +16,16 @@ from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.integrators.problem import IVP
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
-from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
-from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
+from nontwist.validation.reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 from refusals import says
 
-BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
+BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 W = {"material_angular_velocity": (1.3, -0.7, 2.1)}
 KINKS = (0.1234, 0.4567, 0.7777)
 LOAD = (
-    body_moment([*KINKS, 1.3], [[3, 1, 0.5], [-1, 2, 0], [0, 4, 1], [0, 0, 0]])
-    + pulse((2, 0, 1), start=0.3, end=1.0 / 3, shape="rectangle", frame="space")
-    + damping(0.1)
+    nt.body_moment([*KINKS, 1.3], [[3, 1, 0.5], [-1, 2, 0], [0, 4, 1], [0, 0, 0]])
+    + nt.pulse((2, 0, 1), start=0.3, end=1.0 / 3, shape="rectangle", frame="space")
+    + nt.damping(0.1)
 )
 STEPPING = ["lie-midpoint", "energy-momentum", "split", "gauss"]
 
@@ -57,9 +41,9 @@ def assert_same(first, second, since=0):
 
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_kinks_are_nodes(name):
-    body, load = (nontwisting([3, 4, 5]), 2 * pulse((1, 0, 0), 0.1, 1.7)) if name == "exact" else (BODY, LOAD)
+    body, load = (nt.nontwisting([3, 4, 5]), 2 * nt.pulse((1, 0, 0), 0.1, 1.7)) if name == "exact" else (BODY, LOAD)
     how = {"tolerance": 1e-8} if name == "gauss" else {}  # then steps are stored
-    run = integrate(body, t_end=2, material_angular_velocity=(1, 0, 0), load=load, integrator=name, **how)
+    run = nt.integrate(body, t_end=2, material_angular_velocity=(1, 0, 0), load=load, integrator=name, **how)
     assert set(load.breakpoints) <= set(run.time.tolist())
     assert (run.time[0], run.time[-1]) == (0, 2)
     sizes = np.concatenate([np.diff(run.time[a : b + 1]) for a, b in zip(*ends(run), strict=True)])
@@ -76,7 +60,7 @@ def ends(run):
 def test_jumps_cost_no_order():
     """A rectangle at times that no equal steps meet; order 4 at half the step is 16 times nearer to the truth."""
     load, scheme = LOAD, INTEGRATORS["continuous"](rtol=1e-12, atol=1e-14)
-    truth = integrate(BODY, times=[2.0], integrator=scheme, load=load, **W).directors[-1]
+    truth = nt.integrate(BODY, times=[2.0], integrator=scheme, load=load, **W).directors[-1]
     plan = planned(BODY, load, "gauss", 4, 0, 2, None, None, "end")
     begin = start_of_one(BODY, None, None, None, W["material_angular_velocity"], None, False)
     errors = [
@@ -85,7 +69,7 @@ def test_jumps_cost_no_order():
     ]
     assert errors[1] / errors[2] == pytest.approx(16, rel=0.2)
     with pytest.warns(UserWarning, match="off the grid of step"):
-        equal = integrate(BODY, t_end=2, step=0.02, load=load, store="end", integrator="gauss", order=4, **W)
+        equal = nt.integrate(BODY, t_end=2, step=0.02, load=load, store="end", integrator="gauss", order=4, **W)
     assert abs(equal.directors[-1] - truth).max() > 100 * errors[2]
 
 
@@ -127,13 +111,15 @@ def test_the_march_is_that_of_the_reference(name, reference):
 @pytest.mark.parametrize("store", [1, 10, "end"])
 def test_means_are_weighted_by_time(name, store):
     """The impulse of the mean moments is the change of momentum, over intervals with steps of several sizes."""
-    run = simulate(BODY, t_end=2, load=LOAD, integrator=name, store=store, **W)
+    run = nt.simulate(BODY, t_end=2, load=LOAD, integrator=name, store=store, **W)
     impulse = run.moment.values * np.diff(run.time.values)[:, None]
     assert np.allclose(impulse, np.diff(run.spatial_momentum.values, axis=0), rtol=0, atol=2e-13)
     assert run.load_work.values == pytest.approx(np.diff(run.kinetic_energy.values), abs=2e-13)
-    many = simulate_ensemble(BODY, t_end=2, load=LOAD, integrator=name, store=store, reduce=["drift", "averages"], **W)
+    many = nt.simulate_ensemble(
+        BODY, t_end=2, load=LOAD, integrator=name, store=store, reduce=["drift", "averages"], **W
+    )
     assert float(many.energy_drift.max()) <= 1e-13
-    every = simulate(BODY, t_end=2, load=LOAD, integrator=name, **W)
+    every = nt.simulate(BODY, t_end=2, load=LOAD, integrator=name, **W)
     mean = np.trapezoid(every.kinetic_energy, every.time) / 2
     assert many.kinetic_energy_mean.item() == pytest.approx(mean, rel=2e-3)
 
@@ -157,10 +143,10 @@ def test_what_is_prepared_has_the_same_bits(name):
 
 
 def test_a_propagator_takes_the_grid_of_each_start():
-    run = propagator(BODY, t_end=2, load=LOAD)
+    run = nt.propagator(BODY, t_end=2, load=LOAD)
     for speed in (1.0, 3.0):
         start = {"material_angular_velocity": (0, speed, 0.1)}
-        assert_same(run(**start), integrate(BODY, t_end=2, load=LOAD, store="end", **start))
+        assert_same(run(**start), nt.integrate(BODY, t_end=2, load=LOAD, store="end", **start))
 
 
 @pytest.mark.parametrize("name", STEPPING)
@@ -168,7 +154,7 @@ def test_a_propagator_takes_the_grid_of_each_start():
 def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path):
     """Stopped inside a stretch and at the end of one, with the step left open; from a file to round-off."""
     how = {"t_end": 2, "load": LOAD, "integrator": name, "order": 2}
-    whole, sound, calls = integrate(BODY, **W, **how), stack_march.StackMarch._run, []
+    whole, sound, calls = nt.integrate(BODY, **W, **how), stack_march.StackMarch._run, []
     numbers = whole.stretches.numbers
 
     def struck(*arguments):
@@ -181,65 +167,65 @@ def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path
     monkeypatch.setattr(stack_march, "NODES", stop)
     monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
     with pytest.raises(SimulationInterrupt) as info:
-        integrate(BODY, store=7, **W, **how)
+        nt.integrate(BODY, store=7, **W, **how)
     monkeypatch.undo()
     partial = info.value.partial
     assert partial.time[-1] == whole.time[stop]
-    rest = integrate(BODY, start=partial, **how)
+    rest = nt.integrate(BODY, start=partial, **how)
     assert_same(whole, rest, stop)
-    save_run(partial.to_dataset(), tmp_path / "part.nc")
-    again = integrate(BODY, start=open_run(tmp_path / "part.nc"), **how)
+    nt.save_run(partial.to_dataset(), tmp_path / "part.nc")
+    again = nt.integrate(BODY, start=nt.open_run(tmp_path / "part.nc"), **how)
     assert np.array_equal(again.time, rest.time)
     assert np.allclose(again.material_angular_velocity, rest.material_angular_velocity, rtol=0, atol=1e-14)
-    other = integrate(BODY, start=partial, **how | {"load": LOAD + pulse((1, 0, 0), 1.5, 1.6)})
+    other = nt.integrate(BODY, start=partial, **how | {"load": LOAD + nt.pulse((1, 0, 0), 1.5, 1.6)})
     assert {1.5, 1.6} <= set(other.time.tolist())
-    longer = integrate(BODY, start=partial, **how | {"t_end": 3})
+    longer = nt.integrate(BODY, start=partial, **how | {"t_end": 3})
     assert longer.time[-1] == 3
 
 
 def test_a_step_that_is_given_is_the_same_throughout():
     with says(UserWarning):
-        run = integrate(BODY, t_end=2, step=0.1, load=LOAD, **W)
+        run = nt.integrate(BODY, t_end=2, step=0.1, load=LOAD, **W)
     assert run.stretches == stretched((0.0, 2.0), (20,))
     assert "stretches" not in run.record()
 
 
 def test_the_record_tells_the_stretches():
-    run = simulate(BODY, t_end=2, load=LOAD, tolerance=1e-8, **W)
+    run = nt.simulate(BODY, t_end=2, load=LOAD, tolerance=1e-8, **W)
     record = json.loads(run.attrs["stretches"])
     assert set(LOAD.breakpoints) <= set(record["borders"])
     assert run.time.values[record["numbers"]].tolist() == record["borders"]
     for damaged in ("{", '{"borders": [0, 1], "numbers": [0]}', '{"borders": [1, 0], "numbers": [0, 3]}'):
         with pytest.raises(ValueError, match=r"the attribute stretches of start= is damaged"):
-            simulate(BODY, t_end=3, start=run.assign_attrs(stretches=damaged))
+            nt.simulate(BODY, t_end=3, start=run.assign_attrs(stretches=damaged))
 
 
 def test_kinks_that_times_do_not_tell_apart_are_one():
     near = 1 + 4 * np.spacing(1.0)
-    load = body_moment(lambda t: (t, 0, 0), breakpoints=[0.0, 1e-16, 0.5, 1.0, near, 2 - 1e-15, 2.0, 5.0])
+    load = nt.body_moment(lambda t: (t, 0, 0), breakpoints=[0.0, 1e-16, 0.5, 1.0, near, 2 - 1e-15, 2.0, 5.0])
     assert kinks(load, 0.0, 2.0).tolist() == [0.5, 1.0]
-    run = integrate(BODY, t_end=2, load=load)
+    run = nt.integrate(BODY, t_end=2, load=load)
     assert (np.diff(run.time) > 0).all()
 
 
 def test_a_short_pulse_is_resolved_where_it_acts():
-    load = pulse((1, 0, 0), 50, 50.001, shape="half-sine")
+    load = nt.pulse((1, 0, 0), 50, 50.001, shape="half-sine")
     grid = stretches_of(load, 0.0, 100.0, 1.0)
     assert (grid.numbers, grid.longest) == ((0, 50, 70, 120), 1.0)
-    assert stretches_of(load + sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
+    assert stretches_of(load + nt.sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
 
 
 def test_a_long_table_is_marched_in_one_call():
     t = np.linspace(0, 10, 3001) + 1e-4 * np.sin(np.arange(3001))
-    load = space_moment(t, np.stack([np.sin(t), np.cos(3 * t), t], axis=1))
-    run = integrate(BODY, t_end=10, load=load, store="end", integrator="split", **W)
+    load = nt.space_moment(t, np.stack([np.sin(t), np.cos(3 * t), t], axis=1))
+    run = nt.integrate(BODY, t_end=10, load=load, store="end", integrator="split", **W)
     assert len(run.stretches.sizes) == 3000
     impulse = np.array([1 - np.cos(10), np.sin(30) / 3, 50.0])
     assert run.moment[0] * 10 == pytest.approx(impulse, abs=2e-3)
 
 
 def test_steps_differ_from_stretch_to_stretch():
-    problem = IVP(stacked(BODY), np.eye(4)[3:], np.ones((1, 3)), Load(), 0.0, 3.0, 6, np.array([0, 6]))
+    problem = IVP(stacked(BODY), np.eye(4)[3:], np.ones((1, 3)), nt.Load(), 0.0, 3.0, 6, np.array([0, 6]))
     assert (problem.step, problem.step_at(5)) == (0.5, 0.5)
     several = replace(problem, stretches=stretched((0, 1, 3), (4, 2)))
     assert [several.step_at(k) for k in range(6)] == [0.25] * 4 + [1.0] * 2

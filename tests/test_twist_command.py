@@ -105,57 +105,26 @@ def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tm
     assert not re.search(r"\de[+-]\d", re.sub("sampling ± [^,]*", "", result.stdout))
 
 
-@pytest.mark.parametrize(
-    ("number", "spec", "text"),
-    [
-        (19.7, ".1g", "20"),
-        (-12345.6, ".4g", "-12350"),
-        (99999.0, ".1g", "100000"),
-        (1.26e-3, ".1e", "0.0013"),
-        (0.3e-3, ".1e", "3.0e-04"),
-        (163456.0, ".1g", "2e+05"),
-        (0.0, ".1e", "0.0e+00"),
-        (2.5, ".6g", "2.5"),
-        (float("nan"), ".1g", "nan"),
-    ],
-)
-def test_numbers_that_read_plainly_have_no_exponent(number, spec, text):
-    assert number_text(number, spec) == text
+PLAINLY = [
+    (19.7, ".1g", "20"), (-12345.6, ".4g", "-12350"), (99999.0, ".1g", "100000"), (1.26e-3, ".1e", "0.0013"),
+    (0.3e-3, ".1e", "3.0e-04"), (163456.0, ".1g", "2e+05"), (0.0, ".1e", "0.0e+00"), (2.5, ".6g", "2.5"),
+    (float("nan"), ".1g", "nan"),
+]  # fmt: skip
+ERRORS = [  # 2.4 as 2 would be 17 % too small
+    (14.87, "15"), (1.4142, "1.4"), (2.4, "3"), (2.05, "2"), (0.00961, "0.01"), (0.0196, "0.02"), (0.44, "0.5"),
+    (166.6, "170"), (3.4e-10, "4e-10"), (0.0, "0"),
+]  # fmt: skip
+ROUNDED = [
+    (166.63, 1.41, "166.6"), (166.0, 1.41, "166.0"), (128.4, 15.0, "128"), (128.4, 23.0, "130"), (-3.0, 23.0, "0"),
+    (2.3456e-8, 1.2e-10, "2.346e-08"), (4e6, 1e5, "4e+06"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("error", "text"),
-    [
-        (14.87, "15"),
-        (1.4142, "1.4"),
-        (2.4, "3"),  # 2 would be 17 % too small
-        (2.05, "2"),
-        (0.00961, "0.01"),
-        (0.0196, "0.02"),
-        (0.44, "0.5"),
-        (166.6, "170"),
-        (3.4e-10, "4e-10"),
-        (0.0, "0"),
-    ],
-)
-def test_an_uncertainty_is_not_understated(error, text):
-    assert error_text(error) == text
-
-
-@pytest.mark.parametrize(
-    ("x", "error", "text"),
-    [
-        (166.63, 1.41, "166.6"),
-        (166.0, 1.41, "166.0"),
-        (128.4, 15.0, "128"),
-        (128.4, 23.0, "130"),
-        (-3.0, 23.0, "0"),
-        (2.3456e-8, 1.2e-10, "2.346e-08"),
-        (4e6, 1e5, "4e+06"),
-    ],
-)
-def test_a_number_ends_where_its_uncertainty_does(x, error, text):
-    assert text_to_place(x, error_place(error)) == text
+def test_numbers_that_read_plainly_have_no_exponent_and_end_where_their_uncertainty_does():
+    """An uncertainty is not understated."""
+    assert [number_text(number, spec) for number, spec, _ in PLAINLY] == [text for *_, text in PLAINLY]
+    assert [error_text(error) for error, _ in ERRORS] == [text for _, text in ERRORS]
+    assert [text_to_place(x, error_place(error)) for x, error, _ in ROUNDED] == [text for *_, text in ROUNDED]
 
 
 def turning(t):

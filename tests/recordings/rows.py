@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nontwist import read_motion
-from nontwist.recordings.rates import read_rates
+from nontwist.recordings.reading import read_rates
 from nontwist.runfile.folder import columns_of
 
 from .makers import (

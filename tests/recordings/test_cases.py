@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, simulate, standard, twist
 from nontwist.cli import app
-from nontwist.recordings.rates import read_rates
+from nontwist.recordings.reading import read_rates
 
 from .cases import CASES, FOLDER, RATES, written
 from .makers import WXYZ, R, T, quat, spice_kernels, text

@@ -47,7 +47,9 @@ def same_times(found, expected, start):
 def test_motions(name, tmp_path):
     row = needed(MOTIONS[name])
     found = motion_of(row, tmp_path)
-    values = found.values
+    values, said = found.values, {note.partition(": ")[0] for note in found.notes.split("; ")}
+    assert {"orientation", "time"} <= said, found.notes
+    assert {"direction", "checked", "inverted"} & said, found.notes
     if row.truth is not None:
         turned = Rotation.from_quat(values) if found.dims[-1] == "quat" else Rotation.from_matrix(values.swapaxes(1, 2))
         assert (turned.inv() * row.truth).magnitude().max() < row.within

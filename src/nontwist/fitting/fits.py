@@ -14,7 +14,7 @@ from ..errors import InputWarning
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import among, as_flag, shown
 from ..recordings.options import ReadOptions
-from ..recordings.rates import Rates
+from ..recordings.reading import Rates
 from ..spec import takes
 from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..recordings.rates import Rates
+from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
 from .estimating import estimate
 from .linear import Guess, turns, with_moments

@@ -33,10 +33,10 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual
-from ..kernels.elements import larger, logical_not, mapped, power, smaller
+from ..kernels.elements import larger, logical_not, power, smaller
 from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, doubles, view_of
-from ..kernels.series import Constant, Recurrence, Stored
+from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .bodies import Model, entries
@@ -237,8 +237,7 @@ def follow(kind: Kind, run: View) -> None:
         Vector(*(seeded(x, d + 6 + 3 * k + i) if kind.varied[k] else plain(x) for i, x in enumerate(vector)))
         for k, vector in enumerate(run.vectors)
     ]
-    found = Parameters.of(J.matrix, vectors, Vector(*map(plain, run.axis)), kind.is_constrained)
-    p = mapped(Constant, found)
+    p = Parameters.of(J.matrix, vectors, Vector(*map(plain, run.axis)), kind.is_constrained)
     unknowns = [recurrence.unknown() for _ in range(d)]
     changes = rates(kind, p, unknowns)
     changing, size = unknowns[: len(changes)], d * recurrence.size

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
+from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
-from ..recordings.rates import Rates, of_run, read_rates
-from ..recordings.reading import read_motion
-from ..recordings.rotations import Motion
+from ..recordings.reading import Rates, of_run, read_motion, read_rates
 from .measuring import Speed, as_speed, constant, continuous, derived_rates, finite_rows
 
 SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well

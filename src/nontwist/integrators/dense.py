@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.layout import put, side_by_side, spans, views
-from ..engine.records import BODY, SUMS, Parts
+from ..engine.records import BODY, SUMS, Parts, put, side_by_side, spans, views
 from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
@@ -26,12 +25,10 @@ from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import APART, RUN, kernel_of
-from .listing import Outputs
-from .marching import intervals_in, states_in
+from .marching import PreparedMarch, intervals_in, states_in
 from .members import PerThread
-from .prepared_march import PreparedMarch
 from .problem import IVP
-from .stack_march import StackMarch
+from .stack_march import Outputs, StackMarch
 
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
 
@@ -147,16 +144,25 @@ def between(scheme: Compiled, problem: IVP, states: States) -> States | None:
 
 
 class PreparedDense:
-    """A march of one body whose start is left open, with outputs between its nodes."""
+    """A march of one body whose start is left open, with outputs between its nodes.
 
-    def __init__(self, dense: Dense) -> None:
-        self._dense, self._march = dense, PreparedMarch(dense.march)
+    A call finds the states alone. What is summed over intervals takes as long again: it comes from a second march from
+    the same start, once it is asked for.
+    """
+
+    def __init__(self, problem: IVP, dense: Dense) -> None:
+        self._problem, self._dense, self._march = problem, dense, PreparedMarch(dense.march)
         self._unit, self._spans = float(dense.march.bodies[0, BODY.unit]), spans(dense.shapes)
         self._threads = PerThread(self._workspace)
 
     @cached_property
     def _substeps(self) -> PreparedMarch:
-        return PreparedMarch(StackMarch(self._dense.problem, self._dense.march.scheme))
+        return PreparedMarch(StackMarch(self._problem, self._dense.march.scheme))
+
+    @cached_property
+    def _summing(self) -> PreparedDense:
+        """The same with what is summed."""
+        return PreparedDense(self._problem, Dense(self._problem, self._dense.march.scheme))
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Any, float, float]:
         """March from the quaternion `p`, scalar last, and W: as a prepared march, by substeps where nodes are apart."""
@@ -167,18 +173,23 @@ class PreparedDense:
         nodes[:], factor[0] = found, scale / self._unit
         if not between.find():
             found, squares, fastest = self._substeps(p, W, scale)
-            return (found, None), squares, fastest
-        return (found, memory.copy()), squares, fastest
+            return (found, None, ()), squares, fastest
+        return (found, memory.copy(), (tuple(p), tuple(W), scale)), squares, fastest
 
     def read(self, found: Any) -> dict[str, Any]:
-        """Return fields of a run from what a call has found."""
-        nodes, memory = found
+        """Return the states of a run from what a call has found; its `_read` returns the rest."""
+        nodes, memory, start = found
         if memory is None:
             return self._substeps.read(nodes)
-        dense, arrays = self._dense, views(memory, self._spans)
-        means, march = intervals_in(dense.march, arrays, dense.skipped).of_one, dense.march
-        carried = nodes[march.spans["states"][0]] * march.factors[0]
-        return {"states": states_in(arrays, dense.skipped).part(0), **means, "memory": carried}
+        states = states_in(views(memory, self._spans), self._dense.skipped).part(0)
+        return {"states": states, "_read": lambda: self._summing.sums(self._summing(*start)[0])}
+
+    def sums(self, found: Any) -> dict[str, Any]:
+        """Return what a call has found beside the states."""
+        nodes, memory, _ = found
+        march = self._dense.march
+        means = intervals_in(march, views(memory, self._spans), self._dense.skipped).of_one
+        return means | {"memory": nodes[march.spans["states"][0]] * march.factors[0]}
 
     def _workspace(self) -> tuple[Array, Array, Array, Between]:
         """Return memory for one thread: states at nodes, the factor of the load, outputs, what finds them."""

@@ -81,12 +81,10 @@ import numpy as np
 
 from ..engine.generalised import STAGE
 from ..engine.known_steps import Wanted
-from ..engine.marching import PI, Step, Text
-from ..engine.observation import integrate, observe_at
-from ..engine.outputs import COMPONENTS
+from ..engine.marching import PI, Step, Text, turned_on
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
-from ..engine.turning import turned_on
+from ..engine.workspace import integrate, observe_at
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, without
@@ -97,10 +95,9 @@ from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, compensated,
 from ..loads import Load
 from ..models.stack import SystemStack
 from .compiled import ONCE, Compiled, Needs
-from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
-from .gauss_memory import Memory
+from .gauss_coefficients import TABLE, WIDTH, nodes, table
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, iterated, rows_of
+from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Memory, Stage, Stages, TurnEquations, iterated, rows_of
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -209,7 +206,7 @@ class Gauss(Compiled):
     @property
     def needs(self) -> Needs:
         """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
-        return Needs(STAGE, table(self.order), within(self.order), COMPONENTS * self.nodes, scratch_of)
+        return Needs(STAGE, table(self.order), COMPONENTS * self.nodes, scratch_of)
 
 
 def scratch_of(internal: int) -> tuple[int, int]:
@@ -221,6 +218,7 @@ def scratch_of(internal: int) -> tuple[int, int]:
 
 # The step.
 
+COMPONENTS = 6  # of the increments that a member carries
 FAINT = 1e-280  # square of a vector that has no direction any more
 SLIGHT = 1e-150  # rad, of which the sine is the angle itself
 SMALLEST = 0.1  # determinant of the rows of a stage

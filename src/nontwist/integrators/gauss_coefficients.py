@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.layout import layout
+from ..engine.records import layout
 from ..geometry.arrays import Array
 
 DIGITS = 60
@@ -53,20 +53,6 @@ def table(order: int) -> Array:
     symplectic, rounded = _symplectic(np.array(mu, dtype=np.float64)), np.array(b, dtype=np.float64)
     columns: Any = (zip(*matrix, strict=True) for matrix in (symplectic, guess, rounded * symplectic, inverse))
     return _packed(_padded([c, b], 2), *(_padded(list(matrix), WIDTH) for matrix in columns), _padded([sums], 1))
-
-
-@cache
-def within(order: int) -> Array:
-    """Return what guesses of substeps are made of (`nontwist.engine.outputs`), one part after the other."""
-    s = order // 2
-    with localcontext() as context:
-        context.prec = DIGITS
-        c, b, _, l = _exact(s)
-        back = [[_value(l[k], x - 1) for x in c] for k in range(s)]
-        both = [*(x - 1 for x in c), *c]
-        one = [[x / b[j] for x in l[j]] for j in range(s)]
-        two = [[x / b[j % s] for x in _lagrange(both, j)] for j in range(2 * s)]
-    return _packed(_padded([c, b, *back], 2 + s), np.array(one, dtype=np.float64), np.array(two, dtype=np.float64))
 
 
 def _padded(rows: Any, count: int) -> Array:

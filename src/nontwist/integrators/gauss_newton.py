@@ -25,20 +25,17 @@ from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from typing import Any
 
-from ..engine.elimination import Scratch, eliminate_once
-from ..engine.newton import EPS, ROUND_OFF
+from ..engine.newton import EPS, ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Parts, State
-from ..engine.sampling import Nodes
-from ..engine.state_moments import DIFFERENCE
+from ..engine.sampling import DIFFERENCE, Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import fma, larger, logical_not, real, select
+from ..kernels.kernel import part, rare
 from ..kernels.memory import View, scratch, size_of
-from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_memory import Memory
-from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, pulled_back, rows_of
+from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Memory, Stage, Stages, pulled_back, rows_of
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 

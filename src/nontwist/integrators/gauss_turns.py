@@ -28,8 +28,7 @@ from .gauss_coefficients import TABLE
 from .gauss_stages import TINY
 
 if TYPE_CHECKING:
-    from .gauss_derivatives import Collocation
-    from .gauss_known_stages import StageEquations
+    from .gauss_derivatives import Collocation, StageEquations
 
 LEAST_TURN = {1: 2e-5, 2: 1e-3, 3: 1e-2}  # rad, of a step of so many stages that turns about a line; of more, 5e-2
 

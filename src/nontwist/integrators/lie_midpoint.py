@@ -42,10 +42,10 @@ felt as a moment: Q × Ω has no component along Q, whatever 1/J_i has been roun
 does not turn.
 
 The first guess of z/h is the value at this step of the parabola through the last three, which leaves two iterations as
-a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the axis; under moments M alone z is explicit, the
-first two components of (h/2) M.
+a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the axis; under moments M alone z is explicit,
+the first two components of (h/2) M.
 
-Dissipation χ (`dissipative`), for bodies without a constraint. The body turns, and its momentum with it, by
+Dissipation χ (`compiled`), for bodies without a constraint. The body turns, and its momentum with it, by
 
     Ω = W_m + g T × W_m,        W_m = J⁻¹ Q,        T = Q + c,
 
@@ -68,14 +68,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..engine.marching import Step, Text, midpoint_step
+from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Parts, State
-from ..engine.sampling import Loads, Nodes
-from ..engine.state_moments import MomentOfStep, mean, mean_moment_of_dead
+from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
-from .dissipative import Dissipative
+from .compiled import Dissipative
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,7 @@ def dead_moment(F: Matrix, a: Vector) -> Vector:
 
 def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
     """Return the step with the multiplier, moments and work."""
-    parts, body, f, R = nodes.parts, nodes.body, 0.5 * nodes.h, nodes.R
+    parts, body, f = nodes.parts, nodes.body, 0.5 * nodes.h
     a, m, of_load = f * Om, loads.space, loads.space
     s, mu = 1.0 / (1.0 + a @ a), 0.0 * f
     if parts.calls:
@@ -234,13 +233,7 @@ def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vec
         mu = torque(nodes, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + axial) / f
     own = along_the_frame(loads, Om)
     moment = sum_of(None if own is None else mean(s, a, own), of_load)
-    if moment is not None:
-        found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
-    if parts.dead and parts.is_constrained:
-        found = found._replace(dead=R @ mean_moment_of_dead(loads.dead, s, a))
-    if parts.turns:
-        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
-    return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
+    return midpoint_means(nodes, loads.dead, found, a, moment, mu=mu)
 
 
 def remembered(h: Any, P: Vector, ahead: Vector) -> Any:

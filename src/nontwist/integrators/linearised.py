@@ -6,7 +6,7 @@ whatever the length of the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
-from ..engine.chained import CHAIN, LANES
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.known_steps import INPUTS, NODAL, STEPS, Step
-from ..engine.layout import address_of, put
-from ..engine.linear_functions import places_of_directions
-from ..engine.linearised import forward_run, linearised
+from ..engine.known_steps import INPUTS, NODAL, STEPS, Step, places_of_directions
+from ..engine.linearised import CHAIN, LANES, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import BODY
+from ..engine.records import BODY, address_of, put
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States, product
 from ..geometry.tensors import BASIS, ENTRIES
@@ -37,10 +34,58 @@ from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_of
-from .linear_inputs import Entries, Nodes, Sampled
 from .load_samples import WIDTHS, as_marched, orbit_of, parts_of, sampled
 from .problem import IVP
 from .wheels import as_gyrostat
+
+
+class Entries(NamedTuple):
+    """What parameters do to an input of steps: dinput[component] = value · dparameter, at a step, or at all of them."""
+
+    name: str  # of the input
+    component: NDArray[np.int64]
+    parameter: NDArray[np.int64]
+    value: Array
+    step: NDArray[np.int64] | None = None  # None: at every step
+
+    def turned(self, T: Array | None) -> Entries:
+        """Return what they do to the input times a matrix, node by node; None: to the input itself."""
+        if T is None:
+            return self
+        if not (T - T[0, 0] * np.eye(len(T))).any():
+            return self._replace(value=T[0, 0] * self.value)
+        places = self.component % len(T)
+        rows, which = np.nonzero(T[:, places])
+        step = None if self.step is None else self.step[which]
+        component = self.component[which] - places[which] + rows
+        return Entries(self.name, component, self.parameter[which], T[rows, places[which]] * self.value[which], step)
+
+    def without_zeros(self) -> Entries:
+        """Return the entries that are not 0."""
+        which = np.flatnonzero(self.value)
+        step = None if self.step is None else self.step[which]
+        return Entries(self.name, self.component[which], self.parameter[which], self.value[which], step)
+
+
+Sampled = Callable[["Nodes"], Iterable[Entries]]
+
+
+class Nodes(NamedTuple):
+    """Some steps and the nodes of the load in them."""
+
+    first: int
+    last: int
+    begin: Array  # (steps,) times
+    end: Array
+    sizes: Array
+    middles: Array  # (s,) fractions
+    times: Array  # (steps · s,) of the nodes
+
+    @property
+    def of_nodes(self) -> NDArray[np.int64]:
+        """The number of the step of each node."""
+        return np.repeat(np.arange(self.first, self.last), len(self.middles))
+
 
 # Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
 LARGEST, LONGEST = 2**14, 2048
@@ -318,7 +363,7 @@ class Workspace:
 
 
 class Link(NamedTuple):
-    """How changes go through some steps: a block (`engine.chained.Chain`), the arrays that it points to, first step."""
+    """How changes go through some steps: a block (`Chain`), the arrays that it points to, the first step."""
 
     block: NDArray[np.int64]
     alive: dict[str, Any]

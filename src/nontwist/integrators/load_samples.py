@@ -3,30 +3,47 @@
 In a step a prescribed spin W3 goes along the chord between c at both ends, a polynomial of a degree not above the
 number of stages, so W3 = c at every node, whatever the grid is: of a table whose kinks are nodes it is c itself, and
 the order is that of the scheme.
+
+Rotors. Within a step the momentum c of the rotors is taken as the polynomial whose rate has, at the nodes θ_j of the
+step, the values of c' there, but for a constant by which it is c at both ends,
+
+    c'_j = c'(t_j) + r,    Σ b_j c'_j = (c_{n+1} - c_n)/h,    c_j = c_n + h Σ a_jk c'_k.
+
+So it is collocated as the unknowns of the step are. In a step of one node, and for rotors, whose c is linear between
+the times of a table, c' is the chord. The impulses of the steps add up to c at every node, whatever the grid is, and
+with them the schemes keep the total momentum π + Λc exactly: with the mean momentum Q of the step `lie_midpoint` has
+``ΔP + Δc = h (Q + c_m) × Ω``, the free step of the total momentum, and `gauss` a bilinear function Λ (P + c). A rotor
+of constant momentum is drag with a skew matrix, ``c × W``, and does no work; as it spins up its work is ``-h c'·W``, W
+of the step.
+
+Steps in which no moment acts (`Coasting`): a scheme that is exact without load covers each stretch of them at once. In
+such a stretch the march carries the state in which the stretch began; the states that are stored in it are evaluated
+from there, and so is the state at its end. So what a stretch gives does not depend on where the march pauses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from ..engine.generalised import EXACT
-from ..engine.layout import address_of
-from ..engine.records import BODY, FORCES, Parts
+from ..engine.records import BODY, FORCES, Parts, address_of
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import forces_sampled, with_moments
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
+from ..loads.wheels import Driven
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .problem import IVP
-from .rotors import at_nodes
 
 Ends = tuple[Array, Array, Array]
 
@@ -139,3 +156,72 @@ def orbit_of(systems: SystemStack, load: Load, unit: float) -> Array | None:
     if not isinstance(term, GravityGradient) or term.eccentricity or systems.has_dead_force:
         return None
     return np.array([term.mean_motion * unit, *term.normal])
+
+
+def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array, unit: float) -> Array:
+    """Return the momentum of the rotors over the unit of time, and its rate, at the nodes of some steps, (nodes, 6).
+
+    `begin`, `end` and `length` are those of the steps, `middles` the nodes of one, as fractions.
+    """
+    first = load.rotor_momentum(begin)
+    change = load.rotor_momentum(end) - first
+    found, h = np.empty((len(begin), len(middles), 6)), length[:, None, None]
+    found[:, :, :3] = first[:, None] + middles[:, None] * change[:, None]
+    found[:, :, 3:] = (change / length[:, None])[:, None]
+    if len(middles) > 1 and any(isinstance(one, Driven) for one in load.rotors):
+        times = begin[:, None] + middles * length[:, None]
+        rate = load.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape)
+        A, b = coefficients(tuple(middles.tolist()))
+        rate -= np.einsum("j,njc->nc", b, rate)[:, None]  # what is left of it beside the chord
+        found[:, :, :3] += h * np.einsum("ij,njc->nic", A, rate)
+        found[:, :, 3:] += rate
+    found[:, :, :3] /= unit
+    return found.reshape(-1, 6)
+
+
+@lru_cache
+def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return A, b of the collocation at some nodes: integrals of its polynomials up to each node, and to the end."""
+    x, s = 2 * np.array([*middles, 1.0]) - 1, len(middles)
+    P, k = legvander(x, s), np.arange(1, s)
+    integrals = np.column_stack([x + 1, (P[:, 2:] - P[:, :-2]) / (2 * k + 1)]) / 2
+    found: Any = np.linalg.solve(P[:-1, :s].T, integrals.T).T
+    return found[:-1], found[-1]
+
+
+class Coasting:
+    """Stretches of equal steps in which a load is known to be zero, in a grid.
+
+    Attributes
+    ----------
+    begin : (k,) int array, number of the first step of each
+    end : (k,) int array, number of the step that follows the last one
+    """
+
+    def __init__(self, problem: IVP, load: Load | None) -> None:
+        """Find the stretches; without a load, of a scheme that is not exact, there are none."""
+        self.begin: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self.end = self.begin
+        if load is not None:
+            begin = problem.steps_until(np.concatenate([[-np.inf], load.acting[:, 1]]))
+            end = problem.steps_ended(np.concatenate([load.acting[:, 0], [np.inf]]))
+            begin, end, numbers = begin[end > begin], end[end > begin], np.array(problem.grid.numbers[1:-1])
+            is_inside = np.searchsorted(begin, numbers) > np.searchsorted(end, numbers, side="right")
+            self.begin, self.end = np.union1d(begin, numbers[is_inside]), np.union1d(end, numbers[is_inside])
+        self._passed = np.concatenate([[0], np.cumsum(self.end - self.begin)])
+
+    def __len__(self) -> int:
+        return len(self.begin)
+
+    def stretch_of(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the number of the stretch that each step is in, -1 where it is in none."""
+        j = np.searchsorted(self.begin, steps, side="right") - 1
+        return np.where(j == np.searchsorted(self.end, steps, side="right"), j, -1)
+
+    def before(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return how many of the steps before each are in a stretch."""
+        if not len(self):
+            return np.zeros_like(steps)
+        j = np.searchsorted(self.begin, steps, side="right")
+        last = np.maximum(j - 1, 0)
+        return np.where(j > 0, self._passed[last] + np.minimum(steps, self.end[last]) - self.begin[last], 0)

@@ -11,8 +11,8 @@ u parameters of wheels. A step from x_n has stages ``X_i = x_n + k Σ a_ij G(X_j
     dX_i = dx_n + k Σ a_ij (G_x dX_j + G_u du),        dx_{n+1} = dx_n + k Σ b_j (G_x dX_j + G_u du).
 
 They are the derivatives of the computed step, not those of the motion. As stages are not stored, they are found again
-by Newton's iteration with the same matrix, many steps at a time. At nodes R is a rotation, and dR = R δ̂. All wheels are
-states here, also those whose momentum is known beforehand: h is then a polynomial that is collocated.
+by Newton's iteration with the same matrix, many steps at a time. At nodes R is a rotation, and dR = R δ̂. All wheels
+are states here, also those whose momentum is known beforehand: h is then a polynomial that is collocated.
 """
 
 from __future__ import annotations
@@ -37,9 +37,8 @@ from .base import SimulationError, Status
 from .compiled import Compiled
 from .gauss_coefficients import TABLE, WIDTH, table
 from .linearised import ranged
-from .load_samples import as_marched
+from .load_samples import as_marched, at_nodes
 from .problem import IVP
-from .rotors import at_nodes
 from .wheels import carrier, places
 
 AXES = np.eye(3)

@@ -8,7 +8,7 @@ is
 so the momentum is a quadrature of the moment in the moving frame, and the attitude a product of exponentials.
 
 - Moments given along the moving frame: M(t) at Gauss nodes, Π_⊥ at the nodes by the Gauss Runge-Kutta matrix, and
-  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (`engine.turning`), for order 4 Ω = h (W_1 + W_2)/2 +
+  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (`engine.marching`), for order 4 Ω = h (W_1 + W_2)/2 +
   (√3/12) h² W_1 × W_2.
 - Moments fixed in space, gravity, loads of the state: M at Λ_m = Λ_n exp(h Ŵ_m/2) with W_m = J_⊥⁻¹ (Π_n + Π_{n+1})/2,
   implicit in W_m and iterated to round-off; symmetric, of order 2; composed to orders 4 and 6 (`composition`).
@@ -49,23 +49,28 @@ a polynomial of degree s - 1, Π_⊥ by its integral, and Λ(t_i) = Λ_n exp(Ω�
 of its second integral δ(c_i) h^(s+2). For s = 2 that is h⁴. For s = 3 it is h⁵; but P_3 is odd about the middle of
 the step, orthogonal to 1 - c, and so is δ odd, and Σ b_i δ(c_i) M(t_i) of h⁶. The impulse of an interval has its
 order then, 4 and 6: what π gains is h · moment and what the reaction along the axis adds.
+
+**Compositions** repeat a step of order 2 with fractions of h. If Φ_h is a symmetric method of order 2 and a
+near-identity map, ``Φ_{γ_s h} ∘ ... ∘ Φ_{γ_1 h}`` with ``γ_i = γ_{s+1-i}`` and the order conditions ``Σ γ_i = 1``, ``Σ
+γ_i³ = 0``, ... is symmetric and of the higher order, and it keeps every invariant that Φ keeps at every step size. The
+middles of all substeps lie inside the step, so a load with kinks on the ends of steps costs no order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..engine.marching import FARTHEST, UNIT, Step, Text
-from ..engine.observation import integrate, observe
+from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned, turned_on
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
-from ..engine.turning import exponential, magnus, turned, turned_on
+from ..engine.workspace import integrate, observe
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
 from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.arrays import Array
@@ -75,10 +80,43 @@ from ..kernels.memory import View, scratch
 from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of, taxicab
 from ..models.stack import is_principal, transverse_momentum
 from .base import IVP, SPIN
-from .coasting import Coasting
 from .compiled import ONCE, Compiled
-from .composition import fractions, nodes
 from .costs import Cost, steps_cost
+from .load_samples import Coasting
+
+_SUZUKI = 1 / (4 - 4 ** (1 / 3))
+
+# The first half of the fractions and the middle one.
+HALVES: dict[int, tuple[float, ...]] = {
+    2: (1.0,),
+    # M. Suzuki, Fractal decomposition of exponential operators, Phys. Lett. A 146 (1990) 319.
+    4: (_SUZUKI, _SUZUKI, 1 - 4 * _SUZUKI),
+    # W. Kahan, R.-C. Li, Composition constants for raising the orders of unconventional schemes for ordinary
+    # differential equations, Math. Comp. 66 (1997) 1089; to more digits in E. Hairer, C. Lubich, G. Wanner, Geometric
+    # Numerical Integration, sec. V.3.2.
+    6: (
+        0.39216144400731413927925056,
+        0.33259913678935943859974864,
+        -0.70624617255763935980996482,
+        0.08221359629355080023149045,
+        0.79854399093482996339895035,
+    ),
+}
+
+
+@cache
+def fractions(order: int) -> Array:
+    """Return the fractions γ_i of the step, (s,); one array for all callers."""
+    half = HALVES[order]
+    return np.array([*half, *half[-2::-1]])
+
+
+@cache
+def nodes(order: int) -> Array:
+    """Return where the middles of the substeps lie, as fractions of the step, (s,); one array for all callers."""
+    gamma = fractions(order)
+    return np.cumsum(gamma) - gamma / 2
+
 
 ROTORS = (
     "split does not accept rotors: its free motion between the kicks is that of the body without them; use "

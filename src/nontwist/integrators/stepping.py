@@ -10,8 +10,8 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, states_of
-from .listing import Outputs
 from .problem import IVP, Failure, March, Status, started
+from .stack_march import Outputs
 
 ORTHONORMAL = 1e-9
 ENDS = np.array([0, 1])

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array
 from ..units import RATE, TIME
-from . import spellings
-from .headers import rate_unit, sensors
+from .headers import ACCELEROMETER, rate_unit, sensors
+from .headers import GYROSCOPE as GYROSCOPES
 from .table import Table
 
 FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are compared, in blocks
@@ -145,24 +145,18 @@ def sensor(table: Table, names: Sequence[str]) -> tuple[Array | None, str | None
     """Return the vectors of the first sensor that has one of these names, and the unit of rates that it states."""
     for _, three in sensors(table.headers, names)[:1]:
         try:
-            return table.vectors(three), stated_rate(three)
+            return table.vectors(three), rate_unit(*three)
         except ValueError:
             break
     return None, None
-
-
-def stated_rate(headers: Sequence[str]) -> str | None:
-    """Return the unit of angular velocity that all headers state."""
-    units = {rate_unit(one) for one in headers}
-    return units.pop() if len(units) == 1 else None
 
 
 def evidence_of(
     table: Table, count: int, time: Array | None, other: Array | None = None, spin: Array | None = None
 ) -> Evidence:
     """Return what the columns of one sensor tell of its orientation in `count` rows."""
-    gyroscope, unit = sensor(table, spellings.GYROSCOPE)
-    accelerometer, _ = sensor(table, spellings.ACCELEROMETER)
+    gyroscope, unit = sensor(table, GYROSCOPES)
+    accelerometer, _ = sensor(table, ACCELEROMETER)
     found = {GYROSCOPE: gyroscope, SPIN: None if spin is None else -spin, OTHER: other, GRAVITY: accelerometer}
     rows = np.arange(count)
     if count > MOST:

@@ -1,4 +1,8 @@
-"""Which columns hold an orientation, a gyroscope or an accelerometer, by their headers."""
+"""Which columns hold an orientation, a gyroscope or an accelerometer, by their headers.
+
+The tables say what makers of sensors call their columns: add a line for a new one. Headers are compared without case,
+blanks and marks, and without a unit in brackets at their end: ``Quat_W [-]`` is ``quatw``.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,44 @@ from dataclasses import dataclass
 from os.path import commonprefix
 
 from ..units import ANGLE, RATE, known, split_unit
-from . import spellings
 
-_RATE_WORDS = r"(deg(?:rees)?(?:/|p|per|_)?s(?:ec)?|dps|mdps|rad(?:ians)?(?:/|p|per|_)?s(?:ec)?|rpm)"
+QUATERNION = ("quaternions", "quaternion", "quat", "q")  # what may be before a letter or number of a quaternion
+# The four letters, the scalar last where its place is known; what is before them, None for anything; whether it is.
+QUATERNIONS = (
+    ("x y z w", None, True),  # qw, Quat_W, orientation/w, Quat_W_CAL; Motive
+    ("i j k r", QUATERNION, True),
+    ("x y z s", QUATERNION, True),
+    ("i j k real", QUATERNION, True),
+    ("x y z scalar", None, True),  # APDM: Upper/Orientation/Scalar
+    ("x y z 0", QUATERNION, True),  # NDI: Q0, Qx, Qy, Qz
+    ("1 2 3 0", ("quatq",), True),  # Xsens MT Manager
+    ("0 1 2 3", QUATERNION, False),
+    ("1 2 3 4", QUATERNION, False),
+)
+# Nine elements of a matrix that maps body to space, row by row.
+MATRICES = (
+    "11 12 13 21 22 23 31 32 33",  # r11, Mat[1][1]
+    "00 01 02 10 11 12 20 21 22",
+    "rot0 rot3 rot6 rot1 rot4 rot7 rot2 rot5 rot8",  # Qualisys QTM, column by column: Λ = Rx(roll) Ry(pitch) Rz(yaw)
+    "d1x d2x d3x d1y d2y d3y d1z d2z d3z",  # directors
+)
+# Axis of the angle that a name stands for, at the end of a header; names of angles before x, y, z.
+ANGLES = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z", "azimuth": "z", "course": "z"}
+EULER = ("euler", "angle", "eul")
+ROTATION_VECTOR = ("rotvec", "rotationvector", "rotvector", "rv", "r", "axisangle")
+# Before x, y, z; those of one or two letters are alone there.
+GYROSCOPE: tuple[str, ...] = ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel")
+GYROSCOPE += ("rotationrate", "gyrorotation", "omega", "g", "w")
+ACCELEROMETER = ("accelerometer", "acceleration", "accel", "acc", "linearacceleration", "a")
+# of other sensors and of bodies, not markers
+OTHER: tuple[str, ...] = ("magnetometer", "magneticfield", "mag", "m", "pos", "position", "vel", "velocity")
+OTHER += ("speed", "force", "f", "torque", "moment", "trans", "translation")
+OF_SENSORS = (*GYROSCOPE, *ACCELEROMETER, *OTHER, *QUATERNION, *ROTATION_VECTOR, "euler")
+# Columns that name the sensor, body or frame of each row.
+SENSOR = {"sensorid", "sensor", "sensorname", "id", "deviceid", "device", "devicetag", "frameid", "childframeid"}
+SENSOR |= {"headerframeid", "topic", "body", "bodyid", "segment", "tag", "address", "mac", "name", "trackerid"}
+SENSOR |= {"toolid"}
+_RATE_WORDS = r"(?:deg(?:rees)?(?:/|p|per|_)?s(?:ec)?|dps|mdps|rad(?:ians)?(?:/|p|per|_)?s(?:ec)?|rpm)"
 _REPEATED = re.compile(r"(.+)\.(\d+)$")
 
 
@@ -36,17 +75,13 @@ def groups(
 
     Where a header is repeated, as in ``x y z x y z w``, each of its columns is tried with the others.
     """
-    by_name: dict[str, list[str]] = defaultdict(list)
-    there = set(headers)
+    by_name, there = defaultdict[str, list[str]](list), set(headers)
     for header in headers:
         repeated = _REPEATED.match(header)
-        once = repeated[1] if repeated and repeated[1] in there else header
-        by_name[name_of(once)].append(header)
+        by_name[name_of(repeated[1] if repeated and repeated[1] in there else header)].append(header)
     for name in list(by_name):
-        for k in range(len(name)):
-            if not name.startswith(letters[0], k):
-                continue
-            before, after = name[:k], name[k + len(letters[0]) :]
+        for place in re.finditer(f"(?={letters[0]})", name):
+            before, after = name[: place.start()], name[place.start() + len(letters[0]) :]
             found = [by_name[before + one + after] for one in letters if before + one + after in by_name]
             if len(found) == len(letters):
                 for row in range(max(map(len, found))):
@@ -55,19 +90,16 @@ def groups(
 
 def orientations(headers: Sequence[str]) -> list[Found]:
     """Return every set of columns that may hold a quaternion, a matrix or directors."""
-    found: list[Found] = []
-    for letters, words, known_first in spellings.QUATERNIONS:
+    sets: dict[frozenset[str], Found] = {}  # of those of the same columns, the first
+    for letters, words, is_ordered in QUATERNIONS:
         for before, _, four in groups(headers, letters.split()):
             if words is None or before.endswith(words):
-                names = (*four[1:], four[0]) if known_first else four
-                found.append(Found(names, bool(known_first), _body(names, "[q]")))
-    for letters in spellings.MATRICES:
+                sets.setdefault(frozenset(four), Found(four, is_ordered, _body(four, "[q]")))
+    for letters in MATRICES:
         for before, after, nine in groups(headers, letters.split()):
-            if not after and not before.endswith(spellings.QUATERNION):
-                found.append(Found(nine, True, _body(nine, "[rm]")))
-    sets = {frozenset(one.headers): one for one in reversed(found)}  # of those of the same columns, the first
-    found = [one for one in found if sets[frozenset(one.headers)] is one]
-    return [one for one in found if not _is_part(one, found)]
+            if not after and not before.endswith(QUATERNION):
+                sets.setdefault(frozenset(nine), Found(nine, True, _body(nine, "[rm]")))
+    return [one for one in sets.values() if not _is_part(one, sets.values())]
 
 
 def _is_part(one: Found, others: Iterable[Found]) -> bool:
@@ -93,7 +125,7 @@ def lacks(headers: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     """Return three columns of a quaternion and the plain name of the fourth, where only that is not there."""
     for k, letter in enumerate("wxyz"):
         for before, after, found in groups(headers, "wxyz".replace(letter, "")):
-            if before.endswith(spellings.QUATERNION):
+            if before.endswith(QUATERNION):
                 return found, before + "wxyz"[k] + after
     return None
 
@@ -105,15 +137,19 @@ def markers(headers: Sequence[str]) -> list[str]:
         name = split_unit(header)[0]
         if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])|([XYZ]))|([xyzXYZ])[ _.:\-]+(.+)", name):
             axes[found[1] or found[5]].add((found[2] or found[3] or found[4]).lower())
-    sensors = sum(spellings.OF_SENSORS, ("euler",))
-    long = tuple(name for name in sensors if len(name) > 2)
+    long = tuple(name for name in OF_SENSORS if len(name) > 2)
     whole = [name for name, letters in axes.items() if letters == {*"xyz"}]
-    return [name for name in whole if plain(name) not in sensors and not plain(name).endswith(long)]
+    return [name for name in whole if plain(name) not in OF_SENSORS and not plain(name).endswith(long)]
 
 
 def angle_unit(headers: Iterable[str]) -> str | None:
     """Return ``deg`` or ``rad`` where all headers state it, in brackets or as their last word."""
-    stated = {known(unit or re.split(r"[\s_.\-/]", name)[-1], ANGLE) for name, unit in map(split_unit, headers)}
+    return common(known(unit or re.split(r"[\s_.\-/]", name)[-1], ANGLE) for name, unit in map(split_unit, headers))
+
+
+def common(units: Iterable[str | None]) -> str | None:
+    """Return what all of these are, None where they differ."""
+    stated = set(units)
     return stated.pop() if len(stated) == 1 else None
 
 
@@ -125,24 +161,23 @@ def _bare(header: str) -> str:
 
 def angles(headers: Sequence[str], letters: str) -> tuple[str, ...] | None:
     """Return one column of an angle for each axis of `letters`, or None where that is not clear."""
-    found = tuple([h for h in headers if _axis_of_angle(h) == letter.lower()] for letter in letters)
+    found = [[h for h in headers if _axis_of_angle(h) == letter.lower()] for letter in letters]
     if any(len(one) > 1 for one in found):  # Roll among DesRoll and the like
-        found = tuple([h for h in one if _bare(h) in spellings.ANGLES] for one in found)
+        found = [[h for h in one if _bare(h) in ANGLES] for one in found]
     return tuple(one[0] for one in found) if all(len(one) == 1 for one in found) else None
 
 
 def _axis_of_angle(header: str) -> str | None:
     name = _bare(header)
-    own = name[-1:] if name[:-1].endswith(spellings.EULER) and name[-1:] in "xyz" else None
-    return next((axis for word, axis in spellings.ANGLES.items() if name.endswith(word)), own)
+    own = name[-1:] if name[:-1].endswith(EULER) and name[-1:] in "xyz" else None
+    return next((axis for word, axis in ANGLES.items() if name.endswith(word)), own)
 
 
 def rotation_vector(headers: Sequence[str]) -> tuple[str, ...] | None:
     """Return the three columns of a rotation vector, or None where that is not clear."""
-    names = spellings.ROTATION_VECTOR
     threes = [(before, three) for before, after, three in groups(headers, "xyz", _bare) if not after]
-    found = [three for one, three in threes if one in names or (one.endswith(names) and len(one) > 3)]
-    return found[0] if len(found) == 1 else None
+    long = [three for one, three in threes if one in ROTATION_VECTOR or (one.endswith(ROTATION_VECTOR) and one[3:])]
+    return long[0] if len(long) == 1 else None
 
 
 def sensors(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
@@ -156,8 +191,8 @@ def sensors(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tup
     for name in names:
         for before, after, three in all_threes:
             if not after and before.endswith(name) and (len(name) > 2 or before == name):
-                found.setdefault(three, before[: len(before) - len(name)])
-    if not found and names is spellings.GYROSCOPE:
+                found.setdefault(three, before.removesuffix(name))
+    if not found and names is GYROSCOPE:
         found = {three: before for before, _, three in all_threes if all(map(rate_unit, three))}
     return [(before, three) for three, before in found.items()]
 
@@ -167,10 +202,8 @@ def _without_rate(header: str) -> str:
     return plain(re.sub(rf"(?i)[ _.\-/]+{_RATE_WORDS}$", "", split_unit(header)[0]))
 
 
-def rate_unit(header: str) -> str | None:
-    """Return the unit of angular velocity that a header states, in brackets or as its last word."""
-    name, unit = split_unit(header)
-    if unit is None:
-        last = re.search(rf"(?i)[ _.\-/]({_RATE_WORDS[1:-1]})$", name)
-        unit = last[1] if last else None
-    return known(unit, RATE)
+def rate_unit(*headers: str) -> str | None:
+    """Return the unit of angular velocity that all headers state, in brackets or as their last word."""
+    last = re.compile(rf"(?i)[ _.\-/]({_RATE_WORDS})$")
+    named = ((unit, last.search(name)) for name, unit in map(split_unit, headers))
+    return common(known(unit or (found and found[1]), RATE) for unit, found in named)

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, as_floats
 from ..geometry.values import counted
-from .attitudes import of_table
-from .formats.content import Content
+from .attitudes import MEASURED, Motion, of_table
 from .options import ReadOptions
-from .rotations import MEASURED, Motion
-from .table import Lines, Table, place
+from .table import Content, Lines, Table, place
 from .times import seconds
 
 if TYPE_CHECKING:
@@ -110,38 +108,54 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}")
 
 
-def as_rotation(
-    values: Any, tolerance: float, rows: NDArray[np.int64] | None = None, lines: Lines | None = None
-) -> Rotation:
-    """Return the values of `raw_motion` as a Rotation; a ValueError names what is no rotation within `tolerance`.
-
-    With `rows` only these are taken, and messages name them by their numbers in `values`, or by the `lines` of these.
-    """
-    values = values if rows is None else values[rows]
+def as_rotation(values: Any, tolerance: float) -> Rotation:
+    """Return the values of `raw_motion` as a Rotation; a ValueError names what is no rotation within `tolerance`."""
     if not isinstance(values, np.ndarray):
         return values
-    _check(values, tolerance, rows, lines)
+    _require_rotations(values, tolerance)
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
 
 
 def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
-    """Return `rows` of a motion as quaternions, (k, 4), scalar last; errors as `as_rotation`.
+    """Return `rows` of a motion as quaternions, (k, 4), scalar last; errors as `as_rotation`, with the row or line.
 
     Quaternions that are given are left as they are.
     """
-    values = motion.values
-    if not isinstance(values, np.ndarray) or values.shape[-1] != 4:
-        return np.asarray(as_rotation(values, MEASURED, rows, motion.lines).as_quat())
-    _check(values[rows], MEASURED, rows, motion.lines)
-    return np.ascontiguousarray(values[rows])
+    values = motion.values[rows]
+    if isinstance(values, np.ndarray):
+        _require_rotations(values, MEASURED, rows, motion.lines)
+        if values.shape[-1] == 4:
+            return np.ascontiguousarray(values)
+        from scipy.spatial.transform import Rotation
+
+        values = Rotation.from_matrix(values)
+    return np.asarray(values.as_quat())
 
 
-def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None, lines: Lines | None = None) -> None:
-    """Raise a ValueError where matrices or quaternions are no rotations."""
-
-    def refuse(bad: Any, message: str, shown: Any) -> None:
+@np.errstate(over="ignore", invalid="ignore")
+def _require_rotations(
+    values: Array, tolerance: float, rows: NDArray[np.int64] | None = None, lines: Lines | None = None
+) -> None:
+    """Raise a ValueError where matrices or quaternions are no rotations; `rows` are their numbers in a motion."""
+    if values.shape[-1] == 4:
+        length = np.linalg.norm(values, axis=-1)
+        refused = [
+            (~np.isfinite(values).all(axis=-1), "quaternion{} is not finite: {}", values),
+            (abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length),
+        ]
+    else:
+        defect, det = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1)), np.linalg.det(values)
+        off = "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}"
+        lacking = "; if digits are missing, SciPy's Rotation.from_matrix has the nearest one"
+        refused = [
+            (~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values),
+            (~(defect <= MEASURED), off, defect),
+            (defect > tolerance, off + lacking, defect),
+            (det < 0, "rotation{} is left-handed: its determinant is {:.6g}", det),
+        ]
+    for bad, message, shown in refused:
         if np.any(bad):
             index = tuple(int(i) for i in np.argwhere(bad)[0])
             named = index if rows is None else (int(rows[index[0]]), *index[1:])
@@ -149,32 +163,13 @@ def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None, line
             where = where if lines is None else f" in {place(named[0], lines)}"
             raise ValueError(message.format(where, np.asarray(shown)[index].tolist()))
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        if values.shape[-1] == 4:
-            refuse(~np.isfinite(values).all(axis=-1), "quaternion{} is not finite: {}", values)
-            length = np.linalg.norm(values, axis=-1)
-            refuse(abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length)
-            return
-        refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
-        defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
-    off = "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}"
-    refuse(~(defect <= MEASURED), off, defect)
-    refuse(
-        defect > tolerance, f"{off}; if digits are missing, SciPy's Rotation.from_matrix has the nearest one", defect
-    )
-    det = np.linalg.det(values)
-    refuse(det < 0, "rotation{} is left-handed: its determinant is {:.6g}", det)
-
 
 def _of_dataarray(motion: Any) -> Array:
     if "quat" in motion.dims:
-        array = motion.transpose(..., "quat")
-        order = [str(x) for x in array.coords["quat"].values] if "quat" in array.coords else list("xyzw")
-        quaternions: Array = array.values[..., [order.index(x) for x in "xyzw"]]
-        return quaternions
+        order = [str(x) for x in motion.coords["quat"].values] if "quat" in motion.coords else list("xyzw")
+        return np.asarray(motion.transpose(..., "quat").values[..., [order.index(x) for x in "xyzw"]])
     if {"director", "axis"} <= set(motion.dims):
-        matrices: Array = motion.transpose(..., "axis", "director").values
-        return matrices
+        return np.asarray(motion.transpose(..., "axis", "director").values)
     raise ValueError(f"a DataArray needs the dims director and axis, or quat; got {', '.join(map(str, motion.dims))}")
 
 

@@ -35,9 +35,9 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.values import counted, number_text
+from .attitudes import Motion
 from .clocks import fitted_clock, speed_correlation, turns, within
 from .motions import GAP, Samples, samples
-from .rotations import Motion
 
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it

@@ -1,18 +1,18 @@
-"""A table of a recording: columns by header, the rows of one sensor, and where each row is in its file."""
+"""What a reader finds in a file: a table of columns by header, attitudes of bodies, or both; the rows of one sensor."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats
-from . import headers, spellings
+from . import headers
 from .headers import plain
 from .options import ReadOptions
 
@@ -41,6 +41,28 @@ def number(value: object) -> float | None:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return None
+
+
+def by_name(kind: str, streams: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return streams by their names; an InputError names those that two have."""
+    found: dict[str, Any] = {}
+    for name, values in streams:
+        if name in found:
+            raise InputError("same-name", kind=kind, name=name)
+        found[name] = values
+    return found
+
+
+def stacked(rows: Sequence[Sequence[Any]], width: int, what: str, lines: Lines | None = None) -> Array:
+    """Return rows of numbers as an array; an InputError names the first of another length, or that is no number."""
+    for k, row in enumerate(rows):
+        if len(row) != width:
+            raise InputError("row-length", place=place(k, lines), what=what, count=len(row), width=width)
+    try:
+        return np.array(rows, dtype=float).reshape(-1, width)
+    except ValueError:
+        k, wrong = next((k, cell) for k, row in enumerate(rows) for cell in row if number(cell) is None)
+    raise InputError("not-a-number", what=f"the {what}", value=wrong, place=place(k, lines))
 
 
 @dataclass(frozen=True)
@@ -82,10 +104,9 @@ class Table:
         try:
             return values.astype(np.float64)
         except (TypeError, ValueError):
-            bad = np.array([number(one) is None for one in values.tolist()])
+            bad = [k for k, one in enumerate(values.tolist()) if number(one) is None]
         # beside decimal commas, what is not a number with a point either
-        worse = bad & [number(str(one).replace(",", ".")) is None for one in values.tolist()]
-        k = int(np.argmax(worse if worse.any() else bad))
+        k = next((k for k in bad if number(str(values[k]).replace(",", ".")) is None), bad[0])
         raise InputError("not-a-number", what=f"the column {name!r}", value=values[k], place=place(k, self.lines))
 
     def vectors(self, names: Sequence[str]) -> Array:
@@ -93,31 +114,54 @@ class Table:
         return np.stack([self.numbers(name) for name in names], axis=1)
 
 
+@dataclass(frozen=True)
+class Content:
+    """The content of a file.
+
+    `table` has orientation and time by its headers, as in CSV.
+    `bodies` are (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ, by name; they map body to space, which the
+    format defines where they are `directed`. `loose` are quaternions for which it does not define where the scalar is.
+    `spins` are spatial angular velocities, (n, 3), rad/s, if the file states them; `time`, s, that of the samples of
+    the bodies, counted from `start`, s since 1970, and `sampled` at the rate that the caller gave. `angle_unit` is
+    stated for all columns. `notes` tell the conventions of the file, and what was not read. `lines` are those of the
+    rows of the bodies in a file of text, from 1, by which messages name them.
+    """
+
+    table: Table = field(default_factory=Table)
+    bodies: Mapping[str, Array] = field(default_factory=dict)
+    loose: Mapping[str, Array] = field(default_factory=dict)
+    spins: Mapping[str, Array] = field(default_factory=dict)
+    time: Array | None = None
+    start: float | None = None
+    angle_unit: Literal["deg", "rad"] | None = None
+    sampled: bool = False
+    notes: tuple[str, ...] = ()
+    lines: Lines | None = None
+    directed: bool = True
+
+
 def of_one_sensor(table: Table, how: ReadOptions) -> tuple[Table, ReadOptions, tuple[str, ...]]:
     """Return the rows of one sensor, where a column names that of each row; an InputError asks for it."""
     for header, values in table.columns.items():
-        if len(values) < 2 or header == how.time_column:
-            continue
         start, is_float = values[:1000], values.dtype.kind == "f"
+        if len(values) < 2 or header == how.time_column or len(set(start.tolist())) > MOST_SENSORS:
+            continue
         if is_float and not ((start == np.round(start)).mean() > 0.5 and (start != start[0]).any()):
             continue  # numbers that name sensors are whole, and few are missing
-        if len(set(start.tolist())) > MOST_SENSORS:
-            continue
-        texts = np.array([f"{one:g}" if is_float else str(one).strip() for one in values.tolist()], dtype=object)
-        names = list(dict.fromkeys(texts))
-        codes = np.vectorize({name: k for k, name in enumerate(names)}.get)(texts)
+        texts = [f"{one:g}" if is_float else str(one).strip() for one in values.tolist()]
+        names = {name: k for k, name in enumerate(dict.fromkeys(texts))}
+        codes = np.array([names[one] for one in texts])
         if not 1 < len(names) <= MOST_SENSORS or np.median(np.bincount(codes)) < 2:
             continue
-        changes, is_named = np.count_nonzero(np.diff(codes)), plain(header) in spellings.SENSOR
+        changes, is_named = np.count_nonzero(np.diff(codes)), plain(header) in headers.SENSOR
         is_sure = is_named and changes > OFTEN * len(codes)
         if not is_sure and not ((is_named or changes > len(codes) / 2) and _jumps(table, codes, how)):
             continue
-        told = [(plain(name), plain(f"{header} {name}")) for name in names]
-        wanted = [k for k, both in enumerate(told) if how.body is not None and plain(how.body) in both]
-        if len(wanted) == 1:
-            table = table.at(np.flatnonzero(codes == wanted[0]))
-            return table, replace(how, body=None), (f"rows: of {names[wanted[0]]!r} in the column {header!r}",)
-        raise InputError("several-sensors", header=header, names=listed(names))
+        wanted = [one for one in names if how.body and plain(how.body) in (plain(one), plain(f"{header} {one}"))]
+        if len(wanted) != 1:
+            raise InputError("several-sensors", header=header, names=listed(names))
+        table = table.at(np.flatnonzero(codes == names[wanted[0]]))
+        return table, replace(how, body=None), (f"rows: of {wanted[0]!r} in the column {header!r}",)
     first = np.arange(min(len(table), 1000))
     turns = [count for count in (2, 3, 4) if len(first) > 4 * count and _jumps(table.at(first), first % count, how)]
     if turns:
@@ -139,10 +183,9 @@ def named_columns(
         return None, how
     table.require(*names)
     size = next((n for n in sizes if len(names) in (n, n + 1)), None)
-    if size is None and how.columns is None:
-        raise InputError("no-headers", count=len(names))
     if size is None:
-        raise InputError("three-columns" if len(names) == 3 else "columns", sizes=words, count=len(names))
+        code = "no-headers" if how.columns is None else "three-columns" if len(names) == 3 else "columns"
+        raise InputError(code, sizes=words, count=len(names))
     time = names[0] if len(names) > size else how.time_column
     return names[len(names) - size :], replace(how, columns=names, time_column=time)
 
@@ -151,7 +194,7 @@ def named_columns(
 def _jumps(table: Table, codes: NDArray[np.int64], how: ReadOptions) -> bool:
     """Whether rows of different sensors that are neighbours differ far more than those of one sensor."""
     found = headers.orientations(how.columns or table.headers)
-    three = headers.sensors(table.headers, spellings.GYROSCOPE)
+    three = headers.sensors(table.headers, headers.GYROSCOPE)
     columns = found[0].headers if found else headers.angles(table.headers, "xyz") or (three[0][1] if three else ())
     try:
         values = table.vectors(columns)
@@ -170,13 +213,12 @@ def _jumps(table: Table, codes: NDArray[np.int64], how: ReadOptions) -> bool:
 
 def own_rows(table: Table, names: Sequence[str]) -> tuple[Table, tuple[str, ...]]:
     """Return the rows in which these columns are not empty, where many rows belong to other sensors."""
-    columns = [table.columns[name] for name in names]
-    if not all(one.dtype.kind == "f" for one in columns) or len(table) == 0:
+    floats = {name: one for name, one in table.columns.items() if one.dtype.kind == "f"}
+    if not set(names) <= set(floats) or len(table) == 0:
         return table, ()
-    empty = np.isnan(np.stack(columns)).all(axis=0)
-    others = [one for name, one in table.columns.items() if name not in names and one.dtype.kind == "f"]
-    is_sparse = SPARSE <= empty.mean() < 1
-    if not is_sparse or not any(np.isfinite(one[empty]).mean() > 0.5 and np.isnan(one).any() for one in others):
+    empty = np.isnan(np.stack([floats[name] for name in names])).all(axis=0)
+    others = [one for name, one in floats.items() if name not in names and np.isnan(one).any()]
+    if not SPARSE <= empty.mean() < 1 or not any(np.isfinite(one[empty]).mean() > 0.5 for one in others):
         return table, ()
     note = f"rows: {len(empty) - empty.sum()} of {len(empty)}, the others are of other sensors"
     return table.at(np.flatnonzero(~empty)), (note,)

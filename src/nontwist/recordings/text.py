@@ -6,6 +6,8 @@ them. Names of bodies in further lines join them too: OptiTrack Motive has lines
 ``Rotation`` above ``X Y Z W``; Qualisys QTM has ``BODY_NAMES``, and the name before the first header of each body.
 Separators are commas, semicolons, tabs or blanks; the decimal mark may be a comma. Encodings are UTF-8, UTF-16 with its
 mark, or else Windows-1252.
+
+Logs of raw counts of Gyroflow (.gcsv) have their factors above the headers.
 """
 
 from __future__ import annotations
@@ -25,12 +27,14 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.values import counted
 from ..units import is_unit
-from .table import Table, number
+from .options import ReadOptions
+from .table import Content, Table, number
 
 PREAMBLE = 200  # lines that may be above the data
 DIGITS = 4  # of a date or a time of day, at least
 LONGEST = 200_000_000  # letters of a stream
 COMMENTS = ("//", "#", "%")
+SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), "m": ("mscale", "")}
 _COMMA, _POINT = (re.compile(rf"-?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
@@ -39,7 +43,7 @@ _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
     """Return the table of a text, and notes."""
     content = source if isinstance(source, bytes) else _content(source)
-    lines = list(islice(_opened(content), PREAMBLE))
+    lines = list(islice(opened(content), PREAMBLE))
     if any("\x00" in line for line in lines):
         raise InputError("not-text")
     told = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
@@ -78,13 +82,9 @@ def _content(source: Path | TextIO) -> bytes:
     return text.encode(errors="replace")
 
 
-def _opened(content: bytes) -> TextIO:
+def opened(content: bytes) -> TextIO:
+    """Return the lines of a file of text."""
     return io.TextIOWrapper(io.BytesIO(content), _encoding(content), errors="replace")
-
-
-def decoded(content: bytes) -> str:
-    """Return the text of a file."""
-    return content.decode(_encoding(content), errors="replace")
 
 
 def _encoding(content: bytes) -> str:
@@ -224,7 +224,7 @@ def _rows(
 
     blank = "".join({*"\r\n \t"} - {separator})
     places, comments, is_split = list[int](), list[int](), False
-    for k, line in islice(enumerate(_opened(content), 1), first, None):
+    for k, line in islice(enumerate(opened(content), 1), first, None):
         if _is_comment(line):
             comments.append(k)
         elif line.strip(blank):
@@ -233,7 +233,7 @@ def _rows(
     encoding = _encoding(content)
     if comments:
         kept, first = set(places), 0
-        content = "".join(line for k, line in enumerate(_opened(content), 1) if k in kept).encode(encoding, "replace")
+        content = "".join(line for k, line in enumerate(opened(content), 1) if k in kept).encode(encoding, "replace")
     how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names}
     how |= {"index_col": False, "skipinitialspace": separator != " ", "low_memory": False, "decimal": decimal}
     how |= {"encoding": encoding, "encoding_errors": "replace", "skiprows": first}
@@ -249,3 +249,24 @@ def _rows(
     notes = (f"left out: {counted(len(comments), 'line')} of comments between the rows",) if comments else ()
     lines = np.array(places) if not is_split and len(places) == len(frame) else None
     return Table({str(name): frame[name].to_numpy() for name in frame.columns}, lines), notes
+
+
+def read_text(source: Path | Any, how: ReadOptions) -> Content:
+    """Read a file or a text stream."""
+    table, notes = read_table(source)
+    return Content(table, notes=notes)
+
+
+def read_gyroflow(path: Path, how: ReadOptions) -> Content:
+    """Read a .gcsv file: counts times the factors that the lines above them state."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        above = dict(line.strip().split(",", 1) for line in file.readlines()[:30] if line.count(",") == 1)
+    content = read_text(path, how)
+    columns: dict[str, Any] = {}
+    for header in content.table.headers:
+        key, unit = SCALES.get(header[:1], ("", ""))
+        is_scaled = key in above and (header == "t" or header[1:] in ("x", "y", "z"))
+        values = content.table.numbers(header) * float(above[key]) if is_scaled else content.table.columns[header]
+        columns[f"{header} ({unit})" if is_scaled and unit else header] = values
+    note = "counts: times the factors in the lines above them"
+    return replace(content, table=replace(content.table, columns=columns), notes=(*content.notes, note))

@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_plain
 from ..units import TIME, known, split_unit
-from . import spellings
 from .options import ReadOptions
 from .table import Table, listed, number
 
@@ -29,6 +28,17 @@ EPOCH = (3e8, 4.2e9)  # s since 1970 that are taken for dates: 1979 to 2103
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
 FINE = 1e-4  # days between samples at most, else they are no days but seconds of a clock that is as fine
 COARSE = 5.0  # whole numbers without a unit that are as far apart are not seconds
+# Words of times, and words that may be beside them; words of numbers of samples.
+TIMES = {"t", "time", "timestamp", "stamp", "datetime", "seconds", "secs", "sec", "epoch", "epoc", "datenum"}
+TIMES |= {"zeit", "temps", "tiempo", "tempo", "tijd"}
+BESIDE_TIME = {"elapsed", "unix", "utc", "cal", "sample", "header", "field", "system", "sensor", "fine", "local"}
+BESIDE_TIME |= {"date", "logging", "gps", "gnss", "excel", "serial", "matlab", "day"}
+LIKE_TIME = "time|stamp|date|clock|zeit|datum|temps|heure|tiempo|hora|tijd"
+COUNTERS = {"packet", "counter", "packetcounter", "frame", "frames", "sample", "samples", "index", "number", "count"}
+TICKS = {("sample", "time", "fine")}  # whose length depends on the device
+# Parts of a time that may be in columns of their own, beside units of time.
+PARTS = {"date": "date", "datum": "date", "time": "time", "zeit": "time", "uhrzeit": "time"}
+PARTS |= {"year": "year", "month": "month"}
 SINCE = {  # how dates are counted: s of one count, and how many are before 1970
     **{f"{unit} since 1970": (TIME[unit], 0.0) for unit in ("s", "ms", "us")},
     "ticks of .NET": (1e-7, 621_355_968e9),  # before ns: as such, they would be dates of 1990
@@ -71,7 +81,7 @@ def clock(table: Table, how: ReadOptions) -> Clock:
 
 def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
     """Return the time by the headers; `notes` tell what was not taken for it."""
-    unit, rate, groups = how.time_unit, how.rate, _groups(table)
+    rate, groups, unknown = how.rate, _groups(table), None
     headers, pair = next(filter(None, (_pair(table, parts) for parts in groups)), ((), Clock()))
     read = {" and ".join(headers): pair} if headers else {}
     ranks = {h: _rank(h) for h in table.headers if h not in headers}
@@ -82,11 +92,10 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         for h in (h for h, rank in ranks.items() if rank in wanted and h not in empty):
             is_unit = ranks[h] in (1, 2) and split_unit(h)[1] is None
             try:
-                yield h, read_times(table, h, unit or (h if is_unit else None))
+                yield h, read_times(table, h, how.time_unit or (h if is_unit else None))
             except ValueError as error:
                 yield h, error
 
-    unknown: ValueError | None = None
     for h, one in tried(0):
         if isinstance(one, Clock):
             read[h] = one
@@ -105,14 +114,14 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
     if rate is not None:
         notes += [ignored(f"the column {h!r}", one.time) for h, one in read.items()]
         return _of_counter(table, counter, rate)
-    if not read and unknown is not None:
-        raise unknown
     if read:
         if not any(h in table.columns and table.columns[h].dtype.kind in "iuf" for h in read):
             how.require_without("time_unit", "the times state theirs")
         if not _agree(read):
             raise InputError("several-times", names=listed(read))
         return next(iter(read.values()))
+    if unknown is not None:
+        raise unknown
     if counter is not None:
         notes.append(f"time: none; the column {counter!r} numbers the samples, a rate makes times of it")
     for h, one in tried(1, 2, 3):
@@ -142,7 +151,7 @@ def words_of(header: str) -> tuple[list[str], str | None]:
     name, unit = split_unit(header)
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
     words = [word for word in re.split(r"[^a-zµμ]+", spaced.lower()) if word]
-    beside = spellings.BESIDE_TIME - {"elapsed"}
+    beside = BESIDE_TIME - {"elapsed"}
     if unit is None and len(words) > 1 and known(words[-1], TIME) and words[-2] not in beside:
         unit = words.pop()
     return words, unit
@@ -153,17 +162,17 @@ def _rank(header: str) -> int | None:
     words, unit = words_of(re.sub(r"^.*\.(?=\D)", "", header))  # in a structure, as data.time
     all_words, seconds = set(words), known(unit, TIME)
     is_told = unit is None or seconds or unit.lower() in ("txt", "text", "iso", "utc") or len(words) == 1
-    is_named = spellings.TIMES & all_words or ("elapsed" in words and seconds)
-    if is_named and all_words <= spellings.TIMES | (spellings.BESIDE_TIME if is_told else set()):
+    is_named = TIMES & all_words or ("elapsed" in words and seconds)
+    if is_named and all_words <= TIMES | (BESIDE_TIME if is_told else set()):
         return 0
     name, unit = split_unit(header)
-    is_like, has_unit = re.search(spellings.LIKE_TIME, header.lower()), known(unit or name, TIME)
+    is_like, has_unit = re.search(LIKE_TIME, header.lower()), known(unit or name, TIME)
     return (1 if is_like else 2) if has_unit else 3 if is_like else None
 
 
 def _counts(header: str) -> bool:
     words, unit = words_of(header)
-    return bool(words) and unit is None and set(words) <= spellings.COUNTERS
+    return bool(words) and unit is None and set(words) <= COUNTERS
 
 
 def _has_values(values: NDArray[Any]) -> bool:
@@ -193,7 +202,7 @@ def _groups(table: Table) -> list[dict[str, str]]:
     for h in table.headers:
         *before, last = re.findall(r"[a-zµ]+", h.lower()) or [""]
         if _has_values(table.columns[h]):
-            groups[tuple(before)][spellings.PARTS.get(last) or known(last, TIME) or ""] = h
+            groups[tuple(before)][PARTS.get(last) or known(last, TIME) or ""] = h
     return list(groups.values())
 
 
@@ -269,7 +278,7 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     ahead = (values.astype(np.int64) - np.int64(values[0])).astype(float) if is_exact else ticks - first
     date, zero, has_unit = None, 0.0, scale is not None
     if scale is None:
-        is_tick = tuple(words) in spellings.TICKS
+        is_tick = tuple(words) in TICKS
         date = None if is_tick else next((one for one in SINCE if _is_date(first, step, *SINCE[one])), None)
         if date is None and (is_tick or (step >= COARSE and bool((finite == np.round(finite)).all()))):
             raise InputError("no-time-unit", name=name, step=step)

@@ -10,14 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..options import ReadOptions
-from .apart import read_c3d, read_matlab, readable
-from .arrays import read_numpy, read_run
-from .bvh import read_bvh
-from .content import Content
-from .mvnx import read_mvnx
-from .ros import read_ros
-from .spice import read_spice
-from .text import read_gyroflow, read_opensim, read_text
+from ..table import Content
+from ..text import read_gyroflow, read_text
+from .apart import read_c3d, read_ros, read_spice, readable
+from .arrays import read_matlab, read_numpy, read_run
+from .capture import read_bvh, read_mvnx, read_opensim
 
 READERS: dict[str, Callable[[Path, ReadOptions], Content]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".log"), read_text),

@@ -1,0 +1,184 @@
+"""Files of motion capture in texts: BVH, Xsens MVNX, OpenSim storage (.sto, .mot).
+
+**Biovision hierarchy (BVH)**: the attitudes of joints in space, from the angles of their chain. The channels of a joint
+are in the order in which the rotations are multiplied: ``Zrotation Xrotation Yrotation`` is Rz Rx Ry, about moving
+axes, in degrees; a joint's attitude is its parent's times its own.
+
+**MVNX**: segments and sensors, quaternions q0 (scalar) ... q3 that map segment or sensor to the global frame. Source:
+MVN User Manual, MV0319P, chapter on MVNX: ``orientation`` holds ᴳᴮq of each segment in the order of ``segments``,
+``sensorOrientation`` ᴳˢq of each sensor, ``angularVelocity`` that of each segment in the global frame, to tell whether
+the file inverts its attitudes; frames of another type than ``normal`` are poses of the calibration. ``time`` of a frame
+is in whole ms: where ``index`` over ``frameRate`` agrees to 1 ms, that is the time.
+
+**OpenSim**: the header ends with ``endheader``; it holds ``DataType=Quaternion`` for quaternions, ``w,x,y,z`` in a
+field each, and ``inDegrees=yes`` or ``no`` for angles. Labels follow, then rows, separated by tabs or blanks, or by
+commas where a spreadsheet has saved the file.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ...errors import InputError
+from ...geometry.arrays import Array
+from ..options import ReadOptions
+from ..table import Content, Table, by_name, number, place, stacked
+from ..text import fields_of, opened
+from .apart import readable
+
+WORDS = re.compile(r"\b(ROOT|JOINT|End|CHANNELS)\b([^{}\r\n]*)|([{}])")
+ROUNDED = 1.5e-3  # s, by which the times of frames, in whole ms, miss those of their indices
+TAGS = {"orientation": ("segment", 4), "sensorOrientation": ("sensor", 4), "angularVelocity": ("segment", 3)}
+
+
+def read_bvh(path: Path, how: ReadOptions) -> Content:
+    """Read the joints of a file."""
+    from scipy.spatial.transform import Rotation
+
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        head, motion, tail = file.read().partition("MOTION")
+    if not motion or "HIERARCHY" not in head:
+        raise InputError("no-hierarchy")
+    joints = _joints(head)
+    if "," in tail and not re.search(r"\d\.\d", tail):
+        tail = re.sub(r"(?<=\d),(?=\d)", ".", tail)
+    numbered = [(k, line) for k, line in enumerate(tail.split("\n"), head.count("\n") + 1) if line.strip()]
+    stated = {key.lower().strip(): number(value) for key, _, value in (line.partition(":") for _, line in numbered[:2])}
+    step, frames = stated.get("frame time"), stated.get("frames")
+    if step is None:
+        raise InputError("no-frame-time")
+    places, width = np.array([k for k, _ in numbered[2:]]), sum(len(channels) for _, _, channels in joints)
+    table = stacked([line.split() for _, line in numbered[2:]], width, "motion", places)
+    attitudes: list[Rotation] = []
+    columns = iter(table.T)
+    for _, parent, channels in joints:
+        own = [(name, next(columns)) for name in channels]
+        turning = {name: column for name, column in own if name.lower().endswith("rotation")}
+        turned = Rotation.identity(len(table))
+        if turning:
+            letters = "".join(name[0].upper() for name in turning)
+            turned = Rotation.from_euler(letters, np.stack([*turning.values()], axis=1), degrees=True)
+        attitudes.append(turned if parent is None else attitudes[parent] * turned)
+    bodies = by_name("joint", ((name, one.as_quat()) for (name, _, _), one in zip(joints, attitudes, strict=True)))
+    notes = ["orientation: joints in space, from angles in degrees about moving axes"]
+    if frames is not None and frames != len(table):
+        notes.append(f"the file states {frames:g} frames and holds {len(table)}: cut short or badly written")
+    return Content(bodies=bodies, time=step * np.arange(float(len(table))), notes=tuple(notes), lines=places)
+
+
+def _joints(head: str) -> list[tuple[str, int | None, list[str]]]:
+    """Return name, index of the parent and channels of every joint, parents first."""
+    joints: list[tuple[str, int | None, list[str]]] = []
+    chain: list[int | None] = [None]  # of joints that are open; None is outside of them, or an end
+    current: int | None = None
+    try:
+        for word, rest, brace in WORDS.findall(head):
+            if brace == "{":
+                chain.append(current)
+            elif brace:
+                chain.pop()
+            elif word == "CHANNELS":
+                count, *channels = rest.split()
+                if len(channels) != int(count):
+                    raise ValueError
+                joints[chain[-1] or 0][2].extend(channels)
+            else:
+                current = None if word == "End" else len(joints)
+                if current is not None:
+                    joints.append((rest.strip(), chain[-1], []))
+        joints[0]  # there is one
+    except (IndexError, ValueError) as error:
+        raise InputError("hierarchy") from error
+    return joints
+
+
+def read_mvnx(path: Path, how: ReadOptions) -> Content:
+    """Read a file of MVN; sensors have ``sensor`` before their names."""
+    labels: dict[str, list[str]] = {"segment": [], "sensor": []}
+    rows: dict[str, list[list[float]]] = {tag: [] for tag in TAGS}
+    stated: list[tuple[float | None, float | None]] = []  # time and index of each frame
+    rate: float | None = None
+    with readable("MVNX file"):
+        for event, element in ElementTree.iterparse(path, events=("start", "end")):
+            tag = element.tag.rpartition("}")[2]
+            if event == "start" and tag == "subject":
+                rate = number(element.get("frameRate"))
+            elif event == "end" and tag in labels and element.get("label"):
+                labels[tag].append(str(element.get("label")))
+            elif event == "end" and tag == "frame":
+                if element.get("type", "normal") == "normal":
+                    stated.append((number(element.get("time")), number(element.get("index"))))
+                    for child in element:
+                        if (name := child.tag.rpartition("}")[2]) in TAGS:
+                            rows[name].append([float(x) for x in (child.text or "").split()])
+                element.clear()
+    if not stated:
+        raise InputError("no-frames")
+    of: dict[str, dict[str, Array]] = {}
+    for tag, (kind, width) in TAGS.items():
+        names = labels[kind] if len(rows[tag]) == len(stated) else []
+        table = stacked(rows[tag], width * len(names), f"{tag} of the {kind}s") if names else np.empty((0, 0))
+        columns = ((name, table[:, width * k : width * (k + 1)]) for k, name in enumerate(names))
+        of[tag] = by_name(kind, columns)
+    sensors = {f"sensor {label}": table for label, table in of["sensorOrientation"].items()}
+    bodies = {name: np.roll(table, -1, axis=1) for name, table in (of["orientation"] | sensors).items()}
+    if not bodies:
+        raise InputError("no-frames")
+    note = "orientation: quaternions of MVNX, scalar first, body to global"
+    return Content(bodies=bodies, spins=of["angularVelocity"], time=_time(stated, rate), notes=(note,))
+
+
+def _time(stated: list[tuple[float | None, float | None]], rate: float | None) -> Array | None:
+    times, indices = np.array(stated, dtype=float).T
+    if np.isnan(times).any():
+        return np.arange(len(times)) / rate if rate else None
+    exact = indices / rate if rate else indices * np.nan
+    return np.asarray(exact if abs(exact - times / 1000).max() < ROUNDED else times / 1000)
+
+
+def read_opensim(path: Path, how: ReadOptions) -> Content:
+    """Read a storage file."""
+    lines = opened(path.read_bytes()).read().splitlines()
+    above = [line.strip(" \t,;\r") for line in lines]
+    end = next((k for k, line in enumerate(above) if line.lower() == "endheader"), None)
+    if end is None:
+        raise InputError("no-endheader")
+    stated = {key.strip().lower(): value.strip() for key, _, value in (line.partition("=") for line in above[:end])}
+    numbered = [(k, line) for k, line in enumerate(lines[end + 1 :], end + 2) if line.strip(" \t,;")]
+    if len(numbered) < 2:
+        raise InputError("no-rows")
+    first = numbered[0][1]
+    sign = next((one for one in ",;" if one in first and "\t" not in first), None)
+    labels, *cells = [fields_of(line, sign) for _, line in numbered]
+    if sign == ";" and not any("." in cell for cell in cells[0]):
+        cells = [[cell.replace(",", ".") for cell in row] for row in cells]
+    places = np.array([k for k, _ in numbered[1:]])
+    for k, row in enumerate(cells):
+        if len(row) != len(labels):
+            raise InputError("labels", place=place(k, places), count=len(row), labels=len(labels))
+    columns = (np.array(one, dtype=object) for one in zip(*cells, strict=True))
+    table = Table(by_name("column", zip(labels, columns, strict=True)), places)
+    if stated.get("datatype", "").lower() == "quaternion" or any("," in cell for cell in cells[0]):
+        return _quaternions(table)
+    units: dict[str, Literal["deg", "rad"]] = {"yes": "deg", "no": "rad"}
+    unit = units.get(stated.get("indegrees", "").lower())
+    note = "angles: " + (f"{unit}, as inDegrees={stated['indegrees']} says" if unit else "the header has no inDegrees")
+    numbers = {label: table.numbers(label) for label in labels}
+    return Content(Table(numbers, places), angle_unit=unit, notes=(note,))
+
+
+def _quaternions(table: Table) -> Content:
+    bodies, time = {}, None
+    for label, cells in table.columns.items():
+        if label.lower() == "time":
+            time = table.numbers(label)
+        else:
+            numbers = stacked([cell.split(",") for cell in cells], 4, f"quaternion {label!r}", table.lines)
+            bodies[label] = np.roll(numbers, -1, axis=1)
+    note = "orientation: quaternions of OpenSim, scalar first"
+    return Content(bodies=bodies, time=time, notes=(note,), lines=table.lines)

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from nontwist import open_run, read_motion, twist
 from nontwist.cli import app
 from nontwist.errors import InputError
-from nontwist.recordings.clocks import SURE, VAGUE, fitted_clock, speed_correlation
+from nontwist.recordings.relative import SURE, VAGUE, fitted_clock, speed_correlation
 from refusals import refused, warned
 
 TILT = 0.9

@@ -222,8 +222,10 @@ def read_rates(
         table, more = own_rows(table, three)
         told += more
     values = table.vectors(three)
-    above = "".join(f"; {note}" for note in content.notes if note.startswith("stated above"))
-    symbol = _unit(three, unit, values, above)
+    largest = abs(values).max(where=np.isfinite(values), initial=0.0)
+    hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
+    hint += "".join(f"; {note}" for note in content.notes if note.startswith("stated above"))
+    symbol = _unit(three, unit, "unit", hint)
     time = clock(table, how)
     if time.time is None and content.time is not None and len(content.time) == len(values):
         time = replace(time, time=content.time, notes=("time: as the format defines, s",))
@@ -233,9 +235,7 @@ def read_rates(
     spun = None
     if speed is not None:
         table.require(speed)
-        turning = _agreed(speed_unit, rate_unit(speed), "speed-unit", speed)
-        if turning is None:
-            raise InputError("no-speed-unit", column=speed, units="|".join(RATE))
+        turning = _unit([speed], speed_unit, "speed-unit")
         spun = table.numbers(speed) * RATE[turning]
         notes += (f"speed of the rotor: {speed}, {turning}",)
     acceleration, _ = sensor(table, ACCELEROMETER)
@@ -261,21 +261,14 @@ def _one(table: Table, body: str | None) -> tuple[str, ...]:
     return found[0]
 
 
-def _agreed(unit: str | None, stated: str | None, code: str, names: str) -> str | None:
-    """Return the unit of rates, as told or as headers state it; an InputError where it is unknown, or these differ."""
+def _unit(headers: Sequence[str], unit: str | None, code: str, hint: str = "") -> str:
+    """Return the unit of rates, as told or as headers state it; an InputError where none is known, or these differ."""
+    stated, names = rate_unit(*headers), ", ".join(headers)
     found = stated if unit is None else known(unit, RATE)
     if unit is not None and found is None:
         raise InputError(code, unit=unit, units=", ".join(RATE))
+    if found is None:
+        raise InputError(f"no-{code}", names=names, hint=hint, units="|".join(RATE))
     if stated not in (None, found):
         raise InputError(f"{code}-stated", names=names, stated=stated, unit=unit)
-    return found
-
-
-def _unit(three: Sequence[str], unit: str | None, values: Array, above: str) -> str:
-    """Return the unit, as told or as all headers state it."""
-    names = ", ".join(three)
-    if (found := _agreed(unit, rate_unit(*three), "unit", names)) is None:
-        largest = abs(values).max(where=np.isfinite(values), initial=0.0)
-        hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
-        raise InputError("no-unit", names=names, hint=hint + above)
     return found

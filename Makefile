@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 INSTALL := $(PIP) install --no-compile -c constraints.txt # what is imported is compiled then
 unexport PYTHONDONTWRITEBYTECODE # each of the many processes would compile all modules anew
 
-.PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
+.PHONY: reproduce validate test test-long test-settings lint format coverage mutations bench docs faults constraints dist clean
 
 reproduce: .venv/core
 	$(BIN)/nontwist reproduce --force
@@ -36,6 +36,10 @@ coverage: .venv/all
 # All goals, measured beside other tools; writes docs/performance.md and docs/performance/.
 bench: .venv/bench
 	$(BIN)/python -m benchmarks --page
+
+# Faults planted in the package one at a time, and which of them the quick suite finds: about an hour.
+mutations: .venv/all
+	$(BIN)/python tests/mutations.py
 
 # Everything that can go wrong around a run, made to happen; writes docs/faults.md.
 faults: .venv/all

@@ -1,6 +1,7 @@
-"""`python -m benchmarks [NAME ...]`: every figure measured in this run.
+"""`python -m benchmarks [TOPIC ...]`: measure topics, all by default, each in a process of its own.
 
-With `--page` all topics run and are written to docs/performance.md and docs/performance/.
+With `--page`, each topic is written to docs/performance/ when it is done, and docs/performance.md last. A topic that
+cannot be measured says why, and the others go on.
 """
 
 from __future__ import annotations
@@ -10,49 +11,32 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 from rich.console import Console
-from rich.table import Table as RichTable
+from rich.table import Table
 
-from .page import PAGE, page_of, write_rows
-from .rows import Row, Table
-from .topics import TOPICS, measured
+from .page import FOLDER, keep, write_page
+from .rows import TOPICS, measured
 
 
 def main(names: list[str]) -> None:
     """Run the topics named, all by default."""
     page = "--page" in names
-    names = [name for name in names if name != "--page"]
-    unknown = [name for name in names if name not in TOPICS]
-    if unknown:
+    topics = [name for name in names if name != "--page"] or list(TOPICS)
+    if unknown := [name for name in topics if name not in TOPICS]:
         raise SystemExit(f"unknown topic {', '.join(unknown)}; known are {', '.join(TOPICS)}")
-    if page and names:
-        raise SystemExit("--page runs all topics; name none")
-    console, all_found = Console(width=None if sys.stdout.isatty() else 140), {}
+    console = Console(width=None if sys.stdout.isatty() else 140)
     one_by_one = {"mp_context": get_context("spawn"), "max_tasks_per_child": 1}
     with ProcessPoolExecutor(1, **one_by_one) as pool:  # type: ignore[call-overload]
-        for topic in names or TOPICS:
-            found = all_found[topic] = pool.submit(measured, topic, PAGE.with_suffix("") if page else None).result()
-            for table in [as_table(topic, found.rows), *found.tables]:
-                show(console, table)
+        for topic in topics:
+            rows = pool.submit(measured, topic, FOLDER if page else None).result()
+            table = Table("what", "measured", "note", title=TOPICS[topic], title_justify="left")
+            table.columns[1].justify = "right"
+            for row in rows:
+                table.add_row(row.name, row.value, row.note)
+            console.print(table)
+            if page:
+                keep(topic, rows)
     if page:
-        PAGE.write_text(page_of(all_found), encoding="utf-8")
-        write_rows(all_found, PAGE.with_suffix("") / "measured.csv")
-        console.print("written: docs/performance.md")
-
-
-def as_table(topic: str, rows: list[Row]) -> Table:
-    """Return the figures of a topic."""
-    cells = [[row.name, row.value, row.note or ("" if row.measured is not None else "not measured")] for row in rows]
-    return Table(topic, ["what", "measured", "note"], cells)
-
-
-def show(console: Console, table: Table) -> None:
-    """Print a table."""
-    found = RichTable(title=table.title, title_justify="left")
-    for k, column in enumerate(table.header):
-        found.add_column(column, justify="left" if k == 0 or column == "note" else "right")
-    for cells in table.cells:
-        found.add_row(*cells)
-    console.print(found)
+        write_page()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Ten directions compared with the run without them, a gradient by 1002 numbers, a Jacobian of one step.
+"""Ten directions compared with the run without them, and a gradient by 1002 numbers.
 
 The directions are the start (six), the principal moments of inertia and the duration, over 1000 steps. A propagator is
 prepared and returns the end; `sensitivities` and `simulate` return datasets of all states.
@@ -29,7 +29,7 @@ def rows() -> list[Row]:
     """Measure all."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # steps are coarse
-        return [*directions(), *table(), *jacobian()]
+        return [*directions(), *table()]
 
 
 def directions() -> list[Row]:
@@ -72,15 +72,3 @@ def table() -> list[Row]:
         what = f"{name} {order}, {FINE} steps: gradient by {3 * KNOTS} numbers / run"
         found.append(Row(what, both["all"] / both["run"], "×"))
     return found
-
-
-def jacobian() -> list[Row]:
-    """Measure the Jacobian of one step by the start, where the steps themselves take next to no time."""
-    w, calls = workload("C"), dict[Any, Callable[[], Any]]()
-    for name, order in SCHEMES:
-        run = propagator(w.system, t_end=STEP, step=STEP, integrator=name, order=order)
-        calls[name, order] = partial(run.jacobian, material_angular_velocity=w.velocity)
-    return [
-        Row(f"{name} {order}: Jacobian of one step", 1e6 * time, "µs")
-        for (name, order), time in shuffled(calls).items()
-    ]

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
-from .workloads import GRAVITY, Array, J, Workload, attitude, inverse, rates
+from .workloads import GRAVITY, Array, J, Workload, attitude, rates
 
 Call = Callable[[], Any]
 TOLERANCES = (1e-2, 1e-15)
@@ -34,41 +33,9 @@ class Method:
     own: bool = False
 
 
-@dataclass(frozen=True)
-class Missing:
-    """A tool that was not measured, and why."""
-
-    name: str
-    reason: str
-
-
-ABSENT = "not installed"
-
-
-def peers(w: Workload) -> list[Method | Missing]:
-    """Return all tools for a motion."""
-    found: list[Method | Missing] = []
-    for name, package, make in PEERS:
-        if find_spec(package) is None:
-            found.append(Missing(name, ABSENT))
-            continue
-        try:
-            found += make(w)
-        except NotImplementedError as reason:
-            found.append(Missing(name, str(reason)))
-    return found
-
-
-def versions() -> list[str]:
-    """Return the tools with their versions, also those that are missing."""
-    names = dict.fromkeys(package for _, package, _ in PEERS)
-    found = []
-    for name in names:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            found.append(f"{name} (not installed)")
-    return found
+def peers(w: Workload) -> list[Method]:
+    """Return all tools for a motion that are installed and can have it."""
+    return [method for package, make in PEERS if find_spec(package) for method in make(w)]
 
 
 def initial(w: Workload) -> Array:
@@ -81,54 +48,25 @@ def size(w: Workload) -> int:
     return 6 if w.has_axis else 7
 
 
-def scipy_numpy(w: Workload) -> list[Method]:
-    """SciPy with the equations as one writes them with NumPy."""
-    K, y0 = inverse(J), initial(w)
-    K2, force = np.linalg.inv(J[:2, :2]), w.mass * np.array(GRAVITY)
-    centre = np.array(w.centre)
-
-    def turned(p: Array, W: Array) -> Array:
-        return 0.5 * np.concatenate([[-p[1:] @ W], p[0] * W + np.cross(p[1:], W)])
-
-    def nontwisting(t: float, y: Array, m0: Array, m1: Array) -> Array:
-        return np.concatenate([turned(y[:4], np.append(y[4:], 0.0)), K2 @ (m0 + t * m1)[:2]])
-
-    def free(t: float, y: Array, m0: Array, m1: Array) -> Array:
-        p, W = y[:4], y[4:]
-        torque = np.cross(J @ W, W)
-        if w.mass:
-            torque = torque + np.cross(centre, attitude(p).T @ force)
-        return np.concatenate([turned(p, W), K @ torque])
-
-    f = nontwisting if w.has_axis else free
-    return [Method("SciPy DOP853, NumPy", lambda rtol: _solve_ivp(w, f, y0, rtol), _last, TOLERANCES)]
+def scipy(w: Workload) -> list[Method]:
+    """SciPy with the equations on numbers of Python."""
+    return [Method("SciPy DOP853, Python", lambda rtol: _solve_ivp(w, rates(w), rtol), _last, TOLERANCES)]
 
 
 def scipy_numba(w: Workload) -> list[Method]:
     """SciPy with the equations compiled by Numba."""
     from numba import njit
 
-    f, n, y0 = njit(rates(w), error_model="numpy"), size(w), initial(w)
-    if w.has_axis:
-
-        @njit(error_model="numpy")
-        def compiled(t, y, m0, m1):  # type: ignore[no-untyped-def]
-            return np.array(f(y[0], y[1], y[2], y[3], y[4], y[5], m0[0] + t * m1[0], m0[1] + t * m1[1]))
-    else:
-
-        @njit(error_model="numpy")
-        def compiled(t, y, m0, m1):  # type: ignore[no-untyped-def]
-            m = m0 + t * m1
-            return np.array(f(y[0], y[1], y[2], y[3], y[4], y[5], y[6], m[0], m[1], m[2]))
-
-    compiled(0.0, np.zeros(n), np.zeros(3), np.zeros(3))
-    return [Method("SciPy DOP853, Numba", lambda rtol: _solve_ivp(w, compiled, y0, rtol), _last, TOLERANCES)]
+    return [Method("SciPy DOP853, Numba", lambda rtol: _solve_ivp(w, njit(rates(w)), rtol), _last, TOLERANCES)]
 
 
-def _solve_ivp(w: Workload, f: Callable[..., Array], y0: Array, rtol: float) -> Call:
+def _solve_ivp(w: Workload, rates: Callable[..., Any], rtol: float) -> Call:
     from scipy.integrate import solve_ivp
 
-    pieces, rtol = w.pieces, max(rtol, 2.3e-14)
+    pieces, rtol, n, y0 = w.pieces, max(rtol, 2.3e-14), size(w) - 4, initial(w)
+
+    def f(t: float, y: Array, m0: Array, m1: Array) -> Any:
+        return rates(*y.tolist(), *(m0 + t * m1)[:n].tolist())
 
     def run() -> Array:
         y = y0
@@ -160,20 +98,17 @@ def heyoka_integrator(w: Workload, tol: float, **options: Any) -> Any:
 
 
 def heyoka_end(w: Workload, tol: float) -> Call:
-    """Return the integration to t_end."""
-    ta, y0 = heyoka_integrator(w, tol), initial(w)
-    n = size(w) - 4
+    """Return the integration to t_end: the last state."""
+    ta, y0, n = heyoka_integrator(w, tol), initial(w), size(w) - 4
     pieces = [(t1, np.concatenate([m0[:n], m1[:n]])) for _, t1, m0, m1 in w.pieces]
 
     def run() -> Array:
         ta.state[:] = y0
         ta.time = 0.0
-        if not w.knots:
-            ta.propagate_until(w.t_end)
-        else:
-            for t1, m in pieces:
+        for t1, m in pieces:
+            if w.knots:
                 ta.pars[:] = m
-                ta.propagate_until(t1)
+            ta.propagate_until(t1)
         return np.array(ta.state)
 
     return run
@@ -181,19 +116,19 @@ def heyoka_end(w: Workload, tol: float) -> Call:
 
 def heyoka_grid(w: Workload, tol: float, times: Array) -> Call:
     """Return the integration with outputs at `times`, from 0 to t_end: states (k, n)."""
-    ta, y0 = heyoka_integrator(w, tol), initial(w)
-    grids = [np.unique([t0, *times[(times >= t0) & (times <= t1)], t1]) for t0, t1, *_ in w.pieces]
-    n = size(w) - 4
-    pieces = [(grid, np.concatenate([m0[:n], m1[:n]])) for grid, (_, _, m0, m1) in zip(grids, w.pieces, strict=True)]
+    ta, y0, n = heyoka_integrator(w, tol), initial(w), size(w) - 4
+    pieces = [
+        (np.unique([t0, *times[(times >= t0) & (times <= t1)], t1]), np.concatenate([m0[:n], m1[:n]]))
+        for t0, t1, m0, m1 in w.pieces
+    ]
 
     def run() -> Array:
         ta.state[:] = y0
         ta.time = 0.0
-        if not w.knots:
-            return ta.propagate_grid(times)[-1]
         found = []
         for grid, m in pieces:
-            ta.pars[:] = m
+            if w.knots:
+                ta.pars[:] = m
             part = ta.propagate_grid(grid)[-1]
             found.append(part if grid[-1] == w.t_end else part[:-1])
         return np.concatenate(found)
@@ -216,35 +151,25 @@ def diffrax(w: Workload) -> list[Method]:
         m = moment[0] + t * moment[1]
         return jnp.stack(jnp.broadcast_arrays(*f(*y, *m)))
 
-    def make(solver: Any) -> Callable[[float], Call]:
-        @jax.jit
-        def end(y: Any, tol: Any) -> Any:
-            control = dx.PIDController(rtol=tol, atol=tol)
-            for t0, t1, m0, m1 in pieces:
-                term = dx.ODETerm(field)
-                solution = dx.diffeqsolve(
-                    term, solver, t0, t1, None, y, (m0, m1), stepsize_controller=control, max_steps=10**6
-                )
-                y = solution.ys[-1]
-            return y
+    @jax.jit
+    def end(y: Any, tol: Any) -> Any:
+        control = dx.PIDController(rtol=tol, atol=tol)
+        for t0, t1, m0, m1 in pieces:
+            how = {"stepsize_controller": control, "max_steps": 10**6}
+            y = dx.diffeqsolve(dx.ODETerm(field), dx.Dopri8(), t0, t1, None, y, (m0, m1), **how).ys[-1]
+        return y
 
-        def prepare(tol: float) -> Call:
-            tolerance = jnp.asarray(tol)
-            return lambda: end(y0, tolerance).block_until_ready()
+    def prepare(tol: float) -> Call:
+        tolerance = jnp.asarray(tol)
+        return lambda: end(y0, tolerance).block_until_ready()
 
-        return prepare
-
-    fine = (TOLERANCES[0], 1e-14)
-    return [
-        Method("diffrax Tsit5", make(dx.Tsit5()), _last, fine),
-        Method("diffrax Dopri8", make(dx.Dopri8()), _last, fine),
-    ]
+    return [Method("diffrax Dopri8", prepare, _last, (TOLERANCES[0], 1e-14))]
 
 
 def exudyn(w: Workload) -> list[Method]:
     """Exudyn: generalised-alpha and the explicit Lie-group Runge–Kutta method RK44, fixed steps."""
-    if w.key != "C":
-        raise NotImplementedError("no non-twisting body" if w.has_axis else "explicit only without a joint")
+    if w.key != "C":  # no non-twisting body, and explicit only without a joint
+        return []
     import exudyn as exu
 
     types = exu.DynamicSolverType
@@ -292,7 +217,7 @@ def _as_given(R: Array) -> Array:
 def mujoco(w: Workload) -> list[Method]:
     """Integrate with MuJoCo's RK4: a body on a ball joint, fixed steps."""
     if w.has_axis:
-        raise NotImplementedError("no non-twisting body")
+        return []
     return [Method("MuJoCo RK4", lambda n: _mujoco(w, n), _last, STEPS, "steps")]
 
 
@@ -321,49 +246,11 @@ def _mujoco(w: Workload, steps: float) -> Call:
     return run
 
 
-def numbalsoda(w: Workload) -> list[Method]:
-    """LSODA on a right-hand side compiled by Numba."""
-    from numba import cfunc
-    from numba import njit as jit
-    from numbalsoda import lsoda, lsoda_sig
-
-    f, n, y0 = jit(rates(w), error_model="numpy"), size(w), initial(w)
-    if w.has_axis:
-
-        @cfunc(lsoda_sig)
-        def right(t, y, dy, m):  # type: ignore[no-untyped-def]
-            r = f(y[0], y[1], y[2], y[3], y[4], y[5], m[0] + t * m[3], m[1] + t * m[4])
-            for k in range(n):
-                dy[k] = r[k]
-    else:
-
-        @cfunc(lsoda_sig)
-        def right(t, y, dy, m):  # type: ignore[no-untyped-def]
-            r = f(y[0], y[1], y[2], y[3], y[4], y[5], y[6], m[0] + t * m[3], m[1] + t * m[4], m[2] + t * m[5])
-            for k in range(n):
-                dy[k] = r[k]
-
-    pieces = [(np.array([t0, t1]), np.concatenate([m0, m1])) for t0, t1, m0, m1 in w.pieces]
-
-    def prepare(tol: float) -> Call:
-        def run() -> Array:
-            y = y0
-            for times, m in pieces:
-                y = lsoda(right.address, y, times, m, rtol=tol, atol=tol)[0][-1]
-            return y
-
-        return run
-
-    return [Method("numbalsoda LSODA", prepare, _last, TOLERANCES)]
-
-
-# Name, package that must be there, how it is set up.
-PEERS: tuple[tuple[str, str, Callable[[Workload], list[Method]]], ...] = (
-    ("SciPy DOP853, NumPy", "scipy", scipy_numpy),
-    ("SciPy DOP853, Numba", "numba", scipy_numba),
-    ("numbalsoda LSODA", "numbalsoda", numbalsoda),
-    ("heyoka.py", "heyoka", heyoka),
-    ("diffrax Tsit5, Dopri8", "diffrax", diffrax),
-    ("Exudyn generalised-α, RK44", "exudyn", exudyn),
-    ("MuJoCo RK4", "mujoco", mujoco),
+PEERS: tuple[tuple[str, Callable[[Workload], list[Method]]], ...] = (  # package that must be there, how it is set up
+    ("scipy", scipy),
+    ("numba", scipy_numba),
+    ("heyoka", heyoka),
+    ("diffrax", diffrax),
+    ("exudyn", exudyn),
+    ("mujoco", mujoco),
 )

@@ -1,19 +1,39 @@
-"""What a benchmark reports: a figure measured in this run."""
+"""The topics; what each reports: figures measured in this run; and the machine that they were measured on."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+import os
+import platform
+import re
 from dataclasses import dataclass
-from statistics import median
-from typing import Any
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from subprocess import SubprocessError
 
 import numpy as np
+
+TOOLS = ("numpy", "llvmlite", "scipy", "numba", "heyoka", "diffrax", "exudyn", "mujoco")
+
+
+TOPICS = {  # the module, and what it measures
+    "workprecision": "Work and precision",
+    "outputs": "Many outputs of one run",
+    "ensembles": "Ensembles",
+    "growth": "Growth",
+    "steps": "One step, one call",
+    "defaults": "The default integrator",
+    "derivatives": "Derivatives",
+    "sweeps": "Sweeps",
+    "startup": "Start-up",
+    "frames": "Frames and twist",
+    "files": "Result files",
+}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure."""
+    """One figure; None where it could not be measured, with a note why."""
 
     name: str
     measured: float | None
@@ -26,15 +46,6 @@ class Row:
         return "–" if self.measured is None else f"{digits(self.measured)} {self.unit}".strip()
 
 
-@dataclass(frozen=True)
-class Table:
-    """Cells as text under a header, for what one figure a line cannot say."""
-
-    title: str
-    header: list[str]
-    cells: list[list[str]]
-
-
 def digits(x: float) -> str:
     """Return three significant digits, written out where the number is of usual size."""
     if x and not 1e-3 <= abs(x) < 1e7:
@@ -42,12 +53,33 @@ def digits(x: float) -> str:
     return np.format_float_positional(x, precision=3, unique=False, fractional=False, trim="-")
 
 
-def seconds(call: Callable[[], Any], passes: int = 7) -> float:
-    """Return the median time of a call after one that is not counted."""
-    call()
-    times = []
-    for _ in range(passes):
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return median(times)
+def processor() -> str:
+    """Return the model of the processor."""
+    info = Path("/proc/cpuinfo")
+    facts = dict(re.findall(r"^([\w ]+?)\s*: (.+)$", info.read_text(encoding="utf-8"), re.M) if info.exists() else [])
+    numbers = [f"{key} {facts[key]}" for key in ("cpu family", "model") if key in facts]
+    return ", ".join([facts.get("model name", platform.processor() or platform.machine()), *numbers])
+
+
+def machine() -> str:
+    """Return the processor, the system and the versions of all tools; no names, no paths."""
+    found = [f"nontwist {version('nontwist')}"]
+    for name in TOOLS:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(f"no {name}")
+    system = f"{os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
+    return f"{processor()}; {system}; {', '.join(found)}"
+
+
+def measured(topic: str, folder: Path | None) -> list[Row]:
+    """Measure a topic; with a folder, write the files there that the page shows."""
+    try:
+        module = import_module(f"{__package__}.{topic}")
+        rows: list[Row] = module.rows()
+        if folder is not None and hasattr(module, "write"):
+            module.write(folder)
+    except (ImportError, OSError, SubprocessError) as error:  # a tool that is not there
+        return [Row(TOPICS[topic], None, "", note=f"not measured: {error}")]
+    return rows

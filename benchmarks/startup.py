@@ -11,7 +11,6 @@ import random
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -35,25 +34,12 @@ CODES = {
     "nothing": "pass",
     "numpy": "import numpy",
     "names": "import numpy; from nontwist import integrate, nontwisting, standard",
-    **{f"one {name}": ONE.format(name=name) for name in SCHEMES},
-    **{f"many {name}": WITHOUT_DASK + MANY.format(name=name) for name in SCHEMES[:-1]},
-    "dataset": WITHOUT_DASK + SIMULATED.format(name="gauss"),
-    "dataset and Dask": SIMULATED.format(name="gauss"),
+    **{f"{name}: first result": ONE.format(name=name) for name in SCHEMES},
+    **{f"{name}: first ensemble": WITHOUT_DASK + MANY.format(name=name) for name in SCHEMES[:-1]},
+    "gauss: first dataset": WITHOUT_DASK + SIMULATED.format(name="gauss"),
+    "gauss: first dataset, beside Dask": SIMULATED.format(name="gauss"),
 }
 PASSES = 5
-WORKER = """
-import sys, time
-from dask.distributed import Client, LocalCluster
-def first():
-    from time import perf_counter
-    begin = perf_counter()
-    {code}
-    return perf_counter() - begin
-if __name__ == "__main__":
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-        client.wait_for_workers(1)
-        print(client.submit(first).result())
-"""
 
 
 def rows() -> list[Row]:
@@ -80,17 +66,8 @@ def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
     warm = {name: median(found) for name, found in times.items()}
     return [
         Row("import nontwist, with the names for a run, beyond NumPy", warm["names"] - warm["numpy"], "s"),
-        Row("   Python and NumPy alone", warm["numpy"], "s"),
-        *(Row(f"{name}: first result", warm[f"one {name}"], "s") for name in SCHEMES),
-        *(Row(f"{name}: first ensemble", warm[f"many {name}"], "s") for name in SCHEMES[:-1]),
-        Row("   first result as a dataset, gauss", warm["dataset"], "s"),
-        Row("   the same where Dask is installed", warm["dataset and Dask"], "s"),
-        Row("nontwist --help", warm["help"], "s"),
-        Row("nontwist check FILE", warm["check"], "s"),
-        Row("nontwist run FILE", warm["run"], "s"),
-        Row("nontwist twist FILE, no figures", warm["twist"], "s"),
-        Row("nontwist twist FILE", warm["twist with figures"], "s"),
-        Row("first block of a Dask worker", median(_of_workers(folder, variables)), "s"),
+        Row("Python and NumPy alone", warm["numpy"], "s"),
+        *(Row(name, warm[name], "s") for name in commands if name not in ("nothing", "names", "numpy")),
     ]
 
 
@@ -103,22 +80,12 @@ def _of_the_command_line(folder: Path) -> dict[str, list[str]]:
     twist = [*command, "twist", recording, "--inverse", "--degrees", "--force"]
     run = str(folder / "run.toml")
     return {
-        "help": [*command, "--help"],
-        "check": [*command, "check", run],
-        "run": [*command, "run", run, "--out", str(folder / "run.nc"), "--force"],
-        "twist": [*twist, "--no-figure", "--out", str(folder / "twist")],
-        "twist with figures": [*twist, "--out", str(folder / "figures")],
+        "nontwist --help": [*command, "--help"],
+        "nontwist check FILE": [*command, "check", run],
+        "nontwist run FILE": [*command, "run", run, "--out", str(folder / "run.nc"), "--force"],
+        "nontwist twist FILE, no figures": [*twist, "--no-figure", "--out", str(folder / "twist")],
+        "nontwist twist FILE": [*twist, "--out", str(folder / "figures")],
     }
-
-
-def _of_workers(folder: Path, variables: dict[str, str]) -> list[float]:
-    """Return the seconds that the first ensemble takes in new workers of Dask, from when they have connected."""
-    program = folder / "worker.py"
-    program.write_text(WORKER.replace("{code}", CODES["many lie-midpoint"]), encoding="utf-8")
-    run: Callable[..., subprocess.CompletedProcess[str]] = subprocess.run
-    how = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True, "check": True, "cwd": folder}
-    command = [sys.executable, str(program)]
-    return [float(run(command, env=os.environ | variables, **how).stdout) for _ in range(PASSES)]
 
 
 def child(command: list[str], **variables: str) -> float:

@@ -31,7 +31,7 @@ PLACES = (  # what is not the same on every machine, and what is put in its plac
     ("float division by zero", "division by zero"),
 )
 FOUND: dict[str, list[str]] = {}
-RENEW = False
+RENEW = "NONTWIST_ANY_SENTENCE" in os.environ  # as faults are planted: sentences find none of them
 
 
 @contextmanager

@@ -172,6 +172,42 @@ def test_energy_never_rises_and_momentum_stays(body):
         assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
 
 
+def bump(t, speed):
+    return 0.0501 * np.exp(-(((t - 0.52) / 0.3) ** 2))
+
+
+@pytest.mark.parametrize("step", [0.5, 0.04])
+def test_a_slip_that_begins_and_ends_within_a_step_is_found(step):
+    """The torque exceeds the limit for 27 ms: Ω' = (τ - c)(1/I + 1/(J - I)) until Ω is zero again."""
+    run = simulate(standard(J), t_end=2, step=step, load=wheel("z", 0.2, torque=bump, coulomb=0.05))
+    begin = 0.52 - 0.3 * np.sqrt(np.log(0.0501 / 0.05))
+    k = 1 / 0.2 + 1 / 4.8
+
+    def slope(t, y):
+        return [k * (bump(t, 0) - 0.05), 0.05 * y[0]]
+
+    def stops(t, y):
+        return y[0] if t > begin + 1e-3 else 1.0
+
+    stops.terminal = True
+    slip = solve_ivp(slope, (begin, 1), [0, 0], "DOP853", events=stops, rtol=1e-12, atol=1e-18, max_step=1e-3)
+    assert slip.status == 1
+    assert run.wheel_loss.values[-1, 0] == pytest.approx(slip.y[1, -1], rel=1e-6)
+    assert run.wheel_speed.values[-1, 0] == 0
+
+
+@pytest.mark.parametrize("how", [{"step": 0.05}, {}])
+def test_a_wheel_whose_friction_is_huge_stands_at_once(how):
+    """What is left is the momentum of the locked body; the energy of the slip is lost in 6e-11 s."""
+    run = simulate(
+        standard(J), t_end=1, load=wheel("z", 0.2, speed=3, coulomb=1e10), angular_velocity=(0, 0, 0.3), **how
+    )
+    assert (run.wheel_speed.values[1:] == 0).all()
+    assert run.angular_velocity.values[1:, 2] == pytest.approx((5 * 0.3 + 0.2 * 3) / 5, rel=1e-14)
+    energy = run.total_kinetic_energy.values
+    assert energy[0] - energy[-1] == pytest.approx(run.wheel_loss.values[-1, 0], rel=1e-14)
+
+
 def fading(t, z, directors, w):
     return [0.5 * w[0] - z[0]]
 

@@ -14,7 +14,7 @@ from nontwist.integrators import Continuous
 from nontwist.models.constraints import constraint_matrices
 from nontwist.paper.tables import CASES, printed_tables
 from nontwist.validation import GROUPS
-from nontwist.validation import energy_momentum_reference as reference
+from nontwist.validation import reference_steps as reference
 
 ROOT = Path(__file__).parents[1]
 EM = {"integrator": "energy-momentum", "order": 2}
@@ -49,9 +49,9 @@ def test_rounded_invariants_would_differ_from_the_printed_ones():
 def test_three_constraints_let_the_directors_stretch():
     body, q, h = standard(PAPER_J), np.eye(3), 0.01
     v = np.cross(np.array([1.0, 2, 3]), q)
-    A, none = constraint_matrices(None), reference.MidpointMoment(np.zeros(3), np.zeros(3))
+    A, none = constraint_matrices(None), reference.MidpointLoad(np.zeros(3), np.zeros(3))
     stretched, kept = (
-        reference.step(0, q, v, h, body.euler_inertia, rows, np.zeros((3, 3)), none) for rows in (A[3:], A)
+        reference.director_step(0, q, v, h, body.euler_inertia, rows, np.zeros((3, 3)), none) for rows in (A[3:], A)
     )
     assert abs(np.linalg.norm(stretched.directors, axis=1) - 1).max() > 1e-4
     assert abs(np.linalg.norm(kept.directors, axis=1) - 1).max() < 1e-15
@@ -118,9 +118,9 @@ def test_the_director_constraints_admit_left_handed_triads():
     assert [float(np.sum((a @ mirrored) * mirrored) - np.sum((a @ np.eye(3)) * np.eye(3))) for a in A] == [0] * 6
     with pytest.raises(ValueError, match="left-handed"):
         rotation(mirrored)
-    body, none = standard(PAPER_J), reference.MidpointMoment(np.zeros(3), np.zeros(3))
+    body, none = standard(PAPER_J), reference.MidpointLoad(np.zeros(3), np.zeros(3))
     v = np.cross([1.0, 2, 3], mirrored)
-    step = reference.step(0, mirrored, v, 0.01, body.euler_inertia, A, np.zeros((3, 3)), none)
+    step = reference.director_step(0, mirrored, v, 0.01, body.euler_inertia, A, np.zeros((3, 3)), none)
     assert np.linalg.det(step.directors.astype(float)) == pytest.approx(-1, abs=1e-14)
 
 

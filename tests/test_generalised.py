@@ -43,7 +43,7 @@ from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.spec import Spec
-from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
+from nontwist.validation.reference_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])

@@ -19,7 +19,7 @@ from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
 from nontwist.errors import SimulationInterrupt, Status
 from nontwist.integrators import Continuous, split, stack_march
-from nontwist.validation import energy_momentum_reference
+from nontwist.validation.reference_steps import ReferenceEnergyMomentum
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
@@ -216,7 +216,7 @@ def test_a_signal_that_is_ignored_stays_ignored(number, handlers):
 @pytest.mark.parametrize("name", ["lie-midpoint", "split", "continuous", "reference"])
 def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
-    scheme = energy_momentum_reference.ReferenceEnergyMomentum() if name == "reference" else name
+    scheme = ReferenceEnergyMomentum() if name == "reference" else name
     how = {**HOW, "integrator": scheme, "step": STEP}
     monkeypatch.setattr(stack_march, "NODES", 20)
 

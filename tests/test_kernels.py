@@ -30,8 +30,7 @@ from nontwist.engine import bodies, marching
 from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
-from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
+from nontwist.validation.reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 from refusals import says
 
 EPS = np.finfo(float).eps

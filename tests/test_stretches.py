@@ -16,8 +16,7 @@ from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.integrators.problem import IVP
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
-from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
-from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
+from nontwist.validation.reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 from refusals import says
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])

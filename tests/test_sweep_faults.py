@@ -132,34 +132,17 @@ def test_workers_that_dask_gave_up_are_started_anew(file, tmp_path, serial, monk
     assert is_whole(tmp_path / "store", serial)
 
 
-@pytest.mark.long
-def test_chunks_that_are_damaged_or_deleted_are_made_again(file, tmp_path, serial, client):
-    store = tmp_path / "store"
-    sweep(file, store, dask=client, block=BLOCK)
-    kept = open_store(store)
-    kept._chunk("status", 2).unlink()
-    flipped = kept._chunk("quaternion", 7)
-    content = bytearray(flipped.read_bytes())
-    content[40] ^= 16
-    flipped.write_bytes(content)
-    assert [*kept.verified().damaged] == [2, 7]
-    seen = []
-    sweep(file, store, dask=client, progress=seen.append)
-    assert len(seen) == 2
-    assert is_whole(store, serial)
-
-
 STOPPED = """
 import os, signal
 from nontwist.cli import app
-from nontwist.sweeps.seals import Marks
-write, marked = Marks.write, []
+from nontwist.sweeps.store import Blocks
+mark, marked = Blocks.mark, []
 def stopping(self, done):
-    write(self, done)
+    mark(self, done)
     marked.append(done)
     if len(marked) == 5:
         os.kill(os.getpid(), signal.SIGSTOP)
-Marks.write = stopping
+Blocks.mark = stopping
 app()
 """
 

@@ -17,7 +17,7 @@ from nontwist import validate
 from nontwist.cli import app
 from nontwist.validation import GROUPS, KINDS, Check, sphere_and_rotations
 from nontwist.validation.free_bodies import many_digits
-from nontwist.validation.measures import drift, error, furthest, slope, turns_apart
+from nontwist.validation.problems import drift, error, furthest, slope, turns_apart
 from nontwist.validation.report import numbers, share
 from test_labels import labels
 

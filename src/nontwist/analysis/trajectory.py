@@ -148,7 +148,7 @@ class Trajectory:
 
     @classmethod
     def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]] | None) -> Trajectory:
-        """Return a run of the `known` attributes; `read` gives the others once one of them is asked for."""
+        """Return a run of the `known` attributes; `read` gives others once one is asked for, or the next `_read`."""
         run = cls.__new__(cls)
         vars(run).update(known, _read=read)
         return run
@@ -160,10 +160,11 @@ class Trajectory:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            read = vars(self).get("_read")
-            if read is None or name not in READ_LATER:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            vars(self).update(read())
+            while name not in vars(self):
+                read = vars(self).get("_read")
+                if read is None or name not in READ_LATER:
+                    raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+                vars(self).update({"_read": None} | read())
             return vars(self)[name]
 
     def __getstate__(self) -> dict[str, Any]:

@@ -165,7 +165,7 @@ def _run_or_sweep(path: Path) -> xarray.Dataset:
     from ..sweeps.store import open_store
 
     kept = open_store(path)
-    members = dataset(kept, path)
+    members = dataset(kept)
     swept = [one.key for one in kept.members.sweep.over]
     ordered = members[[*swept, *(name for name in members.data_vars if name not in swept)]]
     return ordered.assign_coords(member=range(members.sizes["member"]))

@@ -58,7 +58,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
     from ..sweeps.store import open_store
 
     kept = open_store(store)
-    data = open_sweep(store, verify=bool(kept.seal))
+    data = open_sweep(store, verify=bool(kept.blocks.seal))
     marked = kept.done()
     sweep = kept.members.sweep
     reasons = {int(i): reason for done in marked.values() for i, reason in done.reasons.items()}
@@ -68,9 +68,9 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "title": data.attrs["title"],
         "members": len(kept.members),
         "seal": kept.seal_words,
-        "blocks": kept.blocks,
+        "blocks": kept.blocks.count,
         "blocks_done": len(marked),
-        "members_done": sum(last - first for first, last in map(kept.span, marked)),
+        "members_done": sum(last - first for first, last in map(kept.blocks.span, marked)),
         "failed": sum(done.failed for done in marked.values()),
         "seconds": sum(done.seconds for done in marked.values()),
         "swept": {one.key: _over(one.model_dump()) for one in sweep.over},
@@ -242,11 +242,11 @@ def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, de
         kept = open_store(store)
         found = kept.verified()
     for k in found.missing[:20]:
-        say(f"{kept.marks.name(k)}: missing", "red")
+        say(f"{kept.blocks.name(k)}: missing", "red")
     if len(found.missing) > 20:
         say(f"... and {len(found.missing) - 20} more are missing", "red")
     for k, reason in found.damaged.items():
-        say(f"{kept.marks.name(k)}: damaged: {reason}", "red")
+        say(f"{kept.blocks.name(k)}: damaged: {reason}", "red")
     if as_json:
         damaged = {str(k): reason for k, reason in found.damaged.items()}
         print_json({"store": str(store), **found._asdict(), "damaged": damaged, "complete": found.complete})

@@ -50,9 +50,9 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
     if problem.load.is_dry:
-        from . import friction  # it marches the parts of a run by this function
+        from . import contacts  # which marches the parts of a run by this function
 
-        outcome = friction.march(scheme, problem, threads)
+        outcome = contacts.march(scheme, problem, threads)
     else:
         outcome = _march(scheme, problem, threads)
     reasons = dict(outcome.reasons)

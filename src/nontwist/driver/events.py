@@ -4,29 +4,34 @@ The functions are evaluated at all nodes of the run, and so often inside each st
 a quarter of a radian from one time to the next. The states there, and all that follow, are those of the run itself
 (`integrators.dense`, `engine.outputs`), so an event at t is where ``event(t, state(t))`` changes its sign, and
 ``times=[t]`` gives its state. Between two times of opposite sign the root is that of the polynomial through values of
-the function, where it has such a root and states are found by power series; otherwise it is found by Brent's method, to
-1e-12 h + 4 eps |t|. A sign that changes twice between two times is missed, and so is a function that touches zero.
+the function, where it has one; otherwise it is found by Brent's method, to 1e-12 h + 4 eps |t|.
+
+Between two times of one sign a function may fall to zero and rise again. Beside a value that is low, less than those
+before and after and than a third of their sum, it is evaluated at more times, and at the lowest point of the polynomial
+through them: where its sign is another one there, it has crossed zero twice. A function that touches zero is missed.
 
 A run with events goes from node to node in parts, each of which continues the one before bit for bit, and ends in the
-part in which a terminal event occurs.
+part in which a terminal event occurs. What is stored of it is put together from pieces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.polynomial.chebyshev import chebroots, chebval, chebvander
+from numpy.typing import ArrayLike, NDArray
 
+from ..analysis.trajectory import Events
 from ..geometry.arrays import Array, as_axis, as_number
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole, shown
-from ..integrators.base import IVP, Integrator, Outcome
+from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.costs import largest_velocity
-from ..integrators.problem import onward, started
+from ..integrators.problem import Intervals, onward, started
 from . import completion
 from .starts import BodyState, body_state
 
@@ -36,6 +41,9 @@ TIMES = 10**6  # in a run without steps, at most
 RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
 DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+LOW = 1 / 3  # of the sum of the values before and after
+FINE = np.linspace(-1, 1, 513)[1:-1]  # where the lowest point of a polynomial is looked for
+MESSAGE = "the event {} ended the run at t = {:.12g} s"
 
 
 class Event(NamedTuple):
@@ -46,13 +54,16 @@ class Event(NamedTuple):
     terminal: int  # number of occurrences after which the run ends, 0: it does not
     direction: float
 
-    def value(self, t: float, p: Any, W: Any, z: Any = ()) -> float:
-        """Return the value of the function at a state; a ValueError that names it where it fails."""
-        try:
-            return float(as_number(self.function(t, body_state(t, p, W, z)), "its value"))
-        except Exception as error:
-            what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            raise ValueError(f"the event {self.name} fails at t = {t:.12g} s: {what}") from error
+    def values(self, states: Sequence[BodyState]) -> Array:
+        """Return the values of the function at states; a ValueError that names it where it fails."""
+        found = np.empty(len(states))
+        for k, state in enumerate(states):
+            try:
+                found[k] = as_number(self.function(state.time, state), "its value")
+            except Exception as error:
+                what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+                raise ValueError(f"the event {self.name} fails at t = {state.time:.12g} s: {what}") from error
+        return found
 
     def counts(self, is_rising: bool) -> bool:
         """Whether a crossing in this direction is one of the event."""
@@ -92,6 +103,43 @@ def as_events(events: Any) -> tuple[Event, ...]:
     return tuple(found)
 
 
+# ---- a run in pieces
+
+
+class Piece(NamedTuple):
+    """A part of a run of one body: times with its start and end, states there, what is known of the intervals."""
+
+    times: Array
+    states: States
+    means: Intervals | None  # of one member
+
+
+def joined(pieces: Sequence[Piece], problem: IVP, failure: Failure | None = None, memory: Any = None) -> Outcome:
+    """Return the outcome of a problem that was marched in pieces, each from the end of the one before."""
+    last = pieces[-1].times[-1]
+    beyond = problem.output[problem.output > last]
+    times = np.concatenate([pieces[0].times, *(one.times[1:] for one in pieces[1:]), beyond])
+
+    def whole(arrays: list[Any], count: int) -> Any:
+        """Return arrays one after the other, and what has not been reached."""
+        if not arrays or any(one is None for one in arrays):
+            return None
+        missing = (count - sum(map(len, arrays)), *arrays[0].shape[1:])
+        none: Any = np.nan if arrays[0].dtype == np.float64 else 0
+        return np.concatenate([*arrays, np.full(missing, none, arrays[0].dtype)])[None]
+
+    all_states: Any = zip(pieces[0].states, *(one.states.part(slice(1, None)) for one in pieces[1:]), strict=True)
+    states = States(*(whole(list(arrays), len(times)) for arrays in all_states))
+    means = [one.means.of_one.values() for one in pieces if one.means is not None]
+    intervals = (
+        Intervals(*(whole(list(arrays), len(times) - 1) for arrays in zip(*means, strict=True))) if means else None
+    )
+    failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
+    reasons = {} if failure is None else {0: failure.reason}
+    found = Outcome(states, np.array([len(times) - len(beyond)]), failures, reasons, intervals, None, memory)
+    return found.at(replace(problem, asked=times), problem)
+
+
 class Part(NamedTuple):
     """A part of a run, with its states at the times at which functions are evaluated, the first its start."""
 
@@ -105,7 +153,21 @@ class Part(NamedTuple):
         """The times that have been reached."""
         return self.problem.output[: int(self.outcome.good[0])]
 
-    def inside(self, times: Array) -> States | None:
+    def piece(self, wanted: Array, end: float) -> Piece:
+        """Return what is kept of it up to one of its times: the states that are wanted, the first and the last."""
+        own = self.times[self.times <= end]
+        times = np.union1d(own[[0, -1]], own[np.isin(own, wanted)])
+        outcome = self.outcome.at(self.problem, replace(self.problem, asked=times))
+        return Piece(times, outcome.states.part(0), outcome.intervals)
+
+    def at(self, checks: Sequence[int], times: Array) -> list[States]:
+        """Return the states at rows of times, (n, k), each between the time of such a number and the next."""
+        wanted, places = np.unique(times, return_inverse=True)
+        if (found := self._inside(wanted)) is None:
+            return [self.beyond(check, row).states.part(0) for check, row in zip(checks, times, strict=True)]
+        return [found.part(row) for row in places.reshape(times.shape)]
+
+    def _inside(self, times: Array) -> States | None:
         """Return states at times between the nodes; None where there is no series."""
         problem = self.problem
         if problem.off_grid or self.outcome.failure() is not None:
@@ -130,24 +192,6 @@ class Part(NamedTuple):
         node = int(np.searchsorted(nodes, t, side="right")) - 1
         state = self.outcome.states.part(0, int(np.searchsorted(self.times, nodes[node])))
         return completion.march(self.scheme, replace(onward(problem, node, node + 1, state), asked=times))
-
-
-class Root(NamedTuple):
-    """An event that has occurred, and the last time before it at which functions were evaluated."""
-
-    time: float
-    event: int
-    state: States
-    part: Part
-    check: int
-
-
-class Crossing(NamedTuple):
-    """A change of sign: of an event, after the time of this number, with the values there and at the next."""
-
-    event: int
-    check: int
-    values: tuple[float, float]
 
 
 def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
@@ -186,29 +230,50 @@ def checked_times(problem: IVP, inside: int, wanted: Array) -> Array:
     return np.unique(np.concatenate([nodes, between.ravel(), mine]))
 
 
+# ---- the search
+
+
+class Crossing(NamedTuple):
+    """A change of sign of an event between two times, after the check of this number, and the values there."""
+
+    event: int
+    check: int
+    times: tuple[float, float]
+    values: tuple[float, float]
+
+
+class Root(NamedTuple):
+    """An event that has occurred, and the last time before it at which functions were evaluated."""
+
+    time: float
+    event: int
+    state: States
+    part: Part
+    check: int
+
+
 class Search:
     """The search for events in the parts of a run."""
 
     def __init__(self, events: tuple[Event, ...]) -> None:
-        self.events, self.signs, self.left = events, [0.0] * len(events), [event.terminal for event in events]
+        self.events, self.left = events, [event.terminal for event in events]
 
     def roots(self, part: Part) -> Iterator[Root]:
         """Yield the events of a part in the order of their times, up to one that ends the run."""
-        found, crossed, states = list[Root](), list[Crossing](), part.outcome.states
-        times, p, W = part.times.tolist(), states.quaternion[0].tolist(), states.velocity[0].tolist()
-        z: Any = [()] * len(times) if states.internal is None else states.internal[0].tolist()
+        times, states = part.times, part.outcome.states.part(0)
+        bodies, found, crossed, near = bodies_of(times, states), list[Root](), list[Crossing](), list[Crossing]()
         for number, event in enumerate(self.events):
-            before, value = self.signs[number], 0.0
-            for k, t in enumerate(times):
-                last, value = value, event.value(t, p[k], W[k], z[k])
-                sign = float(np.sign(value))
-                if before * sign < 0 and event.counts(sign > 0):
-                    crossed.append(Crossing(number, k - 1, (last, value)))
-                elif before and not sign and event.counts(before < 0):
-                    found.append(Root(t, number, states.part(0, k), part, k))
-                before = sign
-            self.signs[number] = before
-        found += self._by_polynomials(part, crossed) or (self._between(part, *each) for each in crossed)
+            values = event.values(bodies)
+            signs = np.sign(values)
+            changes = signs[1:] * signs[:-1]
+            for k in np.flatnonzero((changes < 0) | dips(values)).tolist():
+                own = Crossing(number, k, tuple(times[k : k + 2]), tuple(values[k : k + 2]))
+                (crossed if changes[k] < 0 else near).append(own)
+            for k in (np.flatnonzero((signs[:-1] != 0) & (signs[1:] == 0)) + 1).tolist():
+                if event.counts(signs[k - 1] < 0):
+                    found.append(Root(float(times[k]), number, states.part(k), part, k))
+        crossed += self._hidden(part, near)
+        found += self._solved(part, [one for one in crossed if self.events[one.event].counts(one.values[1] > 0)])
         for root in sorted(found, key=lambda root: root.time):
             yield root
             if self.left[root.event]:
@@ -216,68 +281,150 @@ class Search:
                 if not self.left[root.event]:
                     return
 
-    def _by_polynomials(self, part: Part, crossed: list[Crossing]) -> list[Root]:
-        """Return the roots of polynomials through values of the functions; none where a function is no polynomial."""
-        if not crossed:
-            return []
-        from numpy.polynomial.chebyshev import chebroots, chebvander
+    def _hidden(self, part: Part, near: list[Crossing]) -> Iterator[Crossing]:
+        """Yield pairs of crossings where a function has another sign between two times of one sign."""
+        if not near:
+            return
+        times, values, series = self._through(part, near)
+        sign = np.sign(values[:, :1])
+        lowest = np.argmin(sign * chebval(FINE, series.T), axis=1)
+        middle, half = times[:, [0, -1]].mean(axis=1), np.diff(times[:, [0, -1]])[:, 0] / 2
+        deep = (middle + half * FINE[lowest])[:, None]
+        seen = np.concatenate([values, self._values(part, near, deep)[0]], axis=1)
+        at, k = np.concatenate([times, deep], axis=1), np.argmin(sign * seen, axis=1)
+        for i, one in enumerate(near):
+            t, x = float(at[i, k[i]]), float(seen[i, k[i]])
+            if x * one.values[0] < 0:
+                yield one._replace(times=(one.times[0], t), values=(one.values[0], x))
+                yield one._replace(times=(t, one.times[1]), values=(x, one.values[1]))
 
-        a, b = (part.times[[each.check + k for each in crossed]] for k in range(2))
-        middle, half = (a + b) / 2, (b - a) / 2
-        times = middle[:, None] + half[:, None] * KNOTS[1:-1]
-        if (inner := self._values(part, crossed, times)) is None:
-            return []
-        ends = np.array([each.values for each in crossed])
-        values = np.concatenate([ends[:, :1], inner[0], ends[:, 1:]], axis=1)
-        roots = np.full(len(crossed), np.nan)
-        for k, series in enumerate(np.linalg.solve(chebvander(KNOTS, DEGREE), values.T).T):
-            own = chebroots(series)
+    def _solved(self, part: Part, crossed: list[Crossing]) -> Iterator[Root]:
+        """Yield the roots, of polynomials through values of the functions where these have one, else by Brent."""
+        if not crossed:
+            return
+        times, values, series = self._through(part, crossed)
+        middle, half = times[:, [0, -1]].mean(axis=1), np.diff(times[:, [0, -1]])[:, 0] / 2
+        roots = middle.copy()
+        for k, one in enumerate(series):
+            own = chebroots(one)
             own = own.real[(abs(own.imag) < ROOT) & (abs(own.real) < 1)]
             if len(own) == 1:
-                roots[k] = middle[k] + half[k] * own[0]
-        if np.isnan(roots).any() or (found := self._values(part, crossed, roots[:, None])) is None:
-            return []
-        left, states = found
-        if not (abs(left[:, 0]) <= ROOT * abs(values).max(axis=1)).all():
-            return []
-        known = zip(crossed, roots.tolist(), states, strict=True)
-        return [Root(t, one.event, own[0], part, one.check) for one, t, own in known]
+                roots[k] += half[k] * own[0]
+        left, states = self._values(part, crossed, roots[:, None])
+        is_root = abs(left[:, 0]) <= ROOT * abs(values).max(axis=1)
+        for k, one in enumerate(crossed):
+            if is_root[k]:
+                yield Root(float(roots[k]), one.event, states[k].part(0), part, one.check)
+            else:
+                yield self._between(part, one)
 
-    def _values(self, part: Part, crossed: list[Crossing], times: Array) -> tuple[Array, list[list[States]]] | None:
-        """Return the values of the functions that have crossed zero at times of their own, (n, k), and the states."""
-        wanted, places = np.unique(times, return_inverse=True)
-        if (found := part.inside(wanted)) is None:
-            return None
-        states = [[found.part(int(k)) for k in row] for row in places.reshape(times.shape)]
-        values = np.empty(times.shape)
-        for k, each in enumerate(crossed):
-            for i, (t, x) in enumerate(zip(times[k].tolist(), states[k], strict=True)):
-                z = () if x.internal is None else x.internal.tolist()
-                values[k, i] = self.events[each.event].value(t, x.quaternion.tolist(), x.velocity.tolist(), z)
-        return values, states
+    def _through(self, part: Part, looked: list[Crossing]) -> tuple[Array, Array, Array]:
+        """Return times and values at all knots between two times, (n, knots), and the Chebyshev series through them."""
+        a, b = np.array([one.times for one in looked]).T[..., None]
+        times = (a + b) / 2 + (b - a) / 2 * KNOTS
+        times[:, [0, -1]] = np.concatenate([a, b], axis=1)
+        ends = np.array([one.values for one in looked])
+        values = np.concatenate([ends[:, :1], self._values(part, looked, times[:, 1:-1])[0], ends[:, 1:]], axis=1)
+        return times, values, np.linalg.solve(chebvander(KNOTS, DEGREE), values.T).T
 
-    def _between(self, part: Part, number: int, check: int, values: tuple[float, float]) -> Root:
-        """Return the root between the time of the number `check` and the next, at which the function has `values`."""
+    def _values(self, part: Part, looked: list[Crossing], times: Array) -> tuple[Array, list[States]]:
+        """Return the values of the functions at times of their own, (n, k), and the states."""
+        states = part.at([one.check for one in looked], times)
+        rows = zip(looked, times, states, strict=True)
+        return np.array([self.events[one.event].values(bodies_of(t, own)) for one, t, own in rows]), states
+
+    def _between(self, part: Part, one: Crossing) -> Root:
+        """Return the root by Brent's method."""
         from scipy.optimize import brentq
 
-        event, (a, b) = self.events[number], part.times[check : check + 2].tolist()
-        known = {a: values[0], b: values[1]}
-        reached = dict[float, States]()
+        known = dict(zip(one.times, one.values, strict=True))
 
         def value(t: float) -> float:
-            if t not in known:
-                reached[t] = state = part.beyond(check, np.array([t])).states.part(0, 0)
-                z = () if state.internal is None else state.internal.tolist()
-                known[t] = event.value(t, state.quaternion.tolist(), state.velocity.tolist(), z)
-            return known[t]
+            return known[t] if t in known else float(self._values(part, [one], np.array([[t]]))[0][0, 0])
 
         longest = part.problem.t_end - part.problem.t_start if part.problem.off_grid else part.problem.grid.longest
-        t = float(brentq(value, a, b, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))
-        at_end = {a: check, b: check + 1}
-        if t in at_end:
-            return Root(t, number, part.outcome.states.part(0, at_end[t]), part, at_end[t])
-        value(t)
-        return Root(t, number, reached[t], part, check)
+        t = float(brentq(value, *one.times, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))
+        return Root(t, one.event, part.at([one.check], np.array([[t]]))[0].part(0), part, one.check)
+
+
+def bodies_of(times: Array, states: States) -> list[BodyState]:
+    """Return states along times as values."""
+    p, W, t = states.quaternion.tolist(), states.velocity.tolist(), times.tolist()
+    z: Any = [()] * len(t) if states.internal is None else states.internal.tolist()
+    return list(map(body_state, t, p, W, z))
+
+
+def dips(values: Array) -> NDArray[np.bool_]:
+    """Return between which values of one sign there may be some of the other: beside a low one, or of only two."""
+    signs, beside = np.sign(values), np.pad(values, 1, mode="reflect")
+    own, before, after = signs * values, signs * beside[:-2], signs * beside[2:]
+    is_low = (own <= np.minimum(before, after)) & (own < LOW * (before + after))
+    found: NDArray[np.bool_] = (signs[1:] * signs[:-1] > 0) & (is_low[1:] | is_low[:-1] | (len(values) == 2))
+    return found
+
+
+# ---- the march
+
+
+class Ended(NamedTuple):
+    """A run with events: the times of its states, its outcome, its events, and which of them ended it."""
+
+    times: Array
+    outcome: Outcome
+    events: Events
+    ended_by: int | None
+
+    @property
+    def message(self) -> str | None:
+        """How an event ended the run."""
+        return None if self.ended_by is None else MESSAGE.format(self.events.names[self.ended_by], self.times[-1])
+
+
+def march_to_events(scheme: Integrator, problem: IVP, events: tuple[Event, ...]) -> Ended:
+    """March one body, and find events.
+
+    Raises
+    ------
+    ValueError
+        An event function fails; and as the integrator.
+    """
+    search, pieces, roots, wanted = Search(events), list[Piece](), list[Root](), problem.output
+    part: Part | None = None
+    end: Root | None = None
+    failure: Failure | None = None
+    try:
+        for part in parts(scheme, problem):
+            roots += search.roots(part)
+            if roots and events[roots[-1].event].terminal and not search.left[roots[-1].event]:
+                end = roots[-1]
+                since = float(part.times[end.check])
+                pieces.append(part.piece(wanted, since))
+                if end.time > since:
+                    last = np.array([since, end.time])
+                    outcome = part.beyond(end.check, last)
+                    pieces.append(Piece(last, outcome.states.part(0), outcome.intervals))
+                break
+            pieces.append(part.piece(wanted, np.inf))
+            if (failure := part.outcome.failure()) is not None:
+                failure = failure._replace(step=failure.step + part.first)
+    except KeyboardInterrupt as stop:
+        if part is None or not pieces:
+            raise
+        failure = Failure(Status.INTERRUPTED, part.first, np.nan, np.nan, str(stop))
+    assert part is not None
+    reached, until = pieces[-1].times[-1], wanted if end is None else np.append(wanted[wanted < end.time], end.time)
+    times = until[until <= reached]
+    is_last = len(times) > 0 and times[-1] == part.times[-1]
+    outcome = joined(pieces, replace(problem, asked=times), failure, part.outcome.memory if is_last else None)
+    found = [root.state for root in roots]
+    occurred = Events(
+        tuple(event.name for event in events),
+        np.array([root.event for root in roots], dtype=np.int64),
+        np.array([root.time for root in roots]),
+        np.array([state.quaternion for state in found]).reshape(-1, 4),
+        np.array([state.velocity for state in found]).reshape(-1, 3),
+    )
+    return Ended(times, outcome, occurred, None if end is None else end.event)
 
 
 # Events that have names: an axis of the body crosses a plane, a spin falls below a value.

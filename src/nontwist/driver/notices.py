@@ -14,7 +14,7 @@ from ..loads import Load
 from ..loads.calls import name_of
 from ..models.stack import SystemStack
 from . import costs
-from .friction import refusal
+from .contacts import refusal
 from .grid import load_messages
 from .signals import shown_bar
 

@@ -16,8 +16,8 @@ from ..integrators.costs import largest_velocity
 from ..integrators.time_grid import Stretches, stretched
 from . import costs
 from .coarseness import coarseness, phase_error
+from .contacts import refusal
 from .events import Event
-from .friction import refusal
 from .grid import automatic_grid, even_step, load_messages, stored_count
 from .planning import Plan
 from .single_run import first_run, run_of

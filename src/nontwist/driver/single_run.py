@@ -20,10 +20,9 @@ from ..integrators.costs import largest_velocity, swing_rate
 from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
-from . import completion, costs, event_runs
+from . import completion, costs
 from .coarseness import coarseness, unremarkable
-from .event_runs import Ended
-from .events import Event
+from .events import Ended, Event, march_to_events
 from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
@@ -280,7 +279,7 @@ def integrated(
     """Return the run on a grid."""
     if events:
         problem = replace(plan.problem(begin, grid), intervals=True)
-        found = event_runs.march(plan.scheme, problem, events)
+        found = march_to_events(plan.scheme, problem, events)
         return trajectory(plan, replace(problem, asked=found.times), found.outcome, found)
     if cached and cached.has_run:
         if cached.prepared is None:

@@ -6,7 +6,7 @@ Loads that depend on time are polynomials in a step: those through their values 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import inf
 from typing import Any
 
@@ -168,14 +168,17 @@ class PreparedDense:
         return (found, memory.copy()), squares, fastest
 
     def read(self, found: Any) -> dict[str, Any]:
-        """Return fields of a run from what a call has found."""
+        """Return the states of a run from what a call has found; its `_read` returns the rest."""
         nodes, memory = found
         if memory is None:
             return self._substeps.read(nodes)
-        dense, arrays = self._dense, views(memory, self._spans)
-        means, march = intervals_in(dense.march, arrays, dense.skipped).of_one, dense.march
-        carried = nodes[march.spans["states"][0]] * march.factors[0]
-        return {"states": states_in(arrays, dense.skipped).part(0), **means, "memory": carried}
+        arrays = views(memory, self._spans)
+        return {"states": states_in(arrays, self._dense.skipped).part(0), "_read": partial(self._rest, nodes, arrays)}
+
+    def _rest(self, nodes: Array, arrays: dict[str, Array]) -> dict[str, Any]:
+        march = self._dense.march
+        means = intervals_in(march, arrays, self._dense.skipped).of_one
+        return means | {"memory": nodes[march.spans["states"][0]] * march.factors[0]}
 
     def _workspace(self) -> tuple[Array, Array, Array, Between]:
         """Return memory for one thread: states at nodes, the factor of the load, outputs, what finds them."""

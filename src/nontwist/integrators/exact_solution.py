@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 from typing import Any, ClassVar
 
@@ -176,10 +177,12 @@ class PreparedSolution:
         return memory.copy(), sum_of_squares(memory) if status == OK else inf, 0.0
 
     def read(self, found: Array) -> dict[str, Any]:
-        """Return fields of a run from the numbers found."""
+        """Return the states of a run from the numbers found; its `_read` returns the rest."""
         p, W = self._states(found)
-        means = free_intervals(self._systems, W[:1], self._count - 1)
-        return {"states": States(p, W), **means.of_one, "memory": None}
+        return {"states": States(p, W), "memory": None, "_read": partial(self._means, W[:1])}
+
+    def _means(self, W: Array) -> dict[str, Any]:
+        return free_intervals(self._systems, W, self._count - 1).of_one
 
     def _states(self, found: Array) -> tuple[Array, Array]:
         """Return views of the quaternions and of W."""

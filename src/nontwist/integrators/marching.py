@@ -8,6 +8,7 @@ call writes the start into it, calls compiled code once (`engine.outputs`), and 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
@@ -155,10 +156,13 @@ class PreparedMarch:
         return memory.copy(), *FOUND.unpack_from(start, 8 * PREPARED.squares)
 
     def read(self, found: Array) -> dict[str, Any]:
-        """Return fields of a run from the numbers found."""
-        march, arrays = self._march, views(found, self._spans)
-        means = intervals_in(march, arrays, march.skipped)._asdict()
-        return {"states": states_in(arrays, march.skipped), **means, "memory": arrays["states"] * self._factors}
+        """Return the states of a run from the numbers found; its `_read` returns the rest."""
+        arrays = views(found, self._spans)
+        return {"states": states_in(arrays, self._march.skipped), "_read": partial(self._rest, arrays)}
+
+    def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
+        means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
+        return means | {"memory": arrays["states"] * self._factors}
 
     @property
     def states(self) -> States:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -213,11 +212,11 @@ class Outcome(NamedTuple):
             places[good[0] - 1] = self.good[0] - 1
         states = States(*(None if array is None else array[:, places] for array in self.states))  # type: ignore[arg-type]
         found, own = self._replace(states=states, good=good, intervals=None, turned=None), self.intervals
-        if not problem.intervals or own is None or k < 2:
+        if not problem.intervals or own is None or not k:
             return found
-        sums = np.add.reduceat(own.integrals(np.diff(times))[:, : places[-1]], places[:-1], axis=1)
-        used = own.newton_iterations
-        most = None if used is None else np.stack([used[:, a:b].max(axis=1) for a, b in pairwise(places)], axis=1)
+        sums, used = own.integrals(np.diff(times)), own.newton_iterations
+        sums = np.add.reduceat(sums[:, : places[-1]], places[:-1], axis=1)
+        most = None if used is None else np.maximum.reduceat(used[:, : places[-1]], places[:-1], axis=1)
         means = own.of_integrals(sums, np.diff(times[places]), most)
         return found._replace(intervals=means)
 

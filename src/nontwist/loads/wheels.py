@@ -217,6 +217,21 @@ class Slipping(Wheel):
 
 
 @dataclass(frozen=True, eq=False)
+class Standing(Slipping):
+    """A wheel that dry friction holds: a part of the body, whose momentum follows from W."""
+
+    @property
+    def locked(self) -> Array:
+        """What it adds to J, which includes it."""
+        return np.zeros((3, 3))
+
+    def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
+        """Return nothing."""
+        none = [0.0 * given[1][0]] * 3
+        return none, none
+
+
+@dataclass(frozen=True, eq=False)
 class Driven(Momentum):
     """A wheel whose momentum is known beforehand: in the run it is `h` at the time `begin`."""
 

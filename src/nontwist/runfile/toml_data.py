@@ -37,7 +37,7 @@ def _number(text: str) -> float:
     """Return a number; one too large as infinity, which is accepted nowhere; one too small as 0."""
     value = float(text)
     if abs(value) <= LARGEST_NUMBER:
-        return value if abs(value) >= 1 / LARGEST_NUMBER else 0.0
+        return value if abs(value) >= 1e-60 else 0.0
     refused = Unbounded(math.copysign(math.inf, value) if value == value else math.nan)
     refused.text = text
     return refused
@@ -66,7 +66,7 @@ def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
         raise _refused(name, "the file", "a Python script", f"a run file (TOML); python {name} runs scripts")
     if (size := max(size, len(content))) > LARGEST:
         accepted = f'at most {LARGEST / 1e6:g} MB; a long table goes into a CSV file: [[load]] kind = "csv"'
-        raise _refused(name, "the file", f"{size / 1e6:.3g} MB", accepted)
+        raise _refused(name, "the file", f"{size / 1e6:.7g} MB", accepted)
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise _refused(name, "line 1", "UTF-16 text", "UTF-8 text: save the file in this encoding")
     try:

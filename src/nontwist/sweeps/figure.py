@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..plot.journals import column_width, new_axes, style
 from ..plot.looks import symbol, unit
-from .reading import open_sweep
+from .reading import dataset
 from .store import open_store
 
 if TYPE_CHECKING:
@@ -46,52 +46,97 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
     ValueError
         A key that was not swept, a quantity that was not kept or that no member has, or a whole matrix.
     """
-    data, kept = open_sweep(store), open_store(store)
-    sweep = kept.members.sweep
+    kept = open_store(store)
+    data, sweep = dataset(kept), cast(Any, kept.members.sweep)
     swept = [one.key for one in sweep.over]
-    every = -(-data.sizes["member"] // MOST)
-    shown = data.isel(member=slice(None, None, every))
-    x = [_numbers(shown, key, swept, "was not swept") for key in keys]
+    across = [_component(data, key, swept, "was not swept") for key in keys]
     results = [str(name) for name in data.data_vars if name not in swept]
-    y = _numbers(shown, quantity, results, "was not kept")
+    drawn = _component(data, quantity, results, "was not kept")
+    every = slice(None, None, -(-data.sizes["member"] // MOST))
+    x, y = [one.numbers(every) for one in across], drawn.numbers(every)
     finite = np.isfinite(y)
     if not finite.any():
         raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
+    logarithmic = [one.key for one in sweep.over if getattr(one, "spacing", "") == "log" and one.start > 0]
     with style():
         if ax is None:
             ax = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
-        label = _label(data, quantity, results)
-        parts = [_split(key, swept, "was not swept") for key in keys]
-        names = [_column(data, *part) + unit(data[part[0]]) for part in parts]
-        ax.set_xlabel(names[0])
+        ax.set_xlabel(across[0].column + unit(across[0].variable))
         if len(keys) == 1:
-            ax.set_ylabel(label)
+            ax.set_ylabel(drawn.label)
             _curve(ax, x[0][finite], y[finite], sweep)
-            _logarithmic(ax, keys, sweep)
-            _spread_ticks(ax)
-            return ax
-        ax.set_ylabel(names[1])
-        drawn = _map(ax, x[0], x[1], y, sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
-        ax.figure.colorbar(drawn[0], ax=ax, label=label)
-        _logarithmic(ax, keys, sweep)
+        else:
+            ax.set_ylabel(across[1].column + unit(across[1].variable))
+            shown = _map(ax, x[0], x[1], y, sweep, keys, logarithmic) or _dots(
+                ax, x[0][finite], x[1][finite], c=y[finite]
+            )
+            ax.figure.colorbar(shown, ax=ax, label=drawn.label)
+        for key, axis in zip(keys, "xy", strict=False):
+            if key in logarithmic:
+                ax.set(**{f"{axis}scale": "log"})
         _spread_ticks(ax)
         return ax
 
 
-def _spaced_logarithmically(sweep: Any) -> list[str]:
-    return [one.key for one in sweep.over if getattr(one, "spacing", "") == "log" and one.start > 0]
+class _Component(NamedTuple):
+    """A variable of a store, or a component of it, under the name by which it was asked for."""
+
+    name: str
+    variable: Any
+    place: list[int]
+
+    def numbers(self, every: slice) -> Array:
+        """Return the numbers of some members, of a vector its lengths."""
+        shape, name = self.variable.shape[1:], self.variable.name
+        if len(self.place) > len(shape) or any(k >= n for k, n in zip(self.place, shape, strict=False)):
+            ends = " × ".join(f"0 to {n - 1}" for n in shape)
+            raise ValueError(f"{name} has components {ends}, not {self.name}")
+        entry: Any = (slice(None), *self.place)
+        values: Array = np.asarray(self.variable[every].values, dtype=np.float64)[entry]
+        if values.ndim > 2:
+            last = ".".join(str(n - 1) for n in values.shape[1:])
+            size = " × ".join(map(str, values.shape[1:]))
+            raise ValueError(
+                f"{self.name} is a matrix, {size}, which has no length; name one of its components, as in "
+                f"{self.name}.{last}"
+            )
+        return values if values.ndim == 1 else np.sqrt((values * values).sum(axis=1))
+
+    @property
+    def labels(self) -> list[str]:
+        """The labels of the component, as the columns of exported tables have them."""
+        dims = self.variable.dims[1:]
+        return [str(self.variable[dim].values[k]) for dim, k in zip(dims, self.place, strict=False)]
+
+    @property
+    def column(self) -> str:
+        """The name of the component, as the columns of exported tables are called: quaternion_z."""
+        return "_".join([str(self.variable.name), *self.labels])
+
+    @property
+    def label(self) -> str:
+        """Name, symbol and unit; of a vector the symbol of its length."""
+        if " " in self.variable.attrs.get("symbol", " "):  # of a reduction, which repeats the name
+            return self.name.replace("_", " ") + unit(self.variable)
+        text = symbol(self.variable, "".join(self.labels))
+        words = self.column if self.place else self.column.replace("_", " ")
+        length = self.variable.ndim - 1 > len(self.place)
+        return f"{words} {f'|{text}|' if length else text}{unit(self.variable)}"
 
 
-def _logarithmic(ax: Any, keys: Sequence[str], sweep: Any) -> None:
-    """Make the axes of keys logarithmic whose values are spaced so."""
-    for key, axis in zip(keys, "xy", strict=False):
-        if key in _spaced_logarithmically(sweep):
-            ax.set(**{f"{axis}scale": "log"})
+def _component(data: Any, name: str, known: Sequence[str], fault: str) -> _Component:
+    """Return the variable that a name begins with, and the components that follow."""
+    base = max((one for one in known if name == one or name.startswith(f"{one}.")), key=len, default=None)
+    rest = name[len(base) + 1 :].split(".") if base is not None and name != base else []
+    if base is None or not all(part.isdecimal() for part in rest):
+        raise ValueError(f"{name} {fault}; known are {', '.join(known)}, and their components, as in {known[0]}.0")
+    return _Component(name, data[base], [int(part) for part in rest])
 
 
-def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> list[Artist]:
+def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> Artist:
     size = 9 if len(x) < DENSE else max(0.3, 9 * DENSE / len(x))
-    return [ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)]
+    dots: Artist = ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)
+    return dots
 
 
 def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
@@ -103,74 +148,27 @@ def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
         _dots(ax, x, y)
 
 
-def _map(ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str]) -> list[Artist]:
-    """Cells, where the sweep is the product of two grids and nothing else."""
+def _map(
+    ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str], logarithmic: Sequence[str]
+) -> Artist | None:
+    """Draw cells, where the sweep is the product of two grids and nothing else."""
     whole = [one.key for one in sweep.axes]
     if sweep.drawn or sweep.combine != "product" or sorted(whole) != sorted(keys) or len(values) != sweep.members:
-        return []
-    shape = sweep.shape
-    order = [whole.index(key) for key in keys]
-    grids = (x.reshape(shape).transpose(order)[:, 0], y.reshape(shape).transpose(order)[0])
-    logarithmic = _spaced_logarithmically(sweep)
+        return None
+    x, y, values = (one.reshape(sweep.shape).transpose([whole.index(key) for key in keys]) for one in (x, y, values))
+    grids = x[:, 0], y[0]
     a, b = (_borders(one, key in logarithmic) for one, key in zip(grids, keys, strict=True))
-    places = [np.argsort(one) for one in grids]
-    cells = values.reshape(shape).transpose(order)[np.ix_(*places)]
-    return [ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)]
+    cells = values[np.ix_(*map(np.argsort, grids))]
+    mesh: Artist = ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)
+    return mesh
 
 
 def _borders(values: Array, logarithmic: bool) -> Array:
     """Return the borders of the cells of a grid, half way between its values, increasing."""
     x = np.sort(np.log(values) if logarithmic else values)
-    gaps = np.diff(x) if len(x) > 1 else np.array([1.0])
-    borders = np.concatenate([x[:1] - gaps[:1] / 2, x[:-1] + gaps[: len(x) - 1] / 2, x[-1:] + gaps[-1:] / 2])
-    found: Array = np.exp(borders) if logarithmic else borders
-    return found
-
-
-def _split(name: str, known: Sequence[str], fault: str) -> tuple[str, list[int]]:
-    """Return the variable that a name begins with, and the components that follow."""
-    base = max((one for one in known if name == one or name.startswith(f"{one}.")), key=len, default=None)
-    rest = name[len(base) + 1 :].split(".") if base is not None and name != base else []
-    if base is None or not all(part.isdecimal() for part in rest):
-        raise ValueError(f"{name} {fault}; known are {', '.join(known)}, and their components, as in {known[0]}.0")
-    return base, [int(part) for part in rest]
-
-
-def _numbers(data: Any, name: str, known: Sequence[str], fault: str) -> Array:
-    base, place = _split(name, known, fault)
-    values: Array = np.asarray(data[base].values, dtype=np.float64)
-    if len(place) > values.ndim - 1 or any(k >= n for k, n in zip(place, values.shape[1:], strict=False)):
-        raise ValueError(f"{base} has components {' × '.join(f'0 to {n - 1}' for n in values.shape[1:])}, not {name}")
-    entry: Any = (slice(None), *place)
-    values = values[entry]
-    if values.ndim > 2:
-        last = ".".join(str(n - 1) for n in values.shape[1:])
-        size = " × ".join(map(str, values.shape[1:]))
-        raise ValueError(
-            f"{name} is a matrix, {size}, which has no length; name one of its components, as in {name}.{last}"
-        )
-    return values if values.ndim == 1 else np.sqrt((values * values).sum(axis=1))
-
-
-def _label(data: Any, name: str, known: Sequence[str]) -> str:
-    base, place = _split(name, known, "was not kept")
-    variable = data[base]
-    if " " in variable.attrs.get("symbol", " "):  # of a reduction, which repeats the name
-        return name.replace("_", " ") + unit(variable)
-    text = symbol(variable, "".join(_labels(data, base, place)))
-    length = variable.ndim - 1 > len(place)
-    words = _column(data, base, place) if place else base.replace("_", " ")
-    return f"{words} {f'|{text}|' if length else text}{unit(variable)}"
-
-
-def _labels(data: Any, base: str, place: Sequence[int]) -> list[str]:
-    """Return the labels of a component, as the columns of exported tables have them."""
-    return [str(data[dim].values[k]) for dim, k in zip(data[base].dims[1:], place, strict=False)]
-
-
-def _column(data: Any, base: str, place: Sequence[int]) -> str:
-    """Return the name of a component, as the columns of exported tables are called: quaternion_z."""
-    return "_".join([base, *_labels(data, base, place)])
+    ends = [2 * x[0] - x[1], *x, 2 * x[-1] - x[-2]] if len(x) > 1 else [x[0] - 1, x[0], x[0] + 1]
+    borders: Array = np.convolve(ends, [0.5, 0.5], "valid")
+    return np.exp(borders) if logarithmic else borders
 
 
 def _spread_ticks(ax: Any) -> None:

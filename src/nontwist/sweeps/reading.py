@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+import numpy as np
 
 from ..analysis.variables import COORDINATES
 from ..driver import simulate
-from ..errors import SweepStoreError
+from ..geometry.arrays import Array
 from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
 from ..runfile.document import checked, unit_of
+from ..runfile.sweep_table import Sweep
 from .draws import values
 from .members import signs
-from .store import SweepStore, open_store
+from .store import Blocks, SweepStore, open_store
 
 if TYPE_CHECKING:
     import xarray
@@ -33,8 +39,8 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     ----------
     store : path
     verify : bool
-        Compare each file that is read with the SHA-256 that was written with it: the metadata at once, the chunks of a
-        block when they are read. With False files are not verified, as in any other Zarr reader.
+        Compare what is read with the SHA-256 that was written with it: the metadata at once, the numbers of a block
+        when they are read. With False only the CRC-32C of chunks is verified, as by any other Zarr reader.
 
     Returns
     -------
@@ -81,41 +87,52 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     >>> dict(data.set_coords(keys).set_index(member=keys).unstack("member").status.sizes)
     {'body.inertia.0': 3, 'body.inertia.2': 3}
     """
-    return dataset(open_store(store, verify), store)
+    return dataset(open_store(store, verify))
 
 
-def dataset(kept: SweepStore, store: str | os.PathLike[str]) -> xarray.Dataset:
-    """Return the dataset of a store, as `open_sweep`."""
+def dataset(kept: SweepStore) -> xarray.Dataset:
+    """Return the dataset of a store, as `open_sweep`; its arrays are read, and swept numbers made again, by blocks."""
     import xarray
 
-    try:
-        data: xarray.Dataset = xarray.open_zarr(kept.files, chunks={}, consolidated=True, zarr_format=3)
-        data = data[kept.names].assign(_swept(kept))
-    except Exception as error:  # Zarr and xarray raise exceptions of any kind
-        raise SweepStoreError(f"{store} is damaged: {type(error).__name__}: {error}") from error
-    data = data.assign_coords({dim: labels for dim, labels in COORDINATES.items() if dim in data.dims})
-    return data.assign_attrs(verified=int(bool(kept.seal)), seal=kept.seal_words)
-
-
-def _swept(kept: SweepStore) -> dict[str, Any]:
-    """Return the swept numbers as lazy arrays, made again block by block from the file."""
-    import dask.array
-
-    lazy: Any = dask
-    sweep, found = kept.members.sweep, {}
-    make = lazy.delayed(values, pure=True)
-    blocks = [(make(sweep, *kept.span(k)), kept.span(k)) for k in range(kept.blocks)]
+    present, sweep, found = bytes(kept.blocks.present()), kept.members.sweep, dict[str, Any]()
+    for name in kept.names:
+        stored = kept.group[name]
+        data = _lazy(kept, partial(_stored, kept.blocks, present, name), stored.shape[1:], stored.dtype)
+        found[name] = (stored.metadata.dimension_names, data, dict(stored.attrs))
     for key, array in values(sweep, 0, 1).items():
         shape = array.shape[1:]
-        parts = [
-            lazy.array.from_delayed(part[key], (last - first, *shape), array.dtype) for part, (first, last) in blocks
-        ]
         named = DIMS.get(key.rpartition(".")[2] if key.startswith("load.") else key)
         own = (named,) if named and len(shape) == 1 else tuple(f"{key}.{n}" for n in range(len(shape)))
         known = unit_of(kept.members.file, key)
         attributes = {"long_name": f"{key}, swept"} | ({} if known is None else {"units": known})
-        found[key] = (("member", *own), lazy.array.concatenate(parts), attributes)
-    return found
+        data = _lazy(kept, partial(_swept, kept.blocks, sweep, key), shape, array.dtype)
+        found[key] = (("member", *own), data, attributes)
+    used = {dim for dims, *_ in found.values() for dim in dims}
+    labels = {dim: labels for dim, labels in COORDINATES.items() if dim in used}
+    record = {"verified": int(bool(kept.blocks.seal)), "seal": kept.seal_words}
+    return xarray.Dataset(found, labels, kept.attributes | record)
+
+
+def _lazy(kept: SweepStore, block: Callable[..., Array], shape: tuple[int, ...], dtype: Any) -> Any:
+    """Return a lazy array of members, each chunk of which is what `block` returns for ``block_id``."""
+    import dask.array
+
+    lazy: Any = dask.array
+    sizes = tuple(last - first for first, last in map(kept.blocks.span, range(kept.blocks.count)))
+    chunks, empty = (sizes, *((n,) for n in shape)), np.empty((0,) * (1 + len(shape)), dtype)
+    return lazy.map_blocks(block, chunks=chunks, dtype=dtype, meta=empty, name=f"sweep-{uuid4().hex}")
+
+
+def _stored(blocks: Blocks, present: bytes, name: str, block_id: tuple[int, ...]) -> Array:
+    """Return the stored numbers of a block, as they were when the store was opened."""
+    if present[block_id[0]]:
+        return blocks.array(name, block_id[0])
+    array, (first, last) = blocks.group[name], blocks.span(block_id[0])
+    return np.full((last - first, *array.shape[1:]), array.fill_value, array.dtype)
+
+
+def _swept(blocks: Blocks, sweep: Sweep, key: str, block_id: tuple[int, ...]) -> Array:
+    return values(sweep, *blocks.span(block_id[0]))[key]
 
 
 def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:

@@ -1,9 +1,15 @@
-"""The store of a sweep: a Zarr group (version 3), one chunk of every variable for each block of members.
+"""The store of a sweep: a Zarr group (version 3), one chunk of every variable for each block of members, sealed.
 
 A block is done when its marker is there, ``blocks/000/000017.json``, written last and by the one client that holds the
-lock: hashes of the block, and why members have failed (`seals`). Chunks carry a CRC-32C. A block is written whole,
-with the same bits by any worker, so that it may be written twice. ``status`` is 0 for a member that is done,
-−1 for one whose numbers define no run, −2 for one that is not done; others are those of `nontwist.errors.Status`.
+lock. It holds the number of the block, the SHA-256 of the numbers of each variable as they were computed, and why
+members have failed. ``blocks/seal.json``, written when the store is made, has the SHA-256 of each ``zarr.json``, and
+markers repeat the hash of this seal, so that a block of another store is recognised. Seal and markers carry a hash of
+their own text. So a changed file is noticed whichever it is, and so are chunks that are missing or exchanged, which
+Zarr's own CRC-32C does not notice. Nothing here is a signature: who can write a store can seal it again.
+
+A block is written whole, with the same bits by any worker, so that it may be written twice. ``status`` is 0 for a
+member that is done, −1 for one whose numbers define no run, −2 for one that is not done; others are those of
+`nontwist.errors.Status`.
 """
 
 from __future__ import annotations
@@ -13,8 +19,8 @@ import json
 import os
 import warnings
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,14 +32,36 @@ from ..errors import SweepStoreError
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
-from ..io.whole import atomic_folder
+from ..io.whole import atomic_file, atomic_folder
 from .draws import values
 from .members import REFUSED, Members, Results
-from .seals import CHANGED, SEAL, DamagedBlockError, Done, Marks, damaged, read_seal, write_seal
 
-FORMAT, ABSENT = 2, -2
+FORMAT, ABSENT = 3, -2
+SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
+CHANGED = "was changed after it was written"
 MOST_REASONS = 1000  # in a marker; running a member again gives its own
 MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
+
+
+class DamagedBlockError(SweepStoreError):
+    """A block that was changed after it was written: `where` it is, and the `reason`."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        super().__init__(where, reason)
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}: {self.reason}; run the sweep again to recompute the block"
+
+
+class Done(NamedTuple):
+    """The marker of a block."""
+
+    block: int
+    failed: int  #: members with a status other than 0
+    reasons: dict[str, str]  #: why, by their numbers
+    seconds: float
+    sha256: dict[str, str]  #: of the numbers of each variable
 
 
 class Verification(NamedTuple):
@@ -52,132 +80,223 @@ class Verification(NamedTuple):
         return not self.missing and not self.damaged
 
 
+def sealed(data: dict[str, Any]) -> bytes:
+    """Return JSON text that holds its own hash under the key "seal"."""
+    own = hashlib.sha256(json.dumps(data, indent=1).encode()).hexdigest()
+    return json.dumps({**data, "seal": own}, indent=1).encode()
+
+
+def unsealed(text: bytes) -> dict[str, Any]:
+    """Return the data of `sealed`; a ValueError where the text was changed."""
+    try:
+        data = json.loads(text)
+    except RecursionError as error:
+        raise ValueError(CHANGED) from error
+    if not isinstance(data, dict) or sealed({key: value for key, value in data.items() if key != "seal"}) != text:
+        raise ValueError(CHANGED)
+    return data
+
+
+def _verified_seal(path: Path) -> str:
+    """Return the hash of the seal of a store; a SweepStoreError where it, or a file of metadata, is damaged."""
+    name = SEAL
+    try:
+        seal = unsealed((path / SEAL).read_bytes())
+        for name, expected in dict(seal["files"]).items():
+            if hashlib.sha256((path / name).read_bytes()).hexdigest() != expected:
+                raise ValueError(CHANGED)
+    except FileNotFoundError as error:
+        raise _damaged(path, f"{name} is missing") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise _damaged(path, f"{name} {CHANGED}") from error
+    found: str = seal["seal"]
+    return found
+
+
+def _damaged(path: Path, reason: str) -> SweepStoreError:
+    remedy = "run the sweep into a new store, or read this one unchecked with open_sweep(..., verify=False)"
+    return SweepStoreError(f"{path} is damaged: {reason}; {remedy}")
+
+
+class Blocks:
+    """The blocks of a store: their markers, and their numbers as Zarr's `group` has them.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+    group : zarr.Group
+    block, members : int
+        Members of a block, and of the sweep.
+    seal : str
+        Its hash; "" where nothing is verified.
+    """
+
+    def __init__(self, path: Path, group: Any, block: int, members: int, seal: str) -> None:
+        self.path, self.group, self.block, self.members, self.seal = path, group, block, members, seal
+
+    @property
+    def count(self) -> int:
+        """How many blocks there are."""
+        return -(-self.members // self.block)
+
+    def span(self, k: int) -> tuple[int, int]:
+        """Return the first member of a block and the first of the next."""
+        return k * self.block, min((k + 1) * self.block, self.members)
+
+    def name(self, k: int) -> str:
+        """Return a block in words."""
+        first, last = self.span(k)
+        return f"block {k}, members {first} to {last - 1}"
+
+    def place(self, k: int) -> Path:
+        """Return where the marker of a block is."""
+        return self.path / "blocks" / f"{k // 1000:03d}" / f"{k:06d}.json"
+
+    def chunk(self, name: str, k: int) -> Path:
+        """Return where the numbers of a variable are."""
+        array = self.group[name]
+        key: str = array.metadata.chunk_key_encoding.encode_chunk_key((k, *[0] * (array.ndim - 1)))
+        return self.path / name / key
+
+    def present(self) -> bytearray:
+        """Return for each block whether it has a marker, 0 or 1; no marker is read."""
+        found = bytearray(self.count)
+        for first in range(0, self.count, 1000):
+            folder = self.place(first).parent
+            names = set(os.listdir(folder)) if folder.is_dir() else set()
+            for k in range(first, min(first + 1000, self.count)):
+                found[k] = self.place(k).name in names
+        return found
+
+    def mark(self, done: Done) -> None:
+        """Mark a block as done."""
+        place = self.place(done.block)
+        place.parent.mkdir(exist_ok=True)
+        with atomic_file(place) as file:
+            file.write(sealed({**done._asdict(), "store": self.seal}))
+
+    def marker(self, k: int) -> Done:
+        """Return the marker of a block.
+
+        Raises
+        ------
+        DamagedBlockError
+            The marker is missing or damaged, or is that of another block or store.
+        """
+        try:
+            text = self.place(k).read_bytes()
+            data = unsealed(text) if self.seal else json.loads(text)
+            done = Done(**{name: data[name] for name in Done._fields})
+        except FileNotFoundError as error:
+            raise self.damaged(k, "its marker was removed after the store was opened") from error
+        except (ValueError, TypeError, KeyError) as error:
+            raise self.damaged(k, f"its marker {CHANGED}") from error
+        if self.seal and data.get("store") != self.seal:
+            raise self.damaged(k, "it belongs to another store")
+        if done.block != k:
+            raise self.damaged(k, f"block {done.block} is in its place")
+        return done
+
+    def array(self, name: str, k: int, done: Done | None = None) -> Array:
+        """Return the numbers of a variable in a block; a DamagedBlockError where they are not those of its marker."""
+        first, last = self.span(k)
+        if not self.seal:
+            unchecked: Array = self.group[name][first:last]
+            return unchecked
+        done, cause = self.marker(k) if done is None else done, None
+        try:
+            found: Array = self.group[name][first:last]
+            if _sha256(found) == done.sha256[name]:
+                return found
+        except Exception as error:  # Zarr and its codecs raise exceptions of any kind
+            cause = error
+        raise self.damaged(k, f"{name} {CHANGED if self.chunk(name, k).is_file() else 'is missing'}") from cause
+
+    def damaged(self, k: int, reason: str) -> DamagedBlockError:
+        """Return the error that names a block and the reason."""
+        return DamagedBlockError(f"{self.path}: {self.name(k)}", reason)
+
+
 class SweepStore:
     """An existing store; made by `create`, opened by `open_store`."""
 
     def __init__(self, path: Path, verify: bool = True, members: Members | None = None) -> None:
-        zarr = _zarr()
-        self.path, seal = path, read_seal(path) if verify else None
-        self.files: Any = zarr.storage.LocalStore(path)
+        zarr, missing = _zarr(), verify and not (path / SEAL).exists()
+        seal = _verified_seal(path) if verify and not missing else ""
         try:
-            attributes: dict[str, Any] = dict(zarr.open_group(self.files, mode="r+", zarr_format=3).attrs)
-            form, self.block = attributes["sweep_format"], int(attributes["block"])
-            text, folder = str(attributes["run_file"]), Path(attributes["folder"])
-            if self.block < 1:
-                raise ValueError(f"block {self.block}")
-            changed = hashlib.sha256(text.encode()).hexdigest() != attributes["run_file_sha256"]
+            self.group = zarr.open_group(path, mode="r+", zarr_format=3)
+            self.attributes: dict[str, Any] = dict(self.group.attrs)
+            form, block = self.attributes["sweep_format"], int(self.attributes["block"])
+            text, folder = str(self.attributes["run_file"]), Path(self.attributes["folder"])
+            if block < 1:
+                raise ValueError(f"block {block}")
         except Exception as error:  # Zarr raises exceptions of any kind
-            raise SweepStoreError(f"{path} is not the store of a sweep, or is damaged: {_words(error)}") from error
+            words = f"{type(error).__name__}: {error}"
+            raise SweepStoreError(f"{path} is not the store of a sweep, or is damaged: {words}") from error
         if form != FORMAT:
             raise SweepStoreError(f"{path} has sweep_format {form}; this version of nontwist reads {FORMAT}")
-        if verify and seal is None:
-            raise damaged(path, f"{SEAL} is missing")
-        if verify and changed:
-            raise damaged(path, f"its run file {CHANGED}")
-        self.attributes = attributes
+        if missing:
+            raise _damaged(path, f"{SEAL} is missing")
         known = members is not None and (members.text, members.folder.path.absolute()) == (text, folder)
         self.members = members if members is not None and known else Members.of(text, folder)
         self.names = [*self.members.kept, "status"]
-        self.marks = Marks(path, self.block, len(self.members), seal)
-        if seal is not None:
-            from .sealed_files import SealedFiles
-
-            self.files = SealedFiles(self.files, seal, self.marks, self.marks.present())
-        self.group = zarr.open_group(self.files, mode="r+", zarr_format=3)
+        self.blocks = Blocks(path, self.group, block, len(self.members), seal)
 
     @property
-    def seal(self) -> str:
-        """The hash of the seal; "" where it is not verified."""
-        return "" if self.marks.seal is None else self.marks.seal.sha256
+    def path(self) -> Path:
+        """Its folder."""
+        return self.blocks.path
 
     @property
     def seal_words(self) -> str:
         """The hash of the seal, or why there is none."""
-        return self.seal or "not read: verify=False"
-
-    @property
-    def blocks(self) -> int:
-        """How many blocks there are."""
-        return self.marks.blocks
-
-    def span(self, k: int) -> tuple[int, int]:
-        """Return the first member of a block and the first of the next."""
-        return self.marks.span(k)
+        return self.blocks.seal or "not read: verify=False"
 
     def compute(self, k: int) -> Results:
         """Compute a block."""
-        return self.members.run(values(self.members.sweep, *self.span(k)))
+        return self.members.run(values(self.members.sweep, *self.blocks.span(k)))
 
-    def write(self, k: int, results: Results) -> tuple[str, dict[str, str | None]]:
-        """Write a block without its marker; return the hash of its numbers, and those of its files."""
-        first, last = self.span(k)
+    def make(self, k: int) -> Done:
+        """Compute a block and write it, without its marker, which is returned."""
+        begin, (first, last) = perf_counter(), self.blocks.span(k)
+        results = self.compute(k)
         arrays: dict[str, Any] = {**results.arrays, "status": results.status}
-        self.files.present[k] = 0
         for name in self.names:
             self.group[name][first:last] = arrays[name]
-        chunks = {name: self.files.hashes.pop(self._key(name, k), None) for name in self.names}
-        return _sha256(arrays[name] for name in self.names), chunks
-
-    def read(self, k: int) -> dict[str, Array]:
-        """Return the arrays of a block; a ValueError where they were changed."""
-        first, last = self.span(k)
-        return {name: self.group[name][first:last] for name in self.names}
+        reasons = {str(first + i): reason for i, reason in sorted(results.reasons.items())[:MOST_REASONS]}
+        hashes = {name: _sha256(arrays[name]) for name in self.names}
+        return Done(k, int(np.count_nonzero(results.status)), reasons, perf_counter() - begin, hashes)
 
     def done(self) -> dict[int, Done]:
         """Return the markers; a DamagedBlockError where one was changed."""
-        return {k: self.marks.read(k) for k, there in enumerate(self.marks.present()) if there}
+        return {k: self.blocks.marker(k) for k, there in enumerate(self.blocks.present()) if there}
 
     def verified(self) -> Verification:
         """Read every byte, hash it again, and count."""
-        present = self.marks.present()
-        if self.seal:
-            self.files.present[:] = present
-        faults: dict[int, str] = {}
-        whole_hash = {name: hashlib.sha256() for name in self.names}
-        good = failed = 0
-        with ThreadPoolExecutor(1) as pool:  # reads one block ahead
-            order = [k for k in range(self.blocks) if present[k]]
-            ahead = [pool.submit(self._sound, k) for k in order[:1]]
-            for n, k in enumerate(order):
-                found = ahead.pop().result()
-                ahead = [pool.submit(self._sound, k) for k in order[n + 1 : n + 2]]
-                if isinstance(found, str):
-                    faults[k] = found
-                    continue
-                good, failed = good + 1, failed + found[0].failed
-                for name in self.names:
-                    whole_hash[name].update(found[1][name].tobytes())
-        missing = tuple(k for k in range(self.blocks) if not present[k])
-        total = None
-        if good == self.blocks:
-            total = _sha256(np.frombuffer(whole_hash[name].digest(), np.uint8) for name in self.names)
-        return Verification(len(self.members), self.blocks, missing, faults, failed, total)
-
-    def _sound(self, k: int) -> tuple[Done, dict[str, Array]] | str:
-        """Return the marker and the arrays of a block, or why they differ from what was written."""
-        try:
-            done, arrays = self.marks.read(k), self.read(k)
-        except DamagedBlockError as error:
-            return error.reason
-        except Exception as error:  # Zarr and its codecs raise exceptions of any kind
-            return _words(error)
-        if _sha256(arrays[name] for name in self.names) == done.sha256:
-            return done, arrays
-        missing = [name for name in self.names if not self._chunk(name, k).exists()]
-        return f"{', '.join(missing)} is missing" if missing else f"it {CHANGED}"
-
-    def _chunk(self, name: str, k: int) -> Path:
-        return self.path / self._key(name, k)
-
-    def _key(self, name: str, k: int) -> str:
-        array = self.group[name]
-        key: str = array.metadata.chunk_key_encoding.encode_chunk_key((k, *[0] * (array.ndim - 1)))
-        return f"{name}/{key}"
+        present, faults, failed = self.blocks.present(), dict[int, str](), 0
+        whole = [hashlib.sha256() for _ in self.names]
+        for k, there in enumerate(present):
+            if not there:
+                continue
+            try:
+                done = self.blocks.marker(k)
+                arrays = [self.blocks.array(name, k, done) for name in self.names]
+            except DamagedBlockError as error:
+                faults[k] = error.reason
+                continue
+            failed += done.failed
+            for one, array in zip(whole, arrays, strict=True):
+                one.update(np.ascontiguousarray(array).data)
+        missing = tuple(k for k, there in enumerate(present) if not there)
+        total = hashlib.sha256(b"".join(one.digest() for one in whole)).hexdigest()
+        counted = len(self.members), len(present), missing, faults, failed
+        return Verification(*counted, None if missing or faults else total)
 
     def clear(self, blocks: Iterable[int]) -> None:
         """Remove the markers of blocks, and temporary files of killed writers."""
         for k in blocks:
-            self.marks.place(k).unlink(missing_ok=True)
+            self.blocks.place(k).unlink(missing_ok=True)
         for left in self.path.glob("**/*.partial"):
             left.unlink(missing_ok=True)
 
@@ -205,43 +324,36 @@ def open_store(path: str | os.PathLike[str], verify: bool = True, members: Membe
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when it is complete."""
-    with atomic_folder(path) as temporary:
-        _fill(temporary, members, block)
-    return SweepStore(path, members=members)
-
-
-def _fill(temporary: Path, members: Members, block: int) -> None:
-    zarr = _zarr()
-    group = zarr.create_group(str(temporary), attributes=_record(members, block))
+    zarr, m = _zarr(), len(members)
     statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
-    m = len(members)
-    for name, kept in members.kept.items():
-        shape = tuple(SIZES[dim] for dim in kept.dims)
-        _array(group, name, (m, *shape), block, np.float64, np.nan, kept.dims, kept.attributes)
-    _array(group, "status", (m,), block, np.int8, ABSENT, (), status_attributes(statuses))
-    group.create_group("blocks")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not
-        zarr.consolidate_metadata(str(temporary))
-    write_seal(temporary)
+    with atomic_folder(path) as temporary:
+        group = zarr.create_group(str(temporary), attributes=_record(members, block))
 
+        def add(name: str, shape: tuple[int, ...], fill: Any, dims: tuple[str, ...], attributes: Any) -> None:
+            group.create_array(
+                name,
+                shape=(m, *shape),
+                chunks=(block, *shape),
+                dtype=type(fill),
+                fill_value=fill,
+                compressors=zarr.codecs.Crc32cCodec(),
+                chunk_key_encoding={"name": "default", "separator": "."},
+                dimension_names=("member", *dims),
+                attributes=attributes,
+            )
 
-def _array(
-    group: Any, name: str, shape: tuple[int, ...], block: int, dtype: Any, fill: Any, dims: Any, attributes: Any
-) -> None:
-    from zarr.codecs import Crc32cCodec
-
-    group.create_array(
-        name,
-        shape=shape,
-        chunks=(block, *shape[1:]),
-        dtype=dtype,
-        fill_value=fill,
-        compressors=Crc32cCodec(),
-        chunk_key_encoding={"name": "default", "separator": "."},
-        dimension_names=("member", *dims),
-        attributes=attributes,
-    )
+        for name, kept in members.kept.items():
+            add(name, tuple(SIZES[dim] for dim in kept.dims), np.float64(np.nan), kept.dims, kept.attributes)
+        add("status", (), np.int8(ABSENT), (), status_attributes(statuses))
+        group.create_group("blocks")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not
+            zarr.consolidate_metadata(str(temporary))
+        metadata = {str(place.relative_to(temporary).as_posix()): place for place in temporary.rglob("zarr.json")}
+        hashes = {name: hashlib.sha256(place.read_bytes()).hexdigest() for name, place in sorted(metadata.items())}
+        with atomic_file(temporary / SEAL) as file:
+            file.write(sealed({"files": hashes}))
+    return SweepStore(path, members=members)
 
 
 def _record(members: Members, block: int) -> dict[str, Any]:
@@ -259,15 +371,8 @@ def _record(members: Members, block: int) -> dict[str, Any]:
     }
 
 
-def _sha256(arrays: Iterable[Array]) -> str:
-    total = hashlib.sha256()
-    for array in arrays:
-        total.update(np.ascontiguousarray(array).tobytes())
-    return total.hexdigest()
-
-
-def _words(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
+def _sha256(array: Array) -> str:
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
 
 
 def _zarr() -> Any:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import nullcontext
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from ..driver.costs import cores, notice
 from ..driver.problem import Problem
 from ..errors import SweepError, SweepStoreError, warn
-from ..geometry.values import as_function
+from ..geometry.values import as_function, as_path
 from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
@@ -26,9 +27,8 @@ from ..runfile.document import forecast
 from .members import Members
 from .plan import plan
 from .reading import dataset
-from .seals import Done
-from .store import SweepStore, create, open_store
-from .workers import Progress, Workers, open_workers, place_of
+from .store import Done, SweepStore, create, open_store
+from .workers import Progress, Workers, bar, open_workers
 
 if TYPE_CHECKING:
     import xarray
@@ -114,23 +114,17 @@ def sweep(
     """
     report: Report = as_function(progress, "progress") if not isinstance(progress, bool) else lambda now: None
     file = run_file if isinstance(run_file, RunFile) else as_file(run_file)
-    members, place = Members(file), place_of(store)
+    members, place = Members(file), Path(os.path.realpath(as_path(store, "store")))
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
     with locked(place, str(store)), open_workers(dask, workers) as pool:
         kept = _store(place, members, pool.capacity() if dask is not None else workers or cores(), block)
         found = kept.verified()
-        again = [*found.missing, *found.damaged]
+        again = sorted([*found.missing, *found.damaged])
         kept.clear(again)
-        done = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
-        if progress is True:
-            from .workers import bar
-
-            with bar(len(members)) as shown:
-                _make(kept, sorted(again), pool, _counter(kept, done, found.failed, shown))
-        else:
-            _make(kept, sorted(again), pool, _counter(kept, done, found.failed, report))
-    return dataset(open_store(place, members=kept.members), place)
+        with bar(len(members)) if progress is True else nullcontext(report) as shown:
+            _make(kept, again, pool, _counter(kept, again, found.failed, shown))
+    return dataset(open_store(place, members=kept.members))
 
 
 def as_file(given: Problem | str | os.PathLike[str]) -> RunFile:
@@ -154,8 +148,8 @@ def _store(place: Path, members: Members, count: int, block: int | None) -> Swee
     store = open_store(place, members=members)
     if store.members.text != members.text:
         raise SweepStoreError(f"{place} is the store of another file: {_difference(store.members.text, members.text)}")
-    if block is not None and block != store.block:
-        raise SweepStoreError(f"{place} has blocks of {store.block} members, not of {block}; leave block out")
+    if block is not None and block != store.blocks.block:
+        raise SweepStoreError(f"{place} has blocks of {store.blocks.block} members, not of {block}; leave block out")
     return store
 
 
@@ -167,55 +161,53 @@ def _difference(old: str, new: str) -> str:
     return f"it was made with {was}, the file now has {now}; choose another store, or remove this one"
 
 
-def _counter(store: SweepStore, there: int, failed: int, report: Report) -> Callable[[Done], None]:
-    """Return what counts the blocks that are done and reports."""
-    begin, members, first = perf_counter(), len(store.members), there
-    state = {"done": there, "failed": failed}
+def _counter(store: SweepStore, again: list[int], failed: int, report: Report) -> Callable[[Done], None]:
+    """Return what marks a block as done, counts it and reports."""
+    begin, members = perf_counter(), len(store.members)
+    first = done = members - sum(last - first for first, last in map(store.blocks.span, again))
 
-    def count(done: Done) -> None:
-        a, b = store.span(done.block)
-        state["done"] += b - a
-        state["failed"] += done.failed
-        rate = (state["done"] - first) / max(perf_counter() - begin, 1e-9)
-        report(Progress(state["done"], members, state["failed"], rate, (members - state["done"]) / rate))
+    def finish(block: Done) -> None:
+        nonlocal done, failed
+        store.blocks.mark(block)
+        a, b = store.blocks.span(block.block)
+        done, failed = done + b - a, failed + block.failed
+        rate = (done - first) / max(perf_counter() - begin, 1e-9)
+        report(Progress(done, members, failed, rate, (members - done) / rate))
 
-    return count
+    return finish
 
 
-def _make(store: SweepStore, blocks: list[int], pool: Workers, count: Callable[[Done], None]) -> None:
-    def made(blocks: Iterable[int], window: Callable[[], int]) -> dict[int, str]:
-        return _pass(store, iter(blocks), pool, window, count)
-
+def _make(store: SweepStore, blocks: list[int], pool: Workers, finish: Callable[[Done], None]) -> None:
     try:
-        failed = made(blocks, lambda: 2 * pool.capacity() + 2)
+        failed = _pass(store, blocks, pool, lambda: 2 * pool.capacity() + 2, finish)
         for _ in range(RETRIES):
             if len(failed) < MOST_FAILURES:
-                failed = made(failed, lambda: 1)
+                failed = _pass(store, failed, pool, lambda: 1, finish)
     except KeyboardInterrupt as stop:
-        there = sum(store.marks.present())
-        done = f"{there} of {store.blocks} blocks are done and kept in {store.path}; run again to resume"
+        there = sum(store.blocks.present())
+        done = f"{there} of {store.blocks.count} blocks are done and kept in {store.path}; run again to resume"
         raise KeyboardInterrupt(f"{str(stop) or 'interrupted'}; {done}") from stop
     if failed:
         k, reason = next(iter(failed.items()))
-        first, last = store.span(k)
-        missing = store.blocks - sum(store.marks.present())
+        first, last = store.blocks.span(k)
+        missing = store.blocks.count - sum(store.blocks.present())
         raise SweepError(
-            f"{missing} of {store.blocks} blocks could not be computed, the first is {k}, members {first} to "
+            f"{missing} of {store.blocks.count} blocks could not be computed, the first is {k}, members {first} to "
             f"{last - 1}: {reason}; the others are kept in {store.path}; run again to try these once more",
             failed,
         )
 
 
 def _pass(
-    store: SweepStore, blocks: Any, pool: Workers, window: Callable[[], int], count: Callable[[Done], None]
+    store: SweepStore, blocks: Iterable[int], pool: Workers, window: Callable[[], int], finish: Callable[[Done], None]
 ) -> dict[int, str]:
-    """Make blocks, a window of them at a time, mark each that is done; return why others failed."""
+    """Make blocks, a window of them at a time, finish each that is made; return why others failed."""
     in_flight: dict[Future[Done], int] = {}
     failed: dict[int, str] = {}
-    in_a_row = 0
+    left, in_a_row = iter(blocks), 0
     try:
         while True:
-            while len(in_flight) < window() and in_a_row < MOST_FAILURES and (k := next(blocks, None)) is not None:
+            while len(in_flight) < window() and in_a_row < MOST_FAILURES and (k := next(left, None)) is not None:
                 in_flight[pool.submit(store, k)] = k
             if not in_flight:
                 return failed
@@ -224,23 +216,14 @@ def _pass(
                 pool.revive()
             for future in ready:
                 k = in_flight.pop(future)
-                try:
-                    done = future.result()
-                except Exception as error:
+                if (error := future.exception()) is not None:
                     failed[k], in_a_row = f"{type(error).__name__}: {error}", in_a_row + 1
                     continue
-                store.marks.write(done)
-                count(done)
+                finish(future.result())
                 in_a_row = 0
-    except KeyboardInterrupt:
-        _finish_running(store, in_flight, count)
+    except KeyboardInterrupt:  # blocks that have not begun are cancelled, those that are running are waited for
+        running = [future for future in in_flight if not future.cancel()]
+        for future in wait(running, timeout=30).done:
+            if future.exception() is None:
+                finish(future.result())
         raise
-
-
-def _finish_running(store: SweepStore, in_flight: dict[Future[Done], int], count: Callable[[Done], None]) -> None:
-    """Cancel blocks that have not begun; wait for those that are running, and mark them."""
-    running = [future for future in in_flight if not future.cancel()]
-    for future in wait(running, timeout=30).done:
-        if future.exception() is None:
-            store.marks.write(future.result())
-            count(future.result())

@@ -5,7 +5,6 @@ Threads share the store of the caller. A process of a cluster opens it once, and
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -13,21 +12,16 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
 from importlib import import_module
-from pathlib import Path
-from time import perf_counter
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from ..driver.costs import cores, duration
 from ..driver.signals import shown_bar
-from ..geometry.values import as_path, as_whole, shown
+from ..geometry.values import as_whole, shown
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
 from ..models.bodies import BODIES
 from .draws import spread
-from .seals import Done
-from .store import MISSING, MOST_REASONS, SweepStore, open_store
+from .store import MISSING, Done, SweepStore, open_store
 
 _opening = threading.Lock()
 
@@ -38,17 +32,6 @@ class Workers(NamedTuple):
     submit: Callable[[SweepStore, int], Future[Done]]
     capacity: Callable[[], int]
     revive: Callable[[], None]
-
-
-def make(store: SweepStore, k: int) -> Done:
-    """Make block `k` of a store, and write it; without its marker."""
-    begin = perf_counter()
-    results = store.compute(k)
-    digest, chunks = store.write(k, results)
-    first, _ = store.span(k)
-    reasons = {str(first + i): reason for i, reason in sorted(results.reasons.items())[:MOST_REASONS]}
-    failed = int(np.count_nonzero(results.status))
-    return Done(k, digest, failed, reasons, perf_counter() - begin, chunks)
 
 
 def own_modules() -> tuple[str, ...]:
@@ -64,13 +47,13 @@ def make_there(path: str, seal: str, k: int, modules: tuple[str, ...]) -> Done:
         import_module(name)
     with _opening:
         store = _opened(path, seal)
-    return make(store, k)
+    return store.make(k)
 
 
 @lru_cache(maxsize=4)
 def _opened(path: str, seal: str) -> SweepStore:
     store = open_store(path)
-    if store.seal != seal:
+    if store.blocks.seal != seal:
         raise ValueError(f"{path} is another store on this worker")
     store.members.run(spread(store.members.sweep, 1, 1))
     return store
@@ -81,7 +64,7 @@ def threads(count: int) -> Iterator[Workers]:
     """Work in threads: kernels release the interpreter's lock."""
     pool = ThreadPoolExecutor(count)
     try:
-        yield Workers(lambda store, k: pool.submit(make, store, k), lambda: count, lambda: None)
+        yield Workers(lambda store, k: pool.submit(store.make, k), lambda: count, lambda: None)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -113,7 +96,7 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
         executor = client.get_executor(pure=False)
 
         def submit(store: SweepStore, k: int) -> Future[Done]:
-            begun: Future[Done] = executor.submit(make_there, str(store.path), store.seal, k, own_modules())
+            begun: Future[Done] = executor.submit(make_there, str(store.path), store.blocks.seal, k, own_modules())
             return begun
 
         def revive() -> None:
@@ -141,11 +124,6 @@ def open_workers(where: Any, count: int | None) -> Any:
     """
     number = cores() if count is None else as_whole(count, "workers", 1)
     return threads(number) if where is None else dask(where, number)
-
-
-def place_of(path: str | os.PathLike[str]) -> Path:
-    """Return the real path of a store, which need not exist yet."""
-    return Path(os.path.realpath(as_path(path, "store")))
 
 
 # A bar on stderr: members done, rate, time left.

@@ -17,10 +17,8 @@ from ..driver import integrate
 from ..integrators import Integrator
 from ..loads import Load, body_moment, damping, space_moment
 from .checks import Check
-from .energy_momentum_reference import ReferenceEnergyMomentum
-from .lie_midpoint_reference import ReferenceLieMidpoint
-from .measures import error
-from .problems import Arguments, random_body, random_kinds, random_start
+from .problems import Arguments, error, random_body, random_kinds, random_start
+from .reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 
 STEP, SPAN = 0.005, 1.0
 PLAIN: dict[str, tuple[Integrator, str]] = {

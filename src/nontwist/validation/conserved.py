@@ -36,13 +36,14 @@ from ..models.bodies import sample_bodies
 from ..models.catalogue import heavy_top, nontwisting, standard
 from ..models.system import DirectorSystem
 from .checks import Check
-from .measures import drift, error
 from .problems import (
     FULL_J,
     PAPER_J,
     SAMPLES,
     Arguments,
+    drift,
     energy,
+    error,
     momentum,
     random_body,
     random_kinds,

@@ -20,8 +20,7 @@ from ..models.bodies import BODIES, sample_bodies
 from ..models.equations import director_rates, split_momentum, split_rates
 from ..models.system import DirectorSystem, euler_inertia, split_inertia
 from .checks import Check
-from .measures import error
-from .problems import PAPER_J, SAMPLES, Arguments, pushed
+from .problems import PAPER_J, SAMPLES, Arguments, error, pushed
 
 STATES = 10
 WEAK, KEPT = "eq_weak_form_rigid_body_alternative", "eq-material_perpendicular_momenta_preservation"

@@ -27,8 +27,7 @@ from ..integrators import Split
 from ..loads import rotor, wheel
 from ..models.catalogue import standard
 from .checks import Check
-from .measures import error, turns_apart
-from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, velocity
+from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, error, turns_apart, velocity
 
 RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
 GYROSTAT = "Wittenburg 1977"

@@ -16,8 +16,7 @@ from ..driver import simulate
 from ..loads import sine
 from ..recordings.twisting import twist
 from .checks import Check
-from .measures import error, slope, turns_apart
-from .problems import SAMPLES
+from .problems import SAMPLES, error, slope, turns_apart
 from .sampled_frames import ORDERS, integral, path, turning
 
 COUNTS = (160, 320, 640)

@@ -32,8 +32,7 @@ from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import CASES
 from .checks import Check
-from .measures import error, slope
-from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
+from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, momentum, pushed, slope
 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.orbits"

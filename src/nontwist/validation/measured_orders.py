@@ -22,8 +22,7 @@ from ..models.catalogue import standard
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .checks import Check
-from .measures import slope
-from .problems import SAMPLES, SHARP, Arguments, pushed
+from .problems import SAMPLES, SHARP, Arguments, pushed, slope
 
 TOLERANCE = 0.2
 HIGHEST = 8  # order that shows in these motions; higher ones reach round-off within a few steps (tests/test_gauss.py)

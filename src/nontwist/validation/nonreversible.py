@@ -22,8 +22,7 @@ from ..loads import Load, damping, sine
 from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from .checks import Check
-from .measures import error, slope
-from .problems import KICK, SAMPLES, SHARP, Arguments, energy
+from .problems import KICK, SAMPLES, SHARP, Arguments, energy, error, slope
 
 SOURCE = "Modin & Verdier 2020"
 SCHEMES = (("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2))

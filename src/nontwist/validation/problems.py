@@ -1,10 +1,11 @@
-"""Bodies, starts and reference integrators that several groups share."""
+"""What several groups share: bodies, starts, reference integrators, and the reduction of arrays to one number."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..analysis import observables as obs
@@ -16,6 +17,7 @@ from ..models.bodies import BODIES, FULL, sample_bodies
 from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import INERTIA
+from .checks import Check, Kind
 
 FINE, SHARP = Continuous(rtol=1e-13, atol=1e-14), Continuous(rtol=3e-14, atol=1e-15)  # DOP853
 Arguments = dict[str, Any]  # of `integrate`
@@ -93,3 +95,34 @@ def velocity(run: Trajectory) -> Array:
 def attitude(run: Trajectory) -> Array:
     """Return Λ, columns d_i, at the stored times."""
     return np.swapaxes(run.directors, 1, 2)
+
+
+# Reduction of arrays to the number of a check.
+
+
+def error(name: str, errors: ArrayLike, tolerance: float, source: str, kind: Kind) -> Check:
+    """Return the check that the largest absolute value of `errors` is 0."""
+    return Check(name, 0.0, float(np.max(np.abs(errors))), tolerance, source, kind)
+
+
+def drift(values: Array) -> float:
+    """Return the largest change from the first value along the first axis, relative to the largest value."""
+    return float(abs(values - values[0]).max() / abs(values).max())
+
+
+def furthest(values: ArrayLike, expected: float) -> float:
+    """Return the one of the `values` that lies furthest from `expected`."""
+    flat = np.ravel(np.asarray(values, dtype=np.float64))
+    return float(flat[np.argmax(abs(flat - expected))])
+
+
+def slope(counts: ArrayLike, errors: ArrayLike, expected: float) -> float:
+    """Return the order that `errors` show, of runs with `counts` steps, from each to the next: the one furthest off."""
+    e, n = np.asarray(errors, dtype=np.float64), np.asarray(counts, dtype=np.float64)
+    return furthest(np.log(e[:-1] / e[1:]) / np.log(n[1:] / n[:-1]), expected)
+
+
+def turns_apart(one: ArrayLike, other: ArrayLike) -> Array:
+    """Return the difference of angles, rad, modulo a turn, in [-π, π)."""
+    gap: Array = np.remainder(np.asarray(one) - np.asarray(other) + np.pi, 2 * np.pi) - np.pi
+    return gap

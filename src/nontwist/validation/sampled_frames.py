@@ -18,7 +18,7 @@ from ..geometry.arrays import Array
 from ..geometry.curves import frame_along, frame_of_curve
 from ..geometry.frames import closed_frame, holonomy, nontwisting_frame, solid_angle
 from .checks import Check
-from .measures import error, furthest, slope, turns_apart
+from .problems import error, furthest, slope, turns_apart
 
 BISHOP, REFLECTION, GIRARD = "Bishop 1975; eq-non-twisting", "Wang, Jüttler, Zheng & Liu 2008", "Girard, Gauss–Bonnet"
 TRANSPORT = "eq-parallel-transport-2-sphere"

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ..geometry import rotations, sphere
 from ..geometry.arrays import Array
 from .checks import Check
-from .measures import error, turns_apart
+from .problems import error, turns_apart
 
 COUNT, I3 = 2000, np.eye(3)
 ONE_MAP, TWO_MAPS = 8 * np.finfo(float).eps, 16 * np.finfo(float).eps

@@ -17,8 +17,7 @@ from ..driver import integrate
 from ..models.bodies import TILTED
 from .checks import Check
 from .free_bodies import many_digits
-from .measures import drift, error, furthest, slope
-from .problems import FINE, FULL_J, KICK, SAMPLES, Arguments, attitude, energy, velocity
+from .problems import FINE, FULL_J, KICK, SAMPLES, Arguments, attitude, drift, energy, error, furthest, slope, velocity
 
 SOURCE = "Suslov 1946; Bloch §8"
 SCHEMES = ("lie-midpoint", "energy-momentum")

@@ -26,8 +26,7 @@ from ..geometry.arrays import Array
 from ..integrators import Continuous
 from ..models.catalogue import heavy_top, nontwisting, with_gravity
 from .checks import Check
-from .measures import drift, error
-from .problems import Arguments, attitude, energy, momentum, velocity
+from .problems import Arguments, attitude, drift, energy, error, momentum, velocity
 
 MASS, HEIGHT, GRAVITY = 15.0, 1.0, 9.81
 CENTRE = np.array([0.0, HEIGHT, 0.0])

@@ -1,0 +1,334 @@
+"""Dry friction, of a body or in the bearings of its wheels: a run is taken apart where a contact sticks, or slides on.
+
+A contact k has a rate r_k, linear in the velocities, and a limit c_k. Along it acts -λ_k, with λ_k in c_k Sgn(r_k):
+Sgn(r) = {sign r}, and [-1, 1] at r = 0. With S the inverse of the mass that the contacts feel, and b what else changes
+their rates,
+
+    r' = b(t, state) - S λ,        S symmetric, positive definite or at least not negative.
+
+The law is the subdifferential of Σ c_k |r_k|, a convex function: it is maximal monotone, and the mass is positive, so
+from each state there is one motion (Brezis 1973; there is no paradox of Painlevé, whose normal force depends on the
+accelerations). While modes stay it is smooth:
+
+- sliding, r of one sign σ: λ = σ c, a constant moment;
+- sticking, r = 0: a constraint, and λ is what holds it, ``S λ = b`` over the contacts that stick. It slides on as soon
+  as |λ| exceeds c.
+
+Modes. Where rates are zero, r' decides: of each combination of sticking and of sliding in either direction it is tried
+whether |λ_k| <= c_k where r_k' = 0, and r_k' has the sign of λ_k elsewhere. One holds: it minimises a strictly convex
+function of the accelerations.
+
+A mode ends at the root of a function of the state, found as events are (`events`): of σ r while it slides, of c ± λ
+while it sticks. The step ends there, the rate, which is round-off, is set to 0 by an impulse p along the contact, S p =
+r, which takes energy, and the rest of the step follows in the new modes. Means over intervals are sums over pieces. So
+that a step does not turn a body far behind the root, it is at most as long as two of the times in which a rate would
+vanish, where this is much shorter than the step.
+
+`rubbing` has what is particular of a body, `wheel_friction` that of wheels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States, directors
+from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
+from ..integrators.members import one_by_one
+from ..integrators.problem import Intervals, onward, started
+from ..loads import Load
+from ..loads.friction import ROUND_OFF
+from ..models.stack import stacked
+from ..models.system import DirectorSystem
+from . import completion
+from .events import Event, Piece, joined, march_to_events
+from .starts import BodyState
+
+TINY = float(np.finfo(np.float64).tiny)
+CLOSE, ULPS = 1e-11, 64  # of a step, and units in the last place of a time: what lies nearer to a node is at it
+STEPS = 4096  # that are marched before modes are looked at again
+MOST = 50  # changes of modes at one time
+SOON = 1 / 64  # of a step: a rate that would vanish earlier has steps of its own
+STILL = 1e-12  # of what moments accelerate a body by: nothing
+RESTLESS = "dry friction changes between sticking and sliding without end"
+SCHEMES = "dry_friction needs an integrator that splits its steps, gauss or lie-midpoint; {} does not"
+SPIN = "dry_friction does not act on a body whose spin is prescribed; leave spin= out"
+WHEELS_SPIN = "coulomb= of a wheel does not act on a body whose spin is prescribed; leave spin= out, or use viscous="
+ALONG = "dry_friction about the constrained axis does nothing, as the body does not turn about it; leave it out"
+DISSIPATION = "dry_friction sticks by a constraint, under which dissipation= is not possible; leave it out"
+Modes = dict[int, int]  # of each contact: the sign of its rate while it slides, 0 while it sticks
+
+
+class Change(NamedTuple):
+    """What ends a mode: a function that falls to zero; how its contact slides then, 0: its rate is zero."""
+
+    contact: int
+    sign: int
+    value: Callable[[float, Any], float]
+
+
+class Phase(NamedTuple):
+    """A smooth problem while modes stay: body, load, what ends it, and what its pieces are as those of the body."""
+
+    system: DirectorSystem
+    load: Load
+    changes: Sequence[Change]
+    told: Callable[[Piece], Piece]
+
+
+class Contacts:
+    """A march of a problem of one body under dry friction, from its start to its end.
+
+    Attributes
+    ----------
+    load : Load
+        What acts in all modes.
+    limits, S : of the contacts, (n,) and (n, n)
+    modes : dict
+    at_nodes : bool
+        Whether pieces have the states at all nodes.
+    """
+
+    limits: Array
+    S: Array
+
+    def __init__(self, scheme: Integrator, problem: IVP, load: Load) -> None:
+        self.scheme, self.problem, self.load, self.body = scheme, problem, load, problem.system
+        self.t, self.modes, self.at_nodes = problem.t_start, Modes(), False
+        z = None if problem.internal is None else problem.internal[0].copy()
+        self.state = States(problem.quaternion[0].copy(), problem.velocity[0].copy(), internal=z)
+        self.pieces = [Piece(np.array([self.t]), self.state.part(None), None)]
+        self.failure: Failure | None = None
+        self._inverses = dict[tuple[int, ...], Array]()  # of parts of S
+        self.nodes = problem.times(np.arange(problem.steps + 1))
+
+    # ---- what a subclass says
+
+    def rates(self, W: Array, z: Any) -> Array:
+        """Return the rates r of the contacts."""
+        raise NotImplementedError
+
+    def noise(self, W: Array, z: Any) -> Any:
+        """Return the size of the numbers that the rates are sums of."""
+        raise NotImplementedError
+
+    def free(self, t: float, q: Array, W: Array, z: Any) -> Array:
+        """Return b, the derivatives of the rates without friction; q: directors as rows."""
+        raise NotImplementedError
+
+    def kick(self, contacts: Sequence[int], p: Array) -> None:
+        """Change the state by impulses along contacts."""
+        raise NotImplementedError
+
+    def phase(self, stuck: list[int]) -> Phase | None:
+        """Return the smooth problem in which these contacts stick and all others slide; None where it fails."""
+        raise NotImplementedError
+
+    # ---- modes
+
+    def begin(self) -> None:
+        """Choose the first modes."""
+        _, W, *_, z = self.state
+        rates = self.rates(W, z)
+        slides = abs(rates) > ROUND_OFF * self.noise(W, z)
+        self.modes = {k: 1 if rates[k] > 0 else -1 for k in np.flatnonzero(slides).tolist()}
+        if zero := np.flatnonzero(~slides).tolist():
+            self.settle(zero, {})
+
+    def holding(self, b: Array, modes: Modes) -> tuple[Array, Array]:
+        """Return λ and r' of all contacts."""
+        lam = np.array([modes.get(k, 0) * c for k, c in enumerate(self.limits.tolist())])
+        if held := [k for k, sign in modes.items() if not sign]:
+            lam[held] = self._inverse(held) @ (b - self.S @ lam)[held]
+        return lam, b - self.S @ lam
+
+    def _inverse(self, contacts: Sequence[int]) -> Array:
+        if (key := tuple(contacts)) not in self._inverses:
+            self._inverses[key] = np.asarray(np.linalg.pinv(self.S[np.ix_(key, key)], hermitian=True), np.float64)
+        return self._inverses[key]
+
+    def settle(self, zero: Sequence[int], forced: Modes) -> None:
+        """Choose the modes of contacts whose rates are zero; those that are `forced` slide."""
+        own, (_, W, *_, z) = list(zero), self.state
+        self.kick(own, self._inverse(own) @ self.rates(W, z)[own])
+        b, free = self.free(self.t, directors(self.state.quaternion), W, z), [k for k in zero if k not in forced]
+        for signs in product((0, 1, -1), repeat=len(free)):
+            modes = self.modes | forced | dict(zip(free, signs, strict=True))
+            lam, change = self.holding(b, modes)
+            if all(modes[k] * change[k] > 0 if modes[k] else abs(lam[k]) <= self.limits[k] for k in free):
+                self.modes = modes
+                return
+        self.modes |= forced | dict.fromkeys(free, 0)  # at a limit, to round-off
+
+    def changes(self, contacts: Sequence[int]) -> list[Change]:
+        """Return what can end the modes of contacts: a rate that vanishes, or what holds it reaching its limit.
+
+        Both by more than round-off, as they may be there where a mode begins.
+        """
+        modes, known = dict(self.modes), dict[Any, tuple[Array, Array]]()
+
+        def left(t: float, s: BodyState, k: int, side: int) -> float:
+            if (key := (t, s._numbers)) not in known:  # several functions ask for it
+                known.clear()
+                W, z = np.array(s.material_angular_velocity), np.array(s.internal_state)
+                lam = self.holding(self.free(t, s.directors, W, z), modes)[0] if 0 in modes.values() else self.limits
+                known[key] = signs * self.rates(W, z) + ROUND_OFF * self.noise(W, z), lam
+            rates, lam = known[key]
+            return float(self.limits[k] * (1 + ROUND_OFF) - side * lam[k] if side else rates[k])
+
+        signs = np.array([modes.get(k, 0) for k in range(len(self.limits))])
+        sides = [(k, side) for k in contacts for side in ((0,) if modes[k] else (1, -1))]
+        return [Change(k, side, partial(left, k=k, side=side)) for k, side in sides]
+
+    # ---- the march
+
+    def march(self) -> Outcome:
+        """March to the end, or to a failure."""
+        self.begin()
+        begin, end, last, count = self.problem.t_start, self.problem.t_end, self.t, 0
+        while self.t < end and self.failure is None:
+            self.advance()
+            count, last = (0, self.t) if self.t > last else (count + 1, last)
+            if count > MOST:
+                self.fail(RESTLESS)
+            if self.problem.progress:
+                self.problem.progress((self.t - begin) / (end - begin))
+        return joined(self.pieces, self.problem, self.failure)
+
+    def advance(self) -> None:
+        """March while modes stay, to a node at most."""
+        stuck = [k for k, sign in self.modes.items() if not sign]
+        if (phase := self.phase(stuck)) is None:
+            return
+        one = replace(self.until(left=self.time_left()), systems=stacked(phase.system), load=phase.load)
+        piece, change = self.marched(one, phase.changes)
+        self.keep(phase.told(piece))
+        if change is not None and change.contact in self.modes:
+            zero = stuck if change.sign else [*stuck, change.contact]
+            self.modes = {k: sign for k, sign in self.modes.items() if k not in (*zero, change.contact)}
+            self.settle(zero, {change.contact: change.sign} if change.sign else {})
+
+    def time_left(self) -> float:
+        """Return the time in which the first of the rates would vanish, at its derivative here."""
+        _, W, *_, z = self.state
+        rates = self.rates(W, z)
+        slopes = self.holding(self.free(self.t, directors(self.state.quaternion), W, z), self.modes)[1]
+        falls = [k for k, sign in self.modes.items() if sign and sign * slopes[k] < 0 < sign * rates[k]]
+        return float(min((-rates[falls] / slopes[falls]), default=np.inf))
+
+    def fail(self, reason: str) -> None:
+        """End the march here."""
+        self.failure = Failure(Status.LOAD, self.number(), np.nan, np.nan, reason)
+
+    def number(self, t: float | None = None) -> int:
+        """Return the number of the step at whose beginning, or in which, a time is, by default that of the march."""
+        return int(np.searchsorted(self.nodes, self.t if t is None else t, side="right")) - 1
+
+    def until(self, most: int = STEPS, left: float = np.inf) -> IVP:
+        """Return the problem from here to the next node, from a node over `most` steps; `left`: as `time_left`."""
+        k = self.number()
+        end, length = float(self.nodes[k + 1]), float(self.nodes[k + 1] - self.nodes[k])
+        if left < SOON * length:
+            end = min(end, self.t + max(2 * left, ULPS * float(np.spacing(abs(self.t)))))
+        elif self.t == self.nodes[k]:
+            one = onward(self.problem, k, min(k + most, self.problem.steps), self.state)
+            return replace(one, load=self.load)
+        return self.to(end)
+
+    def to(self, t: float) -> IVP:
+        """Return the problem of one step from here to a time."""
+        grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "stretches": None, "progress": None}
+        return replace(self.problem, t_start=self.t, t_end=t, asked=None, load=self.load, **grid, **started(self.state))
+
+    def at_node(self, t: float) -> float:
+        """Return a time, or that of the node that it nearly is."""
+        k = min(self.number(t) + 1, self.problem.steps)
+        node = float(self.nodes[k])
+        return node if node - t <= max(CLOSE * (node - self.nodes[k - 1]), ULPS * np.spacing(abs(node))) else t
+
+    def marched(self, one: IVP, changes: Sequence[Change], at_nodes: bool = False) -> tuple[Piece, Change | None]:
+        """March a smooth problem to its end or to the first change."""
+        known = self.problem.output
+        inner = known[(known > one.t_start) & (known < one.t_end)]
+        ends = one.times(np.arange(one.steps + 1) if at_nodes or self.at_nodes else np.array([0, one.steps]))
+        asked = np.union1d(inner, ends) if changes or inner.size or one.steps > 1 else None
+        one, ended_by = replace(one, asked=asked, intervals=True), None
+        if changes:
+            events = tuple(Event(_positive(each.value, one.t_start), "friction", 1, -1.0) for each in changes)
+            times, outcome, _, ended_by = march_to_events(self.scheme, one, events)
+        else:
+            times, outcome = one.output, completion.march(self.scheme, one)
+        n, failure = int(outcome.good[0]), outcome.failure()
+        if failure is not None:
+            self.failure = failure._replace(step=failure.step + self.number())
+        states, means = outcome.states.part(0, slice(n)), outcome.intervals
+        cut: Any = () if means is None else (None if x is None else x[:, : max(n - 1, 0)] for x in means)
+        times = times[:n].copy()
+        if ended_by is not None and n:
+            times[-1] = self.at_node(float(times[-1]))
+        piece = Piece(times, states._replace(normal=None, directors=None), Intervals(*cut) if means else None)
+        return piece, None if ended_by is None else changes[ended_by]
+
+    def keep(self, piece: Piece) -> None:
+        """Add a part to the run; move to its end."""
+        if len(piece.times) > 1:
+            self.pieces.append(piece)
+        if len(piece.times):
+            self.t = float(piece.times[-1])
+            self.state = States(*(None if x is None else x[-1].copy() for x in piece.states))  # type: ignore[arg-type]
+
+
+def _positive(value: Callable[[float, Any], float], start: float) -> Callable[[float, Any], float]:
+    """Return a function that is positive where a mode begins: it may vanish there."""
+    return lambda t, state: value(t, state) if t > start else max(value(t, state), TINY)
+
+
+# ---- what is refused, and marches
+
+
+def refusal(scheme: Integrator, problem: IVP) -> str | None:
+    """Return why a problem is not accepted, for its dry friction or for the integrator's reasons; None if it is."""
+    own = problem.load.frictions
+    if not own:
+        is_free = problem.systems.spin is None or not problem.load.is_dry
+        return scheme.refusal(problem) if is_free else WHEELS_SPIN
+    if not scheme.splits_steps:
+        return SCHEMES.format(scheme.name)
+    systems = problem.systems
+    if systems.spin is not None:
+        return SPIN
+    if getattr(scheme, "dissipation", 0.0):
+        return DISSIPATION
+    if systems.axis is not None:
+        across = [abs(np.cross(term.axis, systems.axis)).max(axis=1).min() for term in own if term.axis is not None]
+        if min(across, default=1.0) <= STILL:
+            return ALONG
+    return scheme.refusal(problem)
+
+
+def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
+    """Integrate a stack of bodies under dry friction, or with wheels that have it, one after the other.
+
+    Raises
+    ------
+    ValueError
+        What `refusal` returns; statistics over steps are asked for; as the integrator.
+    """
+    from .rubbing import Rubbed, Tumbling
+    from .wheel_friction import Bearings
+
+    if (reason := refusal(scheme, problem)) is not None:
+        raise ValueError(reason)
+    if problem.observed:
+        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
+    own = problem.load.frictions
+    kind: type[Rubbed | Bearings] = Bearings
+    if own:
+        kind = Tumbling if own[0].axis is None else Rubbed
+    return one_by_one(lambda one: kind(scheme, one).march(), problem, threads)

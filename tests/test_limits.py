@@ -1,0 +1,90 @@
+"""The limits that pages state: each number is taken, one beyond it is refused at the key or argument that has it."""
+
+from pathlib import Path
+
+import pytest
+
+from nontwist import Problem, integrate, sine, standard
+from nontwist.errors import RunFileError
+
+ROOT = Path(__file__).parent.parent
+BEGIN = """
+[body]
+kind = "standard"
+inertia = [3, 4, 5]
+[start.angular_velocity]
+body = [0, 0, 1]
+[time]
+t_end = {}
+step = {}
+store = "end"
+"""
+PULSE = "[[load]]\nkind = 'pulse'\nframe = 'body'\namplitude = [{}, 0, 0]\nend = 1\n"
+EVENT = "[[event]]\nkind = 'spin-below'\nvalue = 0.1\nname = 'e{}'\n"
+OVER = "[[sweep.over]]\nkey = 'load.{}.amplitude.0'\nkind = 'uniform'\nlow = 1\nhigh = 2\n"
+GRID = "[sweep]\n[[sweep.over]]\nkey = 'time.t_end'\nkind = 'grid'\nstart = 1\nend = 5\ncount = {}\n"
+USUAL = BEGIN.format(5.0, 0.01)
+
+
+def long(size):
+    return USUAL.ljust(size, "#")
+
+
+def swept(count):
+    loads = "".join(PULSE.format(1) for _ in range(count))
+    return USUAL + loads + "[sweep]\nsamples = 2\n" + "".join(OVER.format(k) for k in range(count))
+
+
+FILES = {  # what the page of run files says: its run file, the last number that is taken, one beyond it, the key
+    "at most 1e60": (lambda x: USUAL + PULSE.format(x), 1e60, 1.01e60, "load.0.amplitude.0"),
+    "at most 1 MB": (long, 10**6, 10**6 + 1, "the file"),
+    "1000 tables": (lambda n: USUAL + n * PULSE.format(1), 1000, 1001, "load"),
+    "100 tables `[[event]]`": (lambda n: USUAL + "".join(map(EVENT.format, range(n))), 100, 101, "event"),
+    "100 tables `[[sweep.over]]`": (swept, 100, 101, "sweep.over"),
+    "10¹¹ steps": (lambda n: BEGIN.format(10.0, 10 / n), 10**11, 1.01e11, "time.step"),
+    "at most 10 million values": (lambda n: USUAL + GRID.format(n), 10**7, 10**7 + 1, "sweep.over.0.count"),
+}
+
+
+@pytest.mark.parametrize("words", FILES)
+def test_of_run_files(words, tmp_path):
+    text, last, beyond, key = FILES[words]
+    assert words in " ".join((ROOT / "docs" / "run-files.md").read_text(encoding="utf-8").split())
+    path = tmp_path / "run.toml"
+    path.write_text(text(last), encoding="utf-8")
+    assert Problem.read(path).system.name == "standard"
+    path.write_text(text(beyond), encoding="utf-8")
+    with pytest.raises(RunFileError) as told:
+        Problem.read(path)
+    assert [fault.key for fault in told.value.problems] == [key]
+
+
+def test_smaller_numbers_count_as_zero(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(BEGIN.format(1e-60, 1e-60), encoding="utf-8")
+    assert Problem.read(path).t_end == 1e-60
+    path.write_text(BEGIN.format(0.99e-60, 0.99e-60), encoding="utf-8")
+    with pytest.raises(RunFileError) as told:
+        Problem.read(path)
+    assert {fault.key for fault in told.value.problems} == {"time.t_end", "time.step"}
+
+
+@pytest.mark.parametrize(("size", "words"), [(200_000_000, "found|line|header|number"), (200_000_001, "200 MB")])
+def test_of_tables(size, words, tmp_path):
+    with (tmp_path / "table.csv").open("wb") as file:
+        file.truncate(size)  # which takes no room
+    path = tmp_path / "run.toml"
+    path.write_text(
+        USUAL + "[[load]]\nkind = 'csv'\nframe = 'body'\nfile = 'table.csv'\ncolumns = ['t', 'x', 'y', 'z']\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(RunFileError, match=words):
+        Problem.read(path)
+
+
+def test_of_arguments():
+    how = {"t_end": 1e-60, "step": 1e-61, "material_angular_velocity": (1e-3, 0, 0)}
+    assert "finite, at most 1e100" in (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    integrate(standard([1, 1, 1]), load=sine((1e100, 0, 0), 1.0), **how)
+    with pytest.raises(ValueError, match=r"1e\+?100"):
+        integrate(standard([1, 1, 1]), load=sine((1.01e100, 0, 0), 1.0), **how)

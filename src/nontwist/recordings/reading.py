@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -21,7 +20,7 @@ from ..spec import takes
 from ..units import RATE, known
 from .attitudes import Motion, of_bodies, of_table
 from .checks import sensor
-from .formats import BEGINNINGS, PACKED, READERS
+from .formats import BEGINNINGS, READERS
 from .headers import ACCELEROMETER, GYROSCOPE, plain, rate_unit, sensors
 from .motions import kept_rows
 from .options import ReadOptions
@@ -92,7 +91,10 @@ def read_motion(
 
 
 def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> Content:
-    """Return what the reader of a file, or of a stream of text, finds in it."""
+    """Return what the reader of a file, or of a stream of text, finds in it.
+
+    A file that does not fit into memory, or that changes while it is read, is refused.
+    """
     if callable(getattr(source, "read", None)):
         return read_text(source, how)
     if not isinstance(source, (str, os.PathLike)):
@@ -107,33 +109,26 @@ def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> C
         raise InputError("no-content")
     suffix = path.suffix.lower()
     if suffix not in READERS:
-        suffix = next((one for magic, one in BEGINNINGS.items() if start.startswith(magic)), suffix)
-        packed = next((words for magic, words in PACKED.items() if start.startswith(magic)), None)
-        if packed is not None and suffix != ".xlsx":
-            raise InputError("packed", packed=packed)
-        if start.lstrip()[:1] in (b"{", b"["):
-            raise InputError("json")
+        found = next((one for magic, one in BEGINNINGS.items() if start.lstrip().startswith(magic)), suffix)
+        if isinstance(found, str):
+            suffix = found
+        elif suffix != ".xlsx":
+            raise InputError(found[0], packed=found[1])
         if suffix not in READERS and b"\x00" in start and start[:2] not in (b"\xff\xfe", b"\xfe\xff"):
             raise InputError("unknown-format", suffix=path.suffix, known=", ".join(READERS))
-    with _unchanged(path):
-        try:
-            return READERS.get(suffix, read_text)(path, how)
-        except InputError:
-            if suffix in BINARY and all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start):
-                raise InputError("text-inside", suffix=suffix) from None
-            raise
-
-
-@contextmanager
-def _unchanged(path: Path) -> Iterator[None]:
-    """Refuse a file that does not fit into memory, or that changes while it is read."""
     before = os.stat(path)
     if before.st_size > SHARE * (free := free_memory()):
         raise InputError("too-large", size=before.st_size / 1e9, free=free / 1e9)
-    yield
+    try:
+        content = READERS.get(suffix, read_text)(path, how)
+    except InputError:
+        if suffix in BINARY and all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start):
+            raise InputError("text-inside", suffix=suffix) from None
+        raise
     after = os.stat(path)
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise InputError("file-changed")
+    return content
 
 
 def _array(motion: Motion) -> xarray.DataArray:

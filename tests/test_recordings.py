@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
-from nontwist.recordings.formats import READERS, Content
+from nontwist.recordings.formats import READERS
 from nontwist.recordings.formats.apart import read_apart
 from nontwist.recordings.reading import read_rates
 from recordings.makers import (
@@ -497,12 +497,6 @@ def test_files_that_are_empty_or_damaged_are_refused_in_our_words(suffix, tmp_pa
             read_motion(path, rate=50)
         assert type(caught.value).__module__.split(".")[0] in ("builtins", "nontwist"), caught.value
         assert len(str(caught.value)) < 400
-
-
-def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
-    monkeypatch.setitem(READERS, ".arm", lambda path, how: Content(bodies={"arm": Q}, time=T))
-    (tmp_path / "a.arm").write_text("x", encoding="utf-8")
-    same(read_motion(tmp_path / "a.arm"))
 
 
 def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():

@@ -372,6 +372,7 @@ REFUSED = {
     "no pose": ({"align": "static", "static": (7, 8)}, "no-pose", {"first": 7.0, "start": 0.0, "end": 1.98}),
     "rows": ({"rows": 20, "time": None}, "sample-counts", {"other": 100, "count": 20}),
     "drift of one": ({"relative_to": None, "clocks": "drift"}, "one-sensor", {"name": "clocks"}),
+    "shift of one": ({"relative_to": None, "clocks": "shift"}, "one-sensor", {"name": "clocks"}),
     "clocks": ({"clocks": "both"}, "clocks must be 'shared', 'shift' or 'drift', got 'both'", {}),
     "align": ({"align": "moving"}, "align must be None or 'static', got 'moving'", {}),
     "later": ({"align": "static", "static": (2, 1)}, "static must be two times, the earlier first, got [2.0, 1.0]", {}),

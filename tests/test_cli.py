@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from conftest import nontwist
 from nontwist import open_run, read_motion, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
-from nontwist.cli.options import place
+from nontwist.cli.options import command, place
 from nontwist.cli.twist_commands import twist_command
 from nontwist.runfile.document import Integrator, Start, Time
 from refusals import said
@@ -327,7 +327,7 @@ def test_help_ends_with_the_option_of_all_commands(command):
 
 
 def test_the_options_of_twist_have_the_defaults_of_python():
-    own, plain = (inspect.signature(one).parameters for one in (twist_command, twist))
+    own, plain = (inspect.signature(one).parameters for one in (command(twist_command), twist))
     shared = ("axis", "axis_frame", "order", "scalar_first")
     assert [own[name].default for name in shared] == [plain[name].default for name in shared]
 

@@ -8,21 +8,9 @@ import xarray
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import BODIES, PAPER_J
-from nontwist import (
-    body_moment,
-    compare,
-    exact,
-    integrate,
-    nontwisting,
-    open_run,
-    plot,
-    pulse,
-    save_run,
-    standard,
-    suslov,
-    with_gravity,
-)
+from nontwist import plot
 from nontwist.comparison import summary, table
 from nontwist.comparison.comparing import measured_orders
 from nontwist.comparison.reference import (
@@ -39,15 +27,15 @@ from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 from refusals import says
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
-PUSH = pulse((40, -20, 10), 0, 0.25, frame="space")
+PUSH = nt.pulse((40, -20, 10), 0, 0.25, frame="space")
 
 
 @pytest.fixture(scope="module")
 def loaded():
     """A loaded Suslov body about a general axis; one step is too coarse, two integrators refuse."""
     with pytest.warns(UserWarning, match="the steps share only 2 times"):
-        return compare(
-            suslov(TILTED, [0.3, 0.2, 1]),
+        return nt.compare(
+            nt.suslov(TILTED, [0.3, 0.2, 1]),
             t_end=0.5,
             angular_velocity=[4, -8, 0],
             project=True,
@@ -60,8 +48,8 @@ def loaded():
 
 @pytest.fixture(scope="module")
 def free():
-    return compare(
-        nontwisting(PAPER_J),
+    return nt.compare(
+        nt.nontwisting(PAPER_J),
         t_end=3,
         material_angular_velocity=[6, -18, 0],
         integrators=[LieMidpoint(2), EnergyMomentum(2), "exact"],
@@ -124,7 +112,7 @@ def test_errors_of_the_free_nontwisting_body(free, name):
     scheme = {"lie-midpoint 2": LieMidpoint(2), "energy-momentum 2": EnergyMomentum(2)}[name]
     for h in (0.05, 0.025):
         W = np.array([6.0, -18, 0])
-        run = integrate(nontwisting(PAPER_J), t_end=3, step=h, material_angular_velocity=W, integrator=scheme)
+        run = nt.integrate(nt.nontwisting(PAPER_J), t_end=3, step=h, material_angular_velocity=W, integrator=scheme)
         error = angle_error(run.directors, Rotation.from_rotvec(np.outer(run.time, W)))
         shared = error[:: round(0.05 / h)]
         reported = free.sel(integrator=name, step=h)
@@ -140,10 +128,10 @@ def test_errors_of_the_free_nontwisting_body(free, name):
 
 def test_the_error_bar_of_a_closed_solution_covers_what_its_arithmetic_loses():
     """A pulse sets a body spinning about an axis of its own, as in the paper's case 2: 90 rad known to 2 eps · 90."""
-    body, peak = nontwisting(PAPER_J), np.array([-123.625, -53.75, 0])
-    data = compare(body, t_end=5, load=pulse(peak), integrators=["exact"], steps=[5 / 21], repeats=1)
+    body, peak = nt.nontwisting(PAPER_J), np.array([-123.625, -53.75, 0])
+    data = nt.compare(body, t_end=5, load=nt.pulse(peak), integrators=["exact"], steps=[5 / 21], repeats=1)
     turn = np.linalg.solve(PAPER_J, peak) / 2 * 4.5  # the impulse from the middle of the pulse on
-    end = integrate(body, times=[5.0], load=pulse(peak), integrator="exact").directors[-1:]
+    end = nt.integrate(body, times=[5.0], load=nt.pulse(peak), integrator="exact").directors[-1:]
     lost = angle_error(end, Rotation.from_rotvec([turn]))[0]
     assert data.attrs["reference"] == "exact"
     assert lost < data.attitude_reference_error
@@ -154,11 +142,11 @@ def test_the_error_bar_of_a_closed_solution_covers_what_its_arithmetic_loses():
 def test_errors_of_the_free_symmetric_top():
     """Λ = exp(t M̂/A) exp(t s ê3), M = J W_0, s = (A - C)/A W_3; Π = Λᵀ M."""
     A, C, W = 2.0, 1.2, np.array([1.0, 2.0, 3.0])
-    body, M = standard([A, A, C]), np.array([A, A, C]) * W
-    data = compare(
+    body, M = nt.standard([A, A, C]), np.array([A, A, C]) * W
+    data = nt.compare(
         body, t_end=2, material_angular_velocity=W, integrators=[("lie-midpoint", 2)], steps=[0.02], repeats=1
     )
-    run = integrate(body, t_end=2, step=0.02, material_angular_velocity=W, integrator=LieMidpoint(2))
+    run = nt.integrate(body, t_end=2, step=0.02, material_angular_velocity=W, integrator=LieMidpoint(2))
     t = run.time[:, None]
     R = Rotation.from_rotvec(t * M / A) * Rotation.from_rotvec(t * [0, 0, (A - C) / A * W[2]])
     assert data.attitude_error_max[0, 0] == pytest.approx(angle_error(run.directors, R).max(), abs=1e-12)
@@ -172,11 +160,11 @@ def test_errors_of_the_free_symmetric_top():
 def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
     axis, start = np.array([0.0, 0, 1]), np.array([-4.0, 3, 0])
     how = {"t_end": 2, "material_angular_velocity": start}
-    data = compare(suslov(TILTED, axis), integrators=[LieMidpoint(2)], steps=[0.1], repeats=1, **how)
-    run = integrate(suslov(TILTED, axis), step=0.1, integrator=LieMidpoint(2), **how)
+    data = nt.compare(nt.suslov(TILTED, axis), integrators=[LieMidpoint(2)], steps=[0.1], repeats=1, **how)
+    run = nt.integrate(nt.suslov(TILTED, axis), step=0.1, integrator=LieMidpoint(2), **how)
     w = np.cross(run.directors, run.director_velocities).sum(1) / 2
     W = np.einsum("nix,nx->ni", run.directors, w)
-    gap = np.linalg.norm((W - exact.suslov_velocity(TILTED, axis, start, run.time)) @ np.array(TILTED), axis=1)
+    gap = np.linalg.norm((W - nt.exact.suslov_velocity(TILTED, axis, start, run.time)) @ np.array(TILTED), axis=1)
     assert data.attrs["reference"].startswith("gauss 8")
     assert data.momentum_reference_error < 1e-12
     assert gap.max() > 1.5 * gap[-1]
@@ -186,8 +174,10 @@ def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
 
 def test_the_error_bar_counts_what_halved_steps_share():
     """A sleeping top turns by W T: two units of round-off of W, and half a unit of the time, are 2.5 units of W T."""
-    top = with_gravity(standard([2, 2, 3]), 0.1, [0, 0, 1])
-    data = compare(top, t_end=10, material_angular_velocity=[0, 0, 90], steps=[0.05], integrators=["gauss"], repeats=1)
+    top = nt.with_gravity(nt.standard([2, 2, 3]), 0.1, [0, 0, 1])
+    data = nt.compare(
+        top, t_end=10, material_angular_velocity=[0, 0, 90], steps=[0.05], integrators=["gauss"], repeats=1
+    )
     assert data.attrs["reference"].startswith("gauss 8")
     assert data.attitude_reference_error == pytest.approx(2.5 * np.finfo(float).eps * 900, rel=0.05, abs=0)
 
@@ -197,7 +187,7 @@ def test_a_change_of_the_start_turns_the_body_as_well(monkeypatch):
     seen = []
     spy = "nontwist.comparison.comparing.reference"
     monkeypatch.setattr(spy, lambda *given: seen.append(reference(*given)) or seen[0])
-    compare(with_gravity(standard([1, 2, 2]), 0.5, [0, 0, 1], [0, 0, -16]), t_end=3, steps=[0.05], repeats=1)
+    nt.compare(nt.with_gravity(nt.standard([1, 2, 2]), 0.5, [0, 0, 1], [0, 0, -16]), t_end=3, steps=[0.05], repeats=1)
     expected = np.sqrt((1 + np.cosh(3 * np.sqrt(8)) ** 2 + np.cosh(3 * np.sqrt(4)) ** 2) / 3)
     assert seen[0].growth[0] == pytest.approx(expected, rel=0.3)  # the change is 64 units of round-off
 
@@ -219,7 +209,7 @@ def test_the_labels_and_the_defaults():
 
 
 def test_the_default_steps_halve_and_hold_the_kinks():
-    found = grids(None, 0.0, 2.0, 0.004, pulse([1, 0, 0], 0.3, 0.7))
+    found = grids(None, 0.0, 2.0, 0.004, nt.pulse([1, 0, 0], 0.3, 0.7))
     N = np.array([grid.steps for grid in found.values()])
     assert (N[1:] == 2 * N[:-1]).all()
     first = next(iter(found.values()))
@@ -234,7 +224,7 @@ def test_the_default_steps_halve_and_hold_the_kinks():
 
 def test_the_default_leaves_out_integrators_that_refuse(monkeypatch):
     monkeypatch.setattr(Continuous, "compared", (1e-6,))
-    data = compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True, repeats=1)
+    data = nt.compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True, repeats=1)
     assert set(data.family.values) == {"lie-midpoint", "gauss", "energy-momentum", "continuous"}
     assert data.sizes["step"] == 7
     assert (data.status == 0).all()
@@ -258,20 +248,20 @@ def test_the_default_leaves_out_integrators_that_refuse(monkeypatch):
 )
 def test_wrong_input(options):
     with says():
-        compare(standard(PAPER_J), **{"t_end": 1, "material_angular_velocity": [1, 2, 3], **options})
+        nt.compare(nt.standard(PAPER_J), **{"t_end": 1, "material_angular_velocity": [1, 2, 3], **options})
 
 
 def test_few_shared_times_are_warned_of():
     with pytest.warns(UserWarning, match="the steps share only 2 times"):
-        data = compare(
-            standard(PAPER_J), t_end=1, angular_velocity=[1, 2, 3], integrators=["split"], steps=[1 / 7, 0.125]
+        data = nt.compare(
+            nt.standard(PAPER_J), t_end=1, angular_velocity=[1, 2, 3], integrators=["split"], steps=[1 / 7, 0.125]
         )
     assert data.attrs["shared_times"] == 2
 
 
 def test_a_comparison_is_saved_and_read(loaded, tmp_path):
-    save_run(loaded, tmp_path / "comparison.nc")
-    xarray.testing.assert_identical(open_run(tmp_path / "comparison.nc"), loaded)
+    nt.save_run(loaded, tmp_path / "comparison.nc")
+    xarray.testing.assert_identical(nt.open_run(tmp_path / "comparison.nc"), loaded)
 
 
 def printed(what):
@@ -352,13 +342,13 @@ def test_errors_over_steps(loaded):
 
 
 JAGGED = np.arange(0, 2.01, 0.05)
-TABLE = body_moment(JAGGED, np.stack([np.sin(7 * JAGGED), np.cos(11 * JAGGED), np.sin(5 * JAGGED)], axis=1))
+TABLE = nt.body_moment(JAGGED, np.stack([np.sin(7 * JAGGED), np.cos(11 * JAGGED), np.sin(5 * JAGGED)], axis=1))
 SPUN = {"t_end": 2, "material_angular_velocity": (0.5, 2, 0.1), "load": TABLE, "repeats": 1}
 
 
 def test_steps_that_are_left_out_meet_the_kinks_of_a_table():
     """A moment every 0.05 s, 17 kinks in the coarsest of equal steps: each integrator has its order."""
-    data = compare(standard([3, 4, 5]), integrators=[("lie-midpoint", 2), ("gauss", 4)], **SPUN)
+    data = nt.compare(nt.standard([3, 4, 5]), integrators=[("lie-midpoint", 2), ("gauss", 4)], **SPUN)
     assert data.attrs["meets_kinks"] == 1
     measured = data.attitude_order.values
     last = [orders[np.isfinite(orders)][-1] for orders in measured]
@@ -369,14 +359,14 @@ def test_steps_that_are_left_out_meet_the_kinks_of_a_table():
 
 def test_steps_that_miss_kinks_recommend_nothing():
     with pytest.warns(UserWarning, match="off the grid of step"):
-        integrate(standard([3, 4, 5]), t_end=2, step=2 / 7, load=TABLE, material_angular_velocity=(0.5, 2, 0.1))
-    data = compare(standard([3, 4, 5]), integrators=[("gauss", 4)], steps=[2 / 28, 2 / 56, 2 / 112], **SPUN)
+        nt.integrate(nt.standard([3, 4, 5]), t_end=2, step=2 / 7, load=TABLE, material_angular_velocity=(0.5, 2, 0.1))
+    data = nt.compare(nt.standard([3, 4, 5]), integrators=[("gauss", 4)], steps=[2 / 28, 2 / 56, 2 / 112], **SPUN)
     assert data.attrs["meets_kinks"] == 0
     shown = str(summary(data).caption)
     assert "The steps miss breakpoints of the load, so orders are spoilt and none is the fastest" in shown
     assert "Fastest to" not in shown
     assert not any("*" in cell for column in summary(data).columns for cell in column.cells)
-    meets = compare(standard([3, 4, 5]), integrators=[("gauss", 4)], steps=[0.05, 0.025], **SPUN)
+    meets = nt.compare(nt.standard([3, 4, 5]), integrators=[("gauss", 4)], steps=[0.05, 0.025], **SPUN)
     assert meets.attrs["meets_kinks"] == 1
 
 
@@ -401,7 +391,9 @@ def test_the_step_for_an_error_lies_between_the_steps(free):
 def test_a_step_that_meets_breakpoints_to_round_off_has_a_reference():
     """0.3 and 3 × 0.1 are one time, and not the ends of a step of 5.6e-17 s."""
     times = np.arange(9) / 10
-    load = body_moment(times, np.outer(np.sin(times), [1, 2, 3]) * (times < 0.8)[:, None])
-    data = compare(standard([3, 4, 5]), t_end=2, load=load, angular_velocity=[1, 2, 3], steps=[0.1, 0.05], repeats=1)
+    load = nt.body_moment(times, np.outer(np.sin(times), [1, 2, 3]) * (times < 0.8)[:, None])
+    data = nt.compare(
+        nt.standard([3, 4, 5]), t_end=2, load=load, angular_velocity=[1, 2, 3], steps=[0.1, 0.05], repeats=1
+    )
     assert data.attrs["meets_kinks"] == 1
     assert data.attitude_error.sel(integrator="gauss 8").max() < 1e-9

@@ -137,44 +137,34 @@ def test_the_search_finds_a_function(browser, site):
 
 
 COMMON = {
-    "tennis racket": "tutorials/tennis-racket",
-    "pendulum": "tutorials/pendulum",
-    "precession": "tutorials/pendulum",
-    "Dzhanibekov": "tutorials/tennis-racket",
-    "intermediate axis": "tutorials/tennis-racket",
-    "gimbal": "glossary",
-    "attitude": "conventions",
-    "quaternion": "conventions",
-    "quaternion order": "conventions",
-    "Euler angles": "howto/recordings",
-    "units": "conventions",
-    "gravity gradient": "howto/satellites",
-    "detumbling": "howto/satellites",
-    "reaction wheel": "howto/satellites",
-    "swing-twist": "tutorials/twist",
-    "swing twist": "tutorials/twist",
-    "Bishop frame": "glossary",
-    "restart": "howto/continue",
-    "IMU": "howto/recordings",
-    "shoulder": "howto/forearm",
-    "MATLAB": "howto/matlab",
-    "SciPy": "howto/coming-from",
-    "tolerance": "howto/accuracy",
-    "lesson": "tutorials/lesson",
-    "DNA": "howto/curves",
-    "Monte Carlo": "tutorials/sweeps",
-    "install": "getting-started",
+    "tutorials/tennis-racket": ("tennis racket", "Dzhanibekov", "intermediate axis"),
+    "tutorials/pendulum": ("pendulum", "precession"),
+    "glossary": ("gimbal", "Bishop frame"),
+    "conventions": ("attitude", "quaternion", "quaternion order", "units"),
+    "howto/recordings": ("Euler angles", "IMU"),
+    "howto/satellites": ("gravity gradient", "detumbling", "reaction wheel"),
+    "tutorials/twist": ("swing-twist", "swing twist"),
+    "howto/continue": ("restart",),
+    "howto/forearm": ("shoulder",),
+    "howto/matlab": ("MATLAB",),
+    "howto/coming-from": ("SciPy",),
+    "howto/accuracy": ("tolerance",),
+    "tutorials/lesson": ("lesson",),
+    "howto/curves": ("DNA",),
+    "tutorials/sweeps": ("Monte Carlo",),
+    "getting-started": ("install",),
 }
 
 
 def test_the_search_finds_pages_by_their_common_names_best_first(browser, site):
     page, firsts = browser.new_context(offline=True).new_page(), {}
-    for words in COMMON:
+    expected = {words: name for name, several in COMMON.items() for words in several}
+    for words in expected:
         page.goto(f"{(site / 'search.html').as_uri()}?q={quote(words)}")
         first = page.locator("#search-results li a").first
         first.wait_for()
         firsts[words] = re.split(r"\.html", first.get_attribute("href"))[0]
-    assert firsts == COMMON
+    assert firsts == expected
 
 
 def test_names_in_code_lead_to_the_reference_and_the_reference_to_the_source(site):

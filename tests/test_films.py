@@ -12,23 +12,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import nontwist
-from nontwist import (
-    DirectorSystem,
-    heavy_top,
-    inertia,
-    moment,
-    nontwisting,
-    open_run,
-    resample,
-    rotor,
-    save_run,
-    simulate,
-    standard,
-    twist,
-    view,
-    with_gravity,
-)
+from nontwist import moment, view
 from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
 from nontwist.runfile import read_run_file
@@ -42,11 +28,11 @@ HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
 
 @pytest.fixture(scope="module")
 def runs():
-    return [simulate(body([3.2, 2.2, 1.3]), **HOW) for body in (standard, nontwisting)]
+    return [nt.simulate(body([3.2, 2.2, 1.3]), **HOW) for body in (nt.standard, nt.nontwisting)]
 
 
 def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
-    run = simulate(nontwisting([3, 4, 5]), t_end=2, step=0.5, material_angular_velocity=(1.0, 2.0, 0.0))
+    run = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=2, step=0.5, material_angular_velocity=(1.0, 2.0, 0.0))
     path = Motion(content(run)).at(1.7)[2]
     rate = np.sqrt(5.0)  # free: a great circle at constant speed, whose states are exact
     assert arcs(path).max() < 0.051
@@ -57,15 +43,15 @@ def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
 def test_the_scene_is_the_state_between_two_of_the_run(runs):
     for run in runs:
         triad, psi, path = Motion(content(run)).at(1.503)
-        assert triad == pytest.approx(resample(run, [1.503]).directors.values[0], abs=2e-4)
-        assert psi == pytest.approx(float(twist(run).twist_angle.interp(time=1.503)), abs=1e-4)
+        assert triad == pytest.approx(nt.resample(run, [1.503]).directors.values[0], abs=2e-4)
+        assert psi == pytest.approx(float(nt.twist(run).twist_angle.interp(time=1.503)), abs=1e-4)
         assert len(path) > np.count_nonzero(run.time <= 1.503)
         assert path[-1] == pytest.approx(triad[2])
 
 
 def test_what_is_written_on_the_picture_is_what_the_run_says(runs):
     words = [text.get_text() for ax in still([Motion(content(run)) for run in runs], 2.6, 50).axes for text in ax.texts]
-    psi = float(np.degrees(twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
+    psi = float(np.degrees(nt.twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
     assert f"ψ = {psi:.1f}°" in words
     assert "ψ = 0.0°" in words
     assert words.count("t = 2.60 s") == 2
@@ -95,7 +81,7 @@ def test_the_wedge_is_on_the_picture_face_on(runs, tmp_path):
         twisted = np.array(to_rgb(colours()["twist"]))
         tinted = abs(dial - 255 * (1 - 0.62 * (1 - twisted))).max(axis=-1) < 12  # three fifths of the colour on white
         wedges.append(np.count_nonzero(tinted) / (np.pi * (0.9 * 0.42 * 960 / 3.35) ** 2))
-    psi = float(abs(twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
+    psi = float(abs(nt.twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
     assert wedges[0] == pytest.approx(psi / (2 * np.pi), abs=0.03)
     assert wedges[1] < 0.002
 
@@ -109,20 +95,12 @@ def contrast(one, other):
 
 
 def test_colours_are_those_of_the_pages():
+    least = dict.fromkeys(("ink", "muted"), 4.5) | dict.fromkeys(("twist", "d1", "d2", "d3", "frame", "rotor"), 3)
     for dark in (False, True):
         ink = colours(dark)
-        grounds = [ink[name] for name in ("ground", "card", "glass")]
-        for name, least in {
-            "ink": 4.5,
-            "muted": 4.5,
-            "twist": 3,
-            "d1": 3,
-            "d2": 3,
-            "d3": 3,
-            "frame": 3,
-            "rotor": 3,
-        }.items():
-            assert min(contrast(ink[name], ground) for ground in grounds) >= least, (name, dark)
+        for name, enough in least.items():
+            gaps = [contrast(ink[name], ink[ground]) for ground in ("ground", "card", "glass")]
+            assert min(gaps) >= enough, (name, dark)
         assert min(contrast(ink[name], ink["card"]) for name in ("twist", "accent")) >= 4.5  # they colour texts
 
 
@@ -139,10 +117,15 @@ def test_a_gif_pauses_at_its_end(runs, tmp_path):
         assert film.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
 
 
+def read(path):
+    with Image.open(path) as picture:
+        return picture.copy()
+
+
 def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for run, name in zip(runs, ("free", "held"), strict=True):
-        save_run(run, f"{name}.nc")
+        nt.save_run(run, f"{name}.nc")
     options = ["--seconds", "0.5", "--fps", "20", "--width", "333"]
     assert nontwist("view", "free.nc", "held.nc", "--gif", "film.gif", *options).exit_code == 0
     with Image.open("film.gif") as film:
@@ -151,8 +134,7 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tm
     with Image.open("odd.gif") as film:
         assert (film.n_frames, film.info["duration"]) == (1 + 17, 30)
     assert nontwist("view", "free.nc", "--png", "wide.png", "--width", "1111").exit_code == 0
-    with Image.open("wide.png") as picture:
-        assert picture.size == (1111, 853)
+    assert read("wide.png").size == (1111, 853)
     for arguments, message in (
         (["--fps", "9"], "applies to --gif and --mp4 only; add one of them"),
         (["--seconds", "9", "--png", "x.png"], "applies to --gif and --mp4 only; add one of them"),
@@ -178,15 +160,15 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tm
 def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("slow", "fast"):
-        save_run(runs[0], f"{name}.nc")
-    files = [open_run("slow.nc"), open_run("fast.nc")]
-    assert [each["name"] for each in contents(files)] == ["standard body, slow", "standard body, fast"]
-    assert [each["name"] for each in contents([files[0]] * 2)] == [
-        "standard body, first run",
-        "standard body, second run",
-    ]
-    assert [each["name"] for each in contents(runs)] == ["standard body", "non-twisting body"]
-    assert [each["name"] for each in contents(files, ("a", "b"))] == ["a", "b"]
+        nt.save_run(runs[0], f"{name}.nc")
+    files = [nt.open_run("slow.nc"), nt.open_run("fast.nc")]
+    for given, labels, names in (
+        (files, None, ["standard body, slow", "standard body, fast"]),
+        ([files[0]] * 2, None, ["standard body, first run", "standard body, second run"]),
+        (runs, None, ["standard body", "non-twisting body"]),
+        (files, ("a", "b"), ["a", "b"]),
+    ):
+        assert [each["name"] for each in contents(given, labels)] == names
     assert view(*files, labels=["a", "b"]).title == "a and b"
     assert view(files[0], labels="a").title == "a"
     for labels in (["a"], "ab", ["a", 1]):
@@ -195,17 +177,11 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path,
             view(*files, labels=labels)
     with pytest.raises(ValueError, match=r"^labels must be one string, got \['a', 'b'\]$"):
         view(files[0], labels=["a", "b"])
-    assert nontwist("view", "slow.nc", "fast.nc", "--no-open", "--labels", "slow, fast").exit_code == 0
-    assert "<title>slow and fast</title>" in (tmp_path / "slow-view.html").read_text(encoding="utf-8")
-    assert nontwist("view", "slow.nc", "--no-open", "--force", "--labels", "Buch, 850 g").exit_code == 0
-    assert "<title>Buch, 850 g</title>" in (tmp_path / "slow-view.html").read_text(encoding="utf-8")
+    for arguments, title in ((["fast.nc", "--labels", "slow, fast"], "slow and fast"), (["--labels", "a, 1"], "a, 1")):
+        assert nontwist("view", "slow.nc", *arguments, "--no-open", "--force").exit_code == 0
+        assert f"<title>{title}</title>" in (tmp_path / "slow-view.html").read_text(encoding="utf-8")
     refused = nontwist("view", "slow.nc", "fast.nc", "--labels", "one")
     assert (refused.exit_code, "'one' is not two labels, A,B" in refused.stderr) == (2, True)
-
-
-def read(path):
-    with Image.open(path) as picture:
-        return picture.copy()
 
 
 def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
@@ -214,16 +190,11 @@ def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
     assert [each["name"] for each in contents([one, two])] == ["a", "b"]
     assert [each["name"] for each in contents([one, one])] == [f"standard body, {k} run" for k in ("first", "second")]
     assert contents([one])[0]["name"] == "standard body"  # below the title of the page
-    assert [motion.data["name"] for motion in _motions([one], None)] == ["a"]
-    assert [motion.data["name"] for motion in _motions([one], "c")] == ["c"]
-    assert [motion.data["name"] for motion in _motions([one], None, "d")] == ["d"]
-    sizes = {}
-    for name, pictured, how in (("none", [one], {}), ("own", [one], {"title": "d"}), ("two", [one, two], {})):
-        save_still(pictured, f"{name}.png", width=400, **how)
-        sizes[name] = read(f"{name}.png").size
-    assert sizes["none"] == sizes["own"]
+    for given, name in (((None,), "a"), (("c",), "c"), ((None, "d"), "d")):
+        assert [motion.data["name"] for motion in _motions([one], *given)] == [name]
+    save_still([one, two], "two.png", width=400)
     save_still([one, two], "titled.png", width=400, title="a title above both, in a band of its own")
-    titled, plain = read("titled.png"), read("two.png")
+    plain, titled = read("two.png"), read("titled.png")
     band = titled.size[1] - plain.size[1]
     assert (titled.size[0], band > 8) == (400, True)
     ink = np.asarray(titled.convert("L"), dtype=float)[:band]
@@ -232,16 +203,15 @@ def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
     assert abs(np.asarray(below, dtype=float) - np.asarray(plain, dtype=float)).mean() < 3
 
 
-@pytest.mark.parametrize(
-    "title",
-    [
-        "A thrown phone turns over about its middle axis",
-        "A pendulum of 0.3 kg that swings from 120 degrees to the other side",
-        "Short",
-        "One title that is as wide as a picture",
-        "The same kick for two bodies, of which one may not turn about its own axis while the other one may do so",
-    ],
+TITLES = (
+    "A thrown phone turns over about its middle axis",
+    "Short",
+    "One title that is as wide as a picture",
+    "The same kick for two bodies, of which one may not turn about its own axis while the other one may do so",
 )
+
+
+@pytest.mark.parametrize("title", TITLES)
 @pytest.mark.parametrize("count", [1, 2])
 def test_titles_are_broken_into_lines_of_like_length(title, count, runs):
     figure = still([Motion(each) for each in contents(runs)][:count], 1.0, 130.5, Look(title=title))
@@ -250,19 +220,18 @@ def test_titles_are_broken_into_lines_of_like_length(title, count, runs):
     box = text.get_window_extent()
     assert figure.bbox.x0 < box.x0 < box.x1 < figure.bbox.x1
     lines = text.get_text().split("\n")
-    assert " ".join(lines) == title or title.startswith(" ".join(lines).removesuffix(" …"))
+    assert title.startswith(" ".join(lines).removesuffix(" …"))
+    assert len(lines) <= 2
     if len(lines) == 2:
         assert box.width > 0.45 * figure.bbox.width
         assert abs(len(lines[0]) - len(lines[1])) < 12
-    else:
-        assert len(lines) == 1
 
 
 def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):
     """Ten turns in a film of 12 pictures: 300° from one to the next; 30 pictures do, which 50 a second show in 1 s."""
     monkeypatch.chdir(tmp_path)
-    run = simulate(standard([3, 4, 5]), t_end=1, material_angular_velocity=(0, 0, 20 * np.pi))
-    save_run(run, "run.nc")
+    run = nt.simulate(nt.standard([3, 4, 5]), t_end=1, material_angular_velocity=(0, 0, 20 * np.pi))
+    nt.save_run(run, "run.nc")
     result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1")
     assert result.stderr.startswith(
         "warning: the body turns by 300° from picture to picture, on average, so it may seem to turn backwards or to "
@@ -286,7 +255,7 @@ def pages_of(*arguments):
 def test_a_part_of_a_run_is_shown(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = runs[1].assign(t_events=("event", [0.5, 1.5]))
-    save_run(run, "run.nc")
+    nt.save_run(run, "run.nc")
     (shown,), _ = pages_of("run.nc", "--from", 1, "--to", 2)
     assert (shown["start"], shown["end"], shown["events"]) == (1.0, 2.0, [1.5])
     assert Motion(shown).quaternion == pytest.approx(run.quaternion.sel(time=slice(1, 2)).values, abs=1e-6)
@@ -315,19 +284,19 @@ def test_states_far_apart_are_completed(tmp_path, monkeypatch):
     """Of a free body that turns at 5 rad/s about its axis of symmetry, with a precession, in 12 states."""
     monkeypatch.chdir(tmp_path)
     start = {"t_end": 6, "material_angular_velocity": (1, 0, 5)}
-    run = simulate(standard([3, 3, 2]), step=0.5, integrator="gauss", order=16, **start)
-    save_run(run, "run.nc")
+    run = nt.simulate(nt.standard([3, 3, 2]), step=0.5, integrator="gauss", order=16, **start)
+    nt.save_run(run, "run.nc")
     (shown,), said = pages_of("run.nc")
     assert "warning" not in said
     motion = Motion(shown)
-    exact = simulate(standard([3, 3, 2]), integrator="exact", times=motion.time, **start)
+    exact = nt.simulate(nt.standard([3, 3, 2]), integrator="exact", times=motion.time, **start)
     turns = Rotation.from_quat(motion.quaternion)
     assert (turns[:-1].inv() * turns[1:]).magnitude().max() < 0.11
     assert (turns * Rotation.from_quat(exact.quaternion.values).inv()).magnitude().max() < 1e-5
     (shown,), _ = pages_of("run.nc", "--from", 1.1, "--to", 1.3)  # between two states
     assert (shown["start"], shown["end"]) == (1.1, 1.3)
-    pushed = simulate(standard([3, 3, 2]), step=0.2, load=moment(lambda t, R, W: -0.1 * W), **start)
-    save_run(pushed, "pushed.nc")
+    pushed = nt.simulate(nt.standard([3, 3, 2]), step=0.2, load=moment(lambda t, R, W: -0.1 * W), **start)
+    nt.save_run(pushed, "pushed.nc")
     (shown,), said = pages_of("pushed.nc")
     assert said.startswith(
         "warning: pushed.nc: the body turns by up to 1 rad between stored states, and these cannot be completed (the "
@@ -345,7 +314,7 @@ def test_the_camera_looks_from_where_it_is_told(runs, tmp_path, monkeypatch):
     right, up, towards = Camera(np.radians(90), 0.0).view()
     assert [right, up, towards] == [pytest.approx(one, abs=1e-15) for one in ([-1, 0, 0], [0, 0, 1], [0, 1, 0])]
     monkeypatch.chdir(tmp_path)
-    save_run(runs[0], "run.nc")
+    nt.save_run(runs[0], "run.nc")
     for name, camera in (("a.png", "90,0"), ("b.png", "0,90")):
         assert nontwist("view", "run.nc", "--png", name, "--camera", camera).exit_code == 0
     assert Path("a.png").read_bytes() != Path("b.png").read_bytes()
@@ -363,8 +332,8 @@ def test_a_pendulum_hangs_downwards_on_the_picture(down, lean):
     """From the upright position by `lean` degrees: gravity points down on the picture, seen from above the horizon."""
     unit = np.array(down) / np.linalg.norm(down)
     upright = Rotation.align_vectors([-unit], [[0, 0, 1]])[0]
-    body = with_gravity(nontwisting([2, 2, 1]), mass=1.5, centre_of_mass=(0, 0, 0.6), gravity=down)
-    run = simulate(body, t_end=2, step=0.01, rotation=upright * Rotation.from_euler("x", lean, degrees=True))
+    body = nt.with_gravity(nt.nontwisting([2, 2, 1]), mass=1.5, centre_of_mass=(0, 0, 0.6), gravity=down)
+    run = nt.simulate(body, t_end=2, step=0.01, rotation=upright * Rotation.from_euler("x", lean, degrees=True))
     motion = Motion(content(run))
     right, up, towards = camera_of([motion]).view()
     assert [unit @ right, unit @ up < -0.3, unit @ towards < -0.19] == [pytest.approx(0, abs=1e-12), True, True]
@@ -383,8 +352,8 @@ def test_there_is_no_vertical_without_gravity(runs):
     assert [each["weight"] for each in contents(runs)] == [None, None]
     assert camera_of([Motion(content(run)) for run in runs]).upright == pytest.approx(np.eye(3))
     assert "g" not in [text.get_text() for text in still([Motion(content(runs[0]))], 1.0, 50).axes[0].texts]
-    pulled = DirectorSystem(np.eye(3), dead_force=[[0, 0, -1], [0, -1, 0], [0, 0, 0]])  # in two directions
-    assert content(simulate(pulled, t_end=1, step=0.1))["weight"] is None
+    pulled = nt.DirectorSystem(np.eye(3), dead_force=[[0, 0, -1], [0, -1, 0], [0, 0, 0]])  # in two directions
+    assert content(nt.simulate(pulled, t_end=1, step=0.1))["weight"] is None
 
 
 ROD = """
@@ -403,7 +372,7 @@ gravity = [0, 0, {gravity}]
 def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp_path):
     """A cuboid of 0.2 × 0.3 × 0.6 m whose centre of mass is 0.5 m from the pivot along d3 and 0.1 m along d1."""
     mass, sides, rho = 2.0, np.array([0.2, 0.3, 0.6]), np.array([0.1, 0.0, 0.5])
-    J = inertia.shift(inertia.of_cuboid(mass, sides), mass=mass, offset=rho)
+    J = nt.inertia.shift(nt.inertia.of_cuboid(mass, sides), mass=mass, offset=rho)
     text = ROD.format(inertia=J.tolist(), mass=mass, centre=rho.tolist(), gravity=gravity)
     (tmp_path / "rod.toml").write_text(text, encoding="utf-8")
     run = read_run_file(tmp_path / "rod.toml").simulate()
@@ -416,10 +385,10 @@ def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp
     assert scale * sides / 2 == pytest.approx(abs(half @ edges))
     assert np.linalg.norm(abs(centre) + abs(half @ edges)) == pytest.approx(0.66)
     assert shown["about"]["Box"] == "the inertia about the centre of mass, to which the line leads from the pivot"
-    made = simulate(heavy_top(J, mass, rho, [0, 0, gravity]), t_end=1)
+    made = nt.simulate(nt.heavy_top(J, mass, rho, [0, 0, gravity]), t_end=1)
     told = content(made.assign_attrs(mass=mass, centre_of_mass=rho, gravity=[0, 0, gravity]))
     assert (told["box"], told["weight"]) == (shown["box"], shown["weight"])
-    alone = content(simulate(heavy_top(J, mass, rho), t_end=1))  # of this run no file states the mass
+    alone = content(nt.simulate(nt.heavy_top(J, mass, rho), t_end=1))  # of this run no file states the mass
     assert alone["box"]["centre"] == [0, 0, 0]
     assert alone["weight"]["down"] == pytest.approx([0, 0, -1])
     assert alone["weight"]["centre_of_mass"] == pytest.approx(0.62 * rho / np.linalg.norm(rho))
@@ -451,7 +420,7 @@ def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, tmp_path, monkeyp
         text + 'start.rotation = { vector = [30, 0, 0], unit = "degrees" }\n', encoding="utf-8"
     )
     assert nontwist("run", "shape.toml", "--quiet").exit_code == 0
-    run = open_run("shape.nc")
+    run = nt.open_run("shape.nc")
     assert (run.attrs["mass"], [*run.attrs["centre_of_mass"]]) == (pytest.approx(mass), pytest.approx(rho))
     said = nontwist("info", "shape.nc").stdout
     assert f"{mass:.6g} kg, with its centre at ({', '.join(f'{x:.6g}' for x in rho)}) m" in said
@@ -486,8 +455,8 @@ def test_labels_are_clear_of_arrows_and_of_each_other():
 
 def test_rotors_are_wheels_with_their_momentum():
     """About (0.6, 0, 0.8), 0 to 12 N m s in 2 s, and about D2, 5 N m s backwards: axes and momenta at 1 s."""
-    load = rotor((0.6, 0, 0.8), [0, 2], [0, 12]) + rotor((0, 1, 0), -5)
-    run = simulate(standard([3, 4, 5]), load=load, t_end=3, step=0.01, material_angular_velocity=(0.3, 0.1, 1))
+    load = nt.rotor((0.6, 0, 0.8), [0, 2], [0, 12]) + nt.rotor((0, 1, 0), -5)
+    run = nt.simulate(nt.standard([3, 4, 5]), load=load, t_end=3, step=0.01, material_angular_velocity=(0.3, 0.1, 1))
     motion = Motion(content(run))
     (first, h), (second, back) = motion.wheels(1.0)
     assert first == pytest.approx([0.6, 0, 0.8])
@@ -507,12 +476,12 @@ def test_rotors_are_wheels_with_their_momentum():
     assert any(place == pytest.approx(expected, abs=2e-4) for place in places)
     assert len(places) == 2
     assert "d₃" in shown
-    assert Motion(content(simulate(standard([3, 4, 5]), t_end=1, step=0.1))).wheels(0.5) == []
+    assert Motion(content(nt.simulate(nt.standard([3, 4, 5]), t_end=1, step=0.1))).wheels(0.5) == []
 
 
 def test_films_and_pictures_in_the_dark(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    save_run(runs[0], "run.nc")
+    nt.save_run(runs[0], "run.nc")
     assert nontwist("view", "run.nc", "--png", "dark.png", "--dark").exit_code == 0
     save_film([run.sel(time=slice(0, 0.4)) for run in runs], "dark.gif", seconds=0.2, dark=True)
     for name in ("dark.png", "dark.gif"):
@@ -551,7 +520,7 @@ def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, mo
 
 def test_the_command_writes_films_and_pictures(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    save_run(runs[0], "run.nc")
+    nt.save_run(runs[0], "run.nc")
     result = nontwist("view", "run.nc", "--png", "moment.png", "--at", "1.5")
     assert result.exit_code == 0, result.stderr
     assert result.stderr.startswith("written: moment.png (")

@@ -4,33 +4,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import BODIES
-from nontwist import (
-    DirectorSystem,
-    inertia,
-    integrate,
-    pulse,
-    simulate,
-    simulate_ensemble,
-    sine,
-    space_moment,
-    standard,
-    suslov,
-    with_gravity,
-)
 from nontwist.analysis.invariants import drifts, quantities, twist_defect
 from nontwist.integrators import INTEGRATORS
 
-PULSE = pulse([1, 2, 3], 0.1, 0.5, frame="space")
-TWO_FORCES = DirectorSystem(np.diag([1.0, 1.2, 0.8]), dead_force=np.diag([1.0, 1.0, 0.0]))
+PULSE = nt.pulse([1, 2, 3], 0.1, 0.5, frame="space")
+TWO_FORCES = nt.DirectorSystem(np.diag([1.0, 1.2, 0.8]), dead_force=np.diag([1.0, 1.0, 0.0]))
 CASES = {
     "standard": (BODIES["standard"], None, {"kinetic_energy", "spatial_momentum"}),
     "nontwisting": (BODIES["nontwisting"], None, {"kinetic_energy", "material_momentum"}),
     "suslov": (BODIES["suslov"], None, {"kinetic_energy"}),
-    "held about x": (lambda: suslov([3, 4, 5], [1, 0, 0]), None, {"kinetic_energy", "material_momentum"}),
+    "held about x": (lambda: nt.suslov([3, 4, 5], [1, 0, 0]), None, {"kinetic_energy", "material_momentum"}),
     "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
     "two forces": (lambda: TWO_FORCES, None, {"total_energy"}),
-    "heavy nontwisting": (lambda: with_gravity(BODIES["nontwisting"](), 1, (0, 0.2, 0.4)), None, {"total_energy"}),
+    "heavy nontwisting": (lambda: nt.with_gravity(BODIES["nontwisting"](), 1, (0, 0.2, 0.4)), None, {"total_energy"}),
     "pushed": (BODIES["standard"], PULSE, {"energy_balance"}),
     "heavy and pushed": (BODIES["heavy_top"], PULSE, {"energy_balance"}),
 }
@@ -39,7 +27,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_each_run_keeps_what_it_should(case):
     body, load, names = CASES[case]
-    run = simulate(body(), t_end=1, step=0.02, material_angular_velocity=[1, -2, 3], load=load, project=True)
+    run = nt.simulate(body(), t_end=1, step=0.02, material_angular_velocity=[1, -2, 3], load=load, project=True)
     found = drifts(run)
     assert set(found) == names | {"orthonormality"}
     assert max(drift.relative for drift in found.values()) < 2e-14
@@ -47,7 +35,7 @@ def test_each_run_keeps_what_it_should(case):
     assert (twist_defect(run) or 0) < 1e-14
 
 
-ENDLESS = sine([1, 2, 3], 0.7, frame="space")
+ENDLESS = nt.sine([1, 2, 3], 0.7, frame="space")
 STEPPING = [(name, order) for name, scheme in INTEGRATORS.items() for order in scheme.orders]
 
 
@@ -58,14 +46,14 @@ STEPPING = [(name, order) for name, scheme in INTEGRATORS.items() for order in s
 @pytest.mark.parametrize("body", ["standard", "nontwisting"])
 def test_energy_changes_by_the_work_over_a_million_steps(name, order, load, body):
     how = {"t_end": 2000, "step": 0.002, "store": 1000, "integrator": name, "order": order}
-    run = simulate(BODIES[body](), material_angular_velocity=[1, -2, 3], load=load, project=True, **how)
+    run = nt.simulate(BODIES[body](), material_angular_velocity=[1, -2, 3], load=load, project=True, **how)
     found = drifts(run)
     assert set(found) == {"energy_balance", "orthonormality"}
     assert max(drift.relative for drift in found.values()) < 1e-12
 
 
 def test_a_drift_is_seen_and_measured():
-    run = simulate(BODIES["standard"](), t_end=1, step=0.1, material_angular_velocity=[1, -2, 3])
+    run = nt.simulate(BODIES["standard"](), t_end=1, step=0.1, material_angular_velocity=[1, -2, 3])
     run["kinetic_energy"][4] += 0.5
     run["spatial_momentum"][7] += np.array([0.3, 0.0, -0.4])
     found = drifts(run)
@@ -76,17 +64,17 @@ def test_a_drift_is_seen_and_measured():
 
 def test_a_body_that_hangs_at_rest_is_measured_by_its_weight():
     """K is 1e-19 J of round-off there, and V is zero: neither is the size of an energy."""
-    hanging = with_gravity(suslov([2, 2, 2], [0, 1, 0]), 0.001, [0, 1e-3, 0])
-    run = simulate(hanging, t_end=1, step=0.1)
+    hanging = nt.with_gravity(nt.suslov([2, 2, 2], [0, 1, 0]), 0.001, [0, 1e-3, 0])
+    run = nt.simulate(hanging, t_end=1, step=0.1)
     assert drifts(run)["total_energy"].relative < 1e-14
 
 
 def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
     """A rod held across: m·w vanishes term by term but for round-off, eps |m||w|h, which K alone would magnify."""
-    body = suslov(inertia.of_cuboid(1.0, (0.004, 0.001, 1.0)), (2.0, 2.0, 0.0))
+    body = nt.suslov(nt.inertia.of_cuboid(1.0, (0.004, 0.001, 1.0)), (2.0, 2.0, 0.0))
     half_turn = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
-    load = space_moment([0.0, 1.0], [[2.0, 0.0, 0.0]] * 2)
-    run = simulate(body, t_end=1, step=1, order=2, rotation=half_turn, load=load)
+    load = nt.space_moment([0.0, 1.0], [[2.0, 0.0, 0.0]] * 2)
+    run = nt.simulate(body, t_end=1, step=1, order=2, rotation=half_turn, load=load)
     K, supply = run.kinetic_energy.max().item(), 2 * np.linalg.norm(run.angular_velocity.values, axis=1).max()
     found = drifts(run)["energy_balance"]
     assert found.relative == pytest.approx(found.absolute / (K + abs(run.load_work.item()) + supply))
@@ -97,16 +85,18 @@ def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_a_trajectory_and_its_dataset_have_the_same_quantities_bit_for_bit(name):
     load = None if name == "exact" else PULSE
-    run = integrate(BODIES["standard"](), t_end=1, step=0.02, angular_velocity=[1, -2, 3], load=load, integrator=name)
+    run = nt.integrate(
+        BODIES["standard"](), t_end=1, step=0.02, angular_velocity=[1, -2, 3], load=load, integrator=name
+    )
     for one, other in zip(quantities(run), quantities(run.to_dataset()), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_drifts_of_a_trajectory_are_those_of_its_dataset():
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0.1, 2, 0)}
-    run = integrate(standard([3, 4, 5]), **how)
+    run = nt.integrate(nt.standard([3, 4, 5]), **how)
     assert drifts(run) == drifts(run.to_dataset())
-    many = simulate_ensemble(standard([3, 4, 5]), **how | {"material_angular_velocity": [(0.1, 2, 0)] * 2})
+    many = nt.simulate_ensemble(nt.standard([3, 4, 5]), **how | {"material_angular_velocity": [(0.1, 2, 0)] * 2})
     missing = r"^expected a run of nontwist\.simulate with 'kinetic_energy'; this Dataset has "
     with pytest.raises(ValueError, match=missing):
         drifts(many)

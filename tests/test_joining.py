@@ -6,37 +6,24 @@ import numpy as np
 import pytest
 import xarray
 
+import nontwist as nt
 from conftest import nontwist
-from nontwist import (
-    damping,
-    drifts,
-    join_runs,
-    nontwisting,
-    open_run,
-    pulse,
-    resample,
-    rotor,
-    save_run,
-    simulate,
-    spring,
-    standard,
-)
 from refusals import says
 
-BODY, START = nontwisting([3, 4, 5]), {"material_angular_velocity": (0.5, 2, 0)}
-HOW = {"step": 0.125, "load": pulse((1, 0, 0), start=0.5, end=1.5)}
+BODY, START = nt.nontwisting([3, 4, 5]), {"material_angular_velocity": (0.5, 2, 0)}
+HOW = {"step": 0.125, "load": nt.pulse((1, 0, 0), start=0.5, end=1.5)}
 
 
 @pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum", "split"])
 def test_a_divided_run_is_that_of_one_piece(integrator, tmp_path):
     """Of gauss and split to round-off, of the others bit for bit."""
     how = HOW | {"integrator": integrator}
-    whole = simulate(BODY, t_end=3, **how, **START)
+    whole = nt.simulate(BODY, t_end=3, **how, **START)
     is_exact = integrator in ("lie-midpoint", "energy-momentum")
-    parts = [simulate(BODY, t_end=1, **how, **START)]
+    parts = [nt.simulate(BODY, t_end=1, **how, **START)]
     for end in (1.75, 3):
-        parts.append(simulate(BODY, t_end=end, start=parts[-1], **how))
-    found = join_runs(*parts)
+        parts.append(nt.simulate(BODY, t_end=end, start=parts[-1], **how))
+    found = nt.join_runs(*parts)
     for name in whole.variables:
         if found[name].dtype.kind == "f":
             assert found[name].values == pytest.approx(whole[name].values, rel=0, abs=0 if is_exact else 1e-13), name
@@ -45,111 +32,115 @@ def test_a_divided_run_is_that_of_one_piece(integrator, tmp_path):
         assert found[name].attrs == whole[name].attrs
     assert found.attrs["step"] == whole.attrs["step"]
     assert [part["t_end"] for part in json.loads(found.attrs["joined"])] == [1, 1.75, 3]
-    save_run(found, tmp_path / "joined.nc")
-    again = open_run(tmp_path / "joined.nc")
+    nt.save_run(found, tmp_path / "joined.nc")
+    again = nt.open_run(tmp_path / "joined.nc")
     assert np.array_equal(again.directors, found.directors)
-    further = [simulate(BODY, t_end=4, start=run, **how) for run in (parts[-1], found)]
+    further = [nt.simulate(BODY, t_end=4, start=run, **how) for run in (parts[-1], found)]
     assert np.array_equal(further[0].directors, further[1].directors)
 
 
 def test_other_loads_steps_and_events_are_joined():
-    first = simulate(BODY, t_end=1, step=0.1, integrator="gauss", **START)
-    second = simulate(BODY, t_end=2, step=0.25, start=first, integrator="split", load=pulse((1, 0, 0), start=1, end=2))
-    found = join_runs(first, second)
+    first = nt.simulate(BODY, t_end=1, step=0.1, integrator="gauss", **START)
+    second = nt.simulate(
+        BODY, t_end=2, step=0.25, start=first, integrator="split", load=nt.pulse((1, 0, 0), start=1, end=2)
+    )
+    found = nt.join_runs(first, second)
     assert found.time.values == pytest.approx([*np.arange(0, 1.05, 0.1), 1.25, 1.5, 1.75, 2], abs=1e-15)
     assert "step" not in found.attrs
     assert set(found.data_vars) == set(first.data_vars) & set(second.data_vars)
-    at = resample(found, [0.55, 1.8])
+    at = nt.resample(found, [0.55, 1.8])
     assert at.kinetic_energy.values[0] == pytest.approx(first.kinetic_energy.values[0], rel=1e-13)
     events = {"events": lambda t, state: state.material_angular_velocity[1] - 1.99, "step": 0.1, "integrator": "gauss"}
-    runs = [simulate(standard([3, 4, 5]), t_end=1, **events, **START)]
-    runs.append(simulate(standard([3, 4, 5]), t_end=5, start=runs[0], **events))
-    both = join_runs(*runs)
+    runs = [nt.simulate(nt.standard([3, 4, 5]), t_end=1, **events, **START)]
+    runs.append(nt.simulate(nt.standard([3, 4, 5]), t_end=5, start=runs[0], **events))
+    both = nt.join_runs(*runs)
     assert both.t_events.values.tolist() == [*runs[0].t_events.values, *runs[1].t_events.values]
     assert both.t_events.size >= 1
-    without = simulate(standard([3, 4, 5]), t_end=5, start=runs[0], step=0.1, integrator="gauss")
-    kept = join_runs(runs[0], without)
+    without = nt.simulate(nt.standard([3, 4, 5]), t_end=5, start=runs[0], step=0.1, integrator="gauss")
+    kept = nt.join_runs(runs[0], without)
     assert "event" not in kept.dims
     assert kept.time.values.tolist() == both.time.values.tolist()
 
 
 def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path):
     """Under the loads of all parts: a free part after a loaded one keeps K - A, not K."""
-    push, brake = pulse((1, 0, 0.5), start=0.5, end=1.5), damping(0.4)
-    parts = [simulate(standard([3, 4, 5]), t_end=2, step=0.125, load=push, **START)]
-    parts.append(simulate(standard([3, 4, 5]), t_end=3, step=0.125, start=parts[0]))
-    found = drifts(join_runs(*parts))
+    push, brake = nt.pulse((1, 0, 0.5), start=0.5, end=1.5), nt.damping(0.4)
+    parts = [nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.125, load=push, **START)]
+    parts.append(nt.simulate(nt.standard([3, 4, 5]), t_end=3, step=0.125, start=parts[0]))
+    found = nt.drifts(nt.join_runs(*parts))
     assert list(found) == ["energy_balance", "orthonormality"]
     assert found["energy_balance"].relative < 1e-14
     assert np.ptp(parts[0].kinetic_energy.values) > 0.1
-    parts.append(simulate(standard([3, 4, 5]), t_end=5, step=0.125, start=parts[1], load=brake))
-    save_run(join_runs(*parts), tmp_path / "joined.nc")
+    parts.append(nt.simulate(nt.standard([3, 4, 5]), t_end=5, step=0.125, start=parts[1], load=brake))
+    nt.save_run(nt.join_runs(*parts), tmp_path / "joined.nc")
     shown = " ".join(nontwist("info", tmp_path / "joined.nc", COLUMNS="200").stdout.split())
     assert "0 s to 2 s: triangle pulse (1, 0, 0.5) N m along the directors, from 0.5 to 1.5 s" in shown
     assert "joined │ 3 runs, at t = 2, 3 s; integrator, error, run file are of the last" in shown
     assert "2 s to 3 s: none │ │ │ 3 s to 5 s: damping 0.4 N m s" in shown
-    nested = join_runs(join_runs(*parts[:2]), parts[2])
-    assert drifts(nested)["energy_balance"].relative < 1e-14
-    assert nested.attrs["joined"] == join_runs(*parts).attrs["joined"]
+    nested = nt.join_runs(nt.join_runs(*parts[:2]), parts[2])
+    assert nt.drifts(nested)["energy_balance"].relative < 1e-14
+    assert nested.attrs["joined"] == nt.join_runs(*parts).attrs["joined"]
     assert [part["t_end"] for part in json.loads(nested.attrs["joined"])] == [2, 3, 5]
 
 
 def test_potentials_and_wheels_that_change_at_a_seam_leave_no_energy():
-    held = [simulate(standard([3, 4, 5]), t_end=2, step=0.125, load=spring(3, (0, 0, 1), (1, 0, 0)), **START)]
-    held.append(simulate(standard([3, 4, 5]), t_end=4, step=0.125, start=held[0], load=spring(5, (0, 0, 1), (1, 0, 0))))
-    assert list(drifts(held[1])) == ["total_energy", "vertical_momentum", "orthonormality"]
-    assert list(drifts(join_runs(*held))) == ["orthonormality"]
+    held = [nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.125, load=nt.spring(3, (0, 0, 1), (1, 0, 0)), **START)]
+    held.append(
+        nt.simulate(nt.standard([3, 4, 5]), t_end=4, step=0.125, start=held[0], load=nt.spring(5, (0, 0, 1), (1, 0, 0)))
+    )
+    assert list(nt.drifts(held[1])) == ["total_energy", "vertical_momentum", "orthonormality"]
+    assert list(nt.drifts(nt.join_runs(*held))) == ["orthonormality"]
     same = [
         held[0],
-        simulate(standard([3, 4, 5]), t_end=4, step=0.25, start=held[0], load=spring(3, (0, 0, 1), (1, 0, 0))),
+        nt.simulate(nt.standard([3, 4, 5]), t_end=4, step=0.25, start=held[0], load=nt.spring(3, (0, 0, 1), (1, 0, 0))),
     ]
-    assert drifts(join_runs(*same))["total_energy"].relative < 1e-14
-    wheel = simulate(standard([3, 4, 5]), t_end=4, step=0.125, start=held[0], load=rotor((0, 0, 1), 2))
-    assert list(drifts(join_runs(held[0], wheel))) == ["orthonormality"]
+    assert nt.drifts(nt.join_runs(*same))["total_energy"].relative < 1e-14
+    wheel = nt.simulate(nt.standard([3, 4, 5]), t_end=4, step=0.125, start=held[0], load=nt.rotor((0, 0, 1), 2))
+    assert list(nt.drifts(nt.join_runs(held[0], wheel))) == ["orthonormality"]
 
 
 def test_joined_runs_are_resampled_with_the_load_and_the_steps_of_each_part():
-    push = pulse((3, 0, 1), start=0.5, end=1.5)
-    first = simulate(BODY, t_end=1, step=0.125, store=4, load=push, order=4, **START)
-    second = simulate(BODY, t_end=3, step=0.1, start=first, store=5, order=8)
+    push = nt.pulse((3, 0, 1), start=0.5, end=1.5)
+    first = nt.simulate(BODY, t_end=1, step=0.125, store=4, load=push, order=4, **START)
+    second = nt.simulate(BODY, t_end=3, step=0.1, start=first, store=5, order=8)
     times = np.array([2.3, 0.7, 1.0, 0.2, 2.0, 1.2])
-    found = resample(join_runs(first, second), times)
+    found = nt.resample(nt.join_runs(first, second), times)
     assert found.time.values.tolist() == times.tolist()
     early = times <= 1
     for part, chosen in ((first, early), (second, ~early)):
-        expected = resample(part, times[chosen])
+        expected = nt.resample(part, times[chosen])
         for name in expected.data_vars:
             given = found[name].values[chosen]
             if name == "quaternion":
                 given = given * np.sign((given * expected[name].values).sum(axis=1))[:, None]
             assert given == pytest.approx(expected[name].values, rel=1e-14, abs=1e-14), name
-    whole = join_runs(first, second)
+    whole = nt.join_runs(first, second)
     exact = {name: found[name].values for name in ("directors", "material_angular_velocity")}
     for thinned in (whole.isel(time=[0, 2, 4, 5, 6]), whole.isel(time=[0, 3, 6])):
-        again = resample(thinned, times)
+        again = nt.resample(thinned, times)
         for name, values in exact.items():
             assert again[name].values == pytest.approx(values, abs=1e-14), name
     second_part = whole.sel(time=slice(1, 3))
-    assert resample(second_part, [1.0, 2.3]).directors.values == pytest.approx(exact["directors"][[2, 0]], abs=1e-12)
+    assert nt.resample(second_part, [1.0, 2.3]).directors.values == pytest.approx(exact["directors"][[2, 0]], abs=1e-12)
     late = whole.sel(time=slice(1.2, 3))
-    assert resample(late, [2.3]).directors.values == pytest.approx(exact["directors"][:1], abs=1e-12)
+    assert nt.resample(late, [2.3]).directors.values == pytest.approx(exact["directors"][:1], abs=1e-12)
     with pytest.raises(ValueError, match=r"^times\[1\] = 0\.7 s lies outside of the run, "):
-        resample(late, times)
+        nt.resample(late, times)
     message = r"^the parts of the run have different loads: leave load= out, or resample each before join_runs$"
     with pytest.raises(ValueError, match=message):
-        resample(join_runs(first, second), times, push)
+        nt.resample(nt.join_runs(first, second), times, push)
 
 
 def test_a_run_alone_is_itself():
-    run = simulate(BODY, t_end=1, step=0.1, **START)
-    assert join_runs(run).drop_attrs().identical(run.drop_attrs())
+    run = nt.simulate(BODY, t_end=1, step=0.1, **START)
+    assert nt.join_runs(run).drop_attrs().identical(run.drop_attrs())
 
 
 def test_what_does_not_fit_is_refused():
-    first = simulate(BODY, t_end=1, step=0.1, **START)
-    later = simulate(BODY, t_start=2, t_end=3, step=0.1, **START)
-    elsewhere = simulate(BODY, t_start=1, t_end=2, step=0.1, **START)
-    other = simulate(nontwisting([3, 4, 5.5]), t_end=2, start=first, step=0.1)
+    first = nt.simulate(BODY, t_end=1, step=0.1, **START)
+    later = nt.simulate(BODY, t_start=2, t_end=3, step=0.1, **START)
+    elsewhere = nt.simulate(BODY, t_start=1, t_end=2, step=0.1, **START)
+    other = nt.simulate(nt.nontwisting([3, 4, 5.5]), t_end=2, start=first, step=0.1)
     unknown = first.assign(moment=first.moment.where(first.midtime > 0.1))
     for runs in (
         (),
@@ -161,7 +152,7 @@ def test_what_does_not_fit_is_refused():
         (first.assign_attrs(load=7),),
     ):
         with says():
-            join_runs(*runs)
+            nt.join_runs(*runs)
     with says():
-        join_runs(first, elsewhere)
-    assert isinstance(join_runs(first), xarray.Dataset)
+        nt.join_runs(first, elsewhere)
+    assert isinstance(nt.join_runs(first), xarray.Dataset)

@@ -234,23 +234,21 @@ def test_keys_alone(visit):
     press("Space")
     assert page.get_attribute("#play", "aria-label") == "Play"
     page.evaluate("begin(world.inputs); setPlaying(false)")
-    told = page.inner_text("#told")
     assert re.match(
-        r"After [\d.]+ seconds\. Standard body: twist −?[\d.]+°, axis at .*, energy conserved .*Non-twisting body", told
+        r"After [\d.]+ seconds\. Standard body: twist −?[\d.]+°, axis at .*, energy conserved .*Non-twisting body",
+        page.inner_text("#told"),
     )
     for _ in range(60):  # a canvas is reached by tabbing
         press("Tab")
         if page.evaluate("document.activeElement.getAttribute('role')") == "application":
             break
-    assert page.evaluate("document.activeElement.getAttribute('aria-label')").startswith(
-        "Standard body. Arrow keys pull"
-    )
+    label = page.evaluate("document.activeElement.getAttribute('aria-label')")
+    assert label.startswith("Standard body. Arrow keys pull")
     for name in ("ArrowRight", "ArrowRight", "ArrowUp"):
         press(name)
     assert page.evaluate("grip.pull") == pytest.approx([0.2, 0.1])
     press("Escape")
-    assert page.evaluate("grip.run") is None
-    assert page.evaluate("size(world.inputs.velocity)") == 0
+    assert page.evaluate("[grip.run, size(world.inputs.velocity)]") == [None, 0]
     press("ArrowLeft")
     press("Enter")
     assert page.get_attribute("#play", "aria-label") == "Pause"
@@ -266,8 +264,6 @@ def test_keys_alone(visit):
     assert page.evaluate("world.steps") == steps + 20
     press("r")
     until(page, lambda: page.evaluate("world.steps") < steps)
-    press("d")
-    assert page.get_attribute("#theme", "aria-pressed") == "true"
     page.focus("#loop")
     for name in ("ArrowRight", "ArrowUp", "ArrowLeft"):
         for _ in range(3):
@@ -276,8 +272,6 @@ def test_keys_alone(visit):
     said(page.inner_text("#drawn"))
     assert page.inner_text("#gap") == "none"
     assert page.evaluate("loop.area") == pytest.approx(0.09, rel=0.05)
-    press("Escape")
-    assert page.inner_text("#area") == "–"
 
 
 def test_the_arrow_comes_back_turned_by_the_area(visit):

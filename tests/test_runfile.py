@@ -38,9 +38,8 @@ from nontwist.runfile.body import MAKERS, Body
 from nontwist.runfile.document import Integrator, Output, Time, checked, forecast, json_schema
 from nontwist.runfile.folder import Folder
 from nontwist.runfile.loads import Tables
-from nontwist.runfile.section import toml_text
 from nontwist.runfile.tables import Start
-from nontwist.runfile.toml_data import document
+from nontwist.runfile.toml_data import document, toml_text
 from refusals import said, says
 from runfile_documents import documents
 
@@ -216,8 +215,8 @@ def test_all_errors_are_reported_at_once(write):
         "body.axis",
         "start.rotation.euler",
         "load.0.coefficient",
-        "time.step",
         "integrator.order",
+        "time.step",
     ]
 
 

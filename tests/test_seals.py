@@ -87,13 +87,16 @@ def test_every_file_of_metadata_is_sealed(place, name):
     refused(store, f" is damaged: {name} is missing; {REMEDY}")
 
 
-def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tmp_path):
-    store, other = place / "axes.zarr", tmp_path / "other.zarr"
+def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made_again(place, tmp_path):
+    store, other, text = place / "axes.zarr", tmp_path / "other.zarr", place / "axes.toml"
+    replace(text, "6.5]", "6.5, 5.1, 5.2, 5.3, 5.4]")
+    shutil.rmtree(store)
+    sweep(text, store, block=1, workers=1)
     before = open_store(store).verified()
-    sweep(place / "axes.toml", tmp_path / "bigger.zarr", block=2, workers=1)
-    replace(place / "axes.toml", "seed = 7", "seed = 8")
-    sweep(place / "axes.toml", other, block=1, workers=1)
-    replace(place / "axes.toml", "seed = 8", "seed = 7")
+    assert (before.complete, before.blocks) == (True, 9)
+    replace(text, "seed = 7", "seed = 8")
+    sweep(text, other, block=1, workers=1)
+    replace(text, "seed = 8", "seed = 7")
 
     def files(of, k):
         kept = open_store(of, verify=False)
@@ -106,19 +109,27 @@ def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tm
     for a, b in zip(files(store, 4), files(other, 4), strict=True):
         shutil.copy(b, a)
     chunk(store, "kinetic_energy", 3).unlink()
+    content = bytearray(chunk(store, "quaternion", 5).read_bytes())
+    content[11] ^= 1
+    chunk(store, "quaternion", 5).write_bytes(content)
+    files(store, 6)[0].write_text("{}", encoding="utf-8")
+    shutil.copy(chunk(store, "quaternion", 8), chunk(store, "quaternion", 7))  # its CRC-32C is right
+    files(store, 8)[0].unlink()
+    (store / "quaternion" / "c.1.0.left.partial").touch()
     reasons = {
         0: "block 1 is in its place",
         1: "block 0 is in its place",
         3: "kinetic_energy is missing",
         4: "it belongs to another store",
+        5: "quaternion was changed after it was written",
+        6: "its marker was changed after it was written",
+        7: "quaternion was changed after it was written",
     }
     found = open_store(store).verified()
-    assert (found.damaged, found.missing, found.complete) == (reasons, (), False)
+    assert (found.damaged, found.missing, found.complete, found.sha256) == (reasons, (8,), False, None)
     result = command("sweep-verify", store)
-    assert result.exit_code == 1
-    assert result.stderr == "".join(
-        f"block {k}, members {k} to {k}: damaged: {reason}\n" for k, reason in reasons.items()
-    )
+    told = [f"block {k}, members {k} to {k}: damaged: {reason}\n" for k, reason in reasons.items()]
+    assert (result.exit_code, result.stderr) == (1, "".join(["block 8, members 8 to 8: missing\n", *told]))
     many = open_sweep(store)
     for k, reason in reasons.items():
         with pytest.raises(SweepStoreError) as caught:
@@ -127,10 +138,13 @@ def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tm
     assert many.status[2] == -1  # a block that is whole can be read beside them
     assert many.isel(member=3).quaternion.compute().size == 4
     assert open_sweep(store, verify=False).isel(member=[0, 1, 4]).compute().sizes["member"] == 3
-    seen = []
-    sweep(place / "axes.toml", store, progress=seen.append)
+    seen, again = [], []
+    sweep(text, store, progress=seen.append)
     after = open_store(store).verified()
-    assert (len(seen), after.complete, after.sha256) == (4, True, before.sha256)
+    assert (len(seen), seen[-1].done, after.complete, after.sha256) == (8, 9, True, before.sha256)
+    assert not list(store.glob("**/*.partial"))
+    sweep(text, store, progress=again.append)
+    assert again == []
 
 
 def test_chunks_that_are_exchanged_or_foreign(place):

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from nontwist import Problem, exact, nontwisting, open_sweep, plot, save_run, simulate, suslov, sweep, sweep_member
 from nontwist.cli import app
+from nontwist.driver.costs import duration
 from nontwist.errors import RunFileError, Status, SweepError, SweepStoreError
 from nontwist.io.whole import locked
 from nontwist.runfile import read_run_file
@@ -309,47 +310,6 @@ def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
 
 
-def test_what_is_missing_or_damaged_is_made_again_and_nothing_else(write, tmp_path):
-    file, store = write(FREE), tmp_path / "store"
-    sweep(file, store, block=8)
-    kept = open_store(store)
-    before = kept.verified()
-    assert (before.complete, before.blocks) == (True, 7)
-    kept.blocks.chunk("status", 2).unlink()
-    flipped = kept.blocks.chunk("quaternion", 4)
-    content = bytearray(flipped.read_bytes())
-    content[11] ^= 1
-    flipped.write_bytes(content)
-    kept.blocks.chunk("quaternion", 6).write_bytes(
-        kept.blocks.chunk("quaternion", 5).read_bytes()
-    )  # its checksum is right
-    kept.blocks.place(0).unlink()
-    kept.blocks.place(1).write_text("{}", encoding="utf-8")
-    (store / "quaternion" / "c.1.0.left.partial").touch()
-    found = kept.verified()
-    assert found.missing == (0,)
-    assert found.damaged == {
-        1: "its marker was changed after it was written",
-        2: "status is missing",
-        4: "quaternion was changed after it was written",
-        6: "quaternion was changed after it was written",
-    }
-    assert found.sha256 is None
-    told = command("sweep-verify", str(store))
-    assert told.exit_code == 1
-    said(told.stderr)
-    seen = []
-    sweep(file, store, progress=seen.append)
-    assert (len(seen), seen[0].done >= 18, seen[-1].done) == (5, True, 50)
-    after = kept.verified()
-    assert (after.complete, after.sha256) == (True, before.sha256)
-    assert not list(store.glob("**/*.partial"))
-    assert command("sweep-verify", str(store)).exit_code == 0
-    again = []
-    sweep(file, store, progress=again.append)
-    assert again == []
-
-
 @pytest.mark.parametrize("by", ["", "interrupted (SIGHUP)"])
 def test_interrupted_and_run_again(by, write, tmp_path):
     file = write(FREE)
@@ -457,6 +417,12 @@ def test_a_plan_leaves_compilation_out(write, monkeypatch):
     coming = plan(members, 2)
     assert compiled
     assert (coming.blocks, coming.seconds_each) == (1, pytest.approx(1e-5, rel=0.1))
+
+
+def test_spans_of_time_in_words():
+    spans = {0: "0 s", 3e-5: "30 µs", 0.42: "420 ms", 5.04: "5 s", 42.4: "42 s", 59.7: "1 min 0 s", 185: "3 min 5 s"}
+    spans |= {7500: "2 h 5 min", 270000: "3 d 3 h"}
+    assert [*map(duration, spans)] == [*spans.values()]
 
 
 OVER = '{ key = "body.axis.0", kind = "grid", start = 0, end = 1, count = 3 }'

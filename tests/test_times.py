@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from complex_steps import cross
+from conftest import cross
 from nontwist import (
     DirectorSystem,
     body_moment,

@@ -15,6 +15,7 @@ from ..integrators.base import IVP, Integrator, Outcome, Status
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
 from .variables import (
+    MEMBERS,
     NODES,
     SIZES,
     STATE,
@@ -89,21 +90,12 @@ def _of_members(ensemble: IVP) -> dict[str, Any]:
     """Return the variables that differ between members, without the starts: bodies and scales of the load."""
     systems, found = ensemble.systems, dict[str, Any]()
     if len(systems) > 1:
-        inertia = {"units": "kg m2", "long_name": "Euler inertia", "symbol": "E"}
-        found["euler_inertia"] = (("member", "row", "column"), systems.euler_inertia, inertia)
-        if systems.axis is not None:
-            axis = {"units": "1", "long_name": "constrained body axis", "symbol": "n"}
-            found["constrained_axis"] = (("member", "director"), systems.axis, axis)
-        if systems.has_dead_force:
-            force = {"units": "N m", "long_name": "dead forces on the directors", "symbol": "f^i"}
-            found["dead_force"] = (("member", "director", "axis"), systems.dead_force, force)
-        if systems.spin_factor is not None:
-            spin = {"units": "rad s-1", "long_name": "factor of the prescribed spin", "symbol": "c"}
-            found["spin"] = ("member", systems.spin_factor, spin)
+        dead = systems.dead_force if systems.has_dead_force else None
+        bodies = zip(MEMBERS, (systems.euler_inertia, systems.axis, dead, systems.spin_factor), strict=False)
+        found = {name: array for name, array in bodies if array is not None}
     if len(ensemble.load_scale) > 1:
-        scale = {"units": "1", "long_name": "factor of the load", "symbol": "c"}
-        found["load_scale"] = ("member", ensemble.load_scale, scale)
-    return found
+        found["load_scale"] = ensemble.load_scale
+    return described(found, ("member",))
 
 
 def _record(scheme: Integrator, ensemble: IVP) -> dict[str, Any]:

@@ -93,8 +93,15 @@ WHEELS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose lo
 INTERNAL: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have memory
     "internal_state": (("time", "internal"), "1", "internal states of the loads with memory", "z"),
 }
-VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL
-EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
+MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles whose members differ in them
+    "euler_inertia": (("row", "column"), "kg m2", "Euler inertia", "E"),
+    "constrained_axis": (("director",), "1", "constrained body axis", "n"),
+    "dead_force": (("director", "axis"), "N m", "dead forces on the directors", "f^i"),
+    "spin": ((), "rad s-1", "factor of the prescribed spin", "c"),
+    "load_scale": ((), "1", "factor of the load", "c"),
+}
+VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
+EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
 Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}

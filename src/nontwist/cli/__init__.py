@@ -14,17 +14,15 @@ import typer
 
 from . import (
     check_commands,
-    compare_commands,
+    evidence_commands,
     fit_commands,
-    paper_commands,
     result_commands,
     run_commands,
     sweep_commands,
     twist_commands,
-    validation_commands,
     view_commands,
 )
-from .options import Command
+from .options import Command, command
 from .outcomes import Commands
 from .summaries import imported
 
@@ -94,13 +92,13 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "twist": twist_commands.twist_command,
     "fit": fit_commands.fit_command,
     "precision": check_commands.precision_command,
-    "compare": compare_commands.compare_command,
+    "compare": check_commands.compare_command,
     "sweep": sweep_commands.sweep_command,
     "sweep-show": sweep_commands.show_command,
     "sweep-verify": sweep_commands.verify_command,
-    "reproduce": paper_commands.reproduce_command,
-    "validate": validation_commands.validate_command,
+    "reproduce": evidence_commands.reproduce_command,
+    "validate": evidence_commands.validate_command,
     "schema": run_commands.schema_command,
 }
 for _name, _function in COMMANDS.items():
-    app.command(_name, cls=Command)(_function)
+    app.command(_name, cls=Command)(command(_function))

@@ -1,19 +1,34 @@
-"""`nontwist check` and `nontwist precision`: whether the file is right, and how right its numbers are."""
+"""`nontwist check`, `precision`, `compare`: whether a file is right, how right its numbers are, by which integrator."""
 
 from __future__ import annotations
 
+import math
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 from warnings import catch_warnings, simplefilter
 
+import numpy as np
 import typer
 
-from .options import Debug, Json, OneRunFile, Overrides, Quiet, RunFiles
-from .outcomes import BAD_DATA, DIFFERS, CommandError, about, say, stdout
-from .run_commands import printed_warnings, read_all, read_one
-from .summaries import estimate_words, forecast_rows, hint, print_json, print_rows, print_table, set_again, typed
+from ..errors import RunFileError
+from ..geometry.values import number_text
+from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse
+from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, about, printed_warnings, say, show
+from .run_commands import read_all, read_one
+from .summaries import (
+    estimate_words,
+    forecast_rows,
+    hint,
+    in_words,
+    print_fitting,
+    print_rows,
+    print_table,
+    say_written,
+    set_again,
+    typed,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -21,26 +36,22 @@ if TYPE_CHECKING:
     from ..driver.prepared import Prepared
 
 TOLERANCE = 0.2  # of the observed order
+TARGET = (
+    "Instead, find the order and step that reach this error, and how long such a run takes. The order of FILE is "
+    "ignored; --set integrator.order=N chooses one."
+)
 NOISE = 1e-12  # of the difference of two runs in the nine director components: below it no order can be seen
 
 
-def check_command(
-    files: RunFiles,
-    overrides: Overrides = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
-) -> None:
+def check_command(files: RunFiles, overrides: Overrides = None, as_json: Json = False, quiet: Quiet = False) -> None:
     """Validate FILEs and preview each run without running it.
 
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
     """
-    from ..errors import RunFileError
     from ..runfile.document import forecast
 
     wrong = False
     for path in files:
-        found: dict[str, Any] = {"file": str(path), "problems": [], "forecast": None}
         try:
             run_file = read_one(path, overrides)
             expected = forecast(run_file)
@@ -51,11 +62,10 @@ def check_command(
             say(f"{path}: {problem}", "red")
         for warning in expected.warnings if expected is not None else ():
             say(f"{path}: warning: {warning}", "yellow")
-        if as_json:
-            found["problems"] = [problem._asdict() for problem in problems]
-            numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
-            print_json(found | {"forecast": numbers})
-        elif expected is not None and not problems and not quiet:
+        told = [problem._asdict() for problem in problems]
+        numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
+        is_read = in_words({"file": str(path), "problems": told, "forecast": numbers}, as_json, quiet)
+        if is_read and expected is not None and not problems:
             print_rows(f"{path} is valid", forecast_rows(run_file, expected))
             command = "run" if run_file.sweep is None else "sweep"
             say(hint(" ".join(["nontwist", command, typed(path), *set_again(overrides)])))
@@ -67,18 +77,9 @@ def check_command(
 def precision_command(
     file: OneRunFile,
     overrides: Overrides = None,
-    target: Annotated[
-        float | None,
-        typer.Option(
-            metavar="RADIANS",
-            help="Instead, find the order and step that reach this error, and how long such a run takes. The order of "
-            "FILE is ignored; --set integrator.order=N chooses one.",
-            show_default=False,
-        ),
-    ] = None,
+    target: Annotated[float | None, Opt(TARGET, "RADIANS")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Run FILE with its step h, h/2 and h/4; print the second quotient and the observed order.
 
@@ -103,9 +104,7 @@ def precision_command(
             simplefilter("ignore")  # of the same as the first
             runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
     numbers = {"file": str(file), **measured(runs, first.integrator.order)}  # type: ignore[attr-defined]
-    if as_json:
-        print_json(numbers)
-    elif not quiet:
+    if in_words(numbers, as_json, quiet):
         print_precision(numbers)
     if not numbers["agrees"]:
         raise typer.Exit(DIFFERS)
@@ -125,7 +124,6 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
     from ..comparison.reference import shortest_times
-    from ..geometry.values import number_text
     from ..runfile.toml_data import document
 
     prepared = whole.on_grid
@@ -148,9 +146,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
         "error_estimate": found.error_estimate,
         "seconds": seconds,
     }
-    if as_json:
-        print_json(numbers)
-    elif not quiet:
+    if in_words(numbers, as_json, quiet):
         span = grid.borders[-1] - grid.borders[0]
         swept = "sweep" in document(str(file), file.read_bytes())  # its members take one step
         many, chosen = "no step was found that fits the breakpoints; move them to a common grid", ""
@@ -184,8 +180,6 @@ def refuse_any_times(file: Path, name: str) -> NoReturn:
 
 def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
     """Return quotients and orders at five times, their median, and what they say of the error of the first run."""
-    import numpy as np
-
     from ..analysis.precision import second_quotient
 
     quotient = second_quotient(*runs)
@@ -218,17 +212,99 @@ def print_precision(numbers: dict[str, Any]) -> None:
     }
     title = f"{numbers['file']}: steps h = {numbers['step']:.6g} s, h/2, h/4"
     print_table(title, columns, right=tuple(columns))
-    out, median = stdout(), numbers["observed_order"]
+    median = numbers["observed_order"]
     if median is None:
-        out.print("no order can be observed: the runs differ by round-off only", markup=False, emoji=False)
-        out.print("take longer steps, or a lower order: --set integrator.order=2", markup=False, emoji=False)
+        show("no order can be observed: the runs differ by round-off only")
+        show("take longer steps, or a lower order: --set integrator.order=2")
         return
     verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
-    out.print(
-        f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False, emoji=False
+    show(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}")
+    show(f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad")
+
+
+# `nontwist compare`: every integrator on the problem of a run file.
+
+
+CHOSEN = Opt(
+    "An integrator to compare. Repeatable.", "NAME[:ORDER]", "--integrator", default="all that can solve the problem"
+)
+AGAINST = Opt("What --figure draws the errors over: run times, which are overhead where runs are short, or steps.")
+NUMBERS = ("attitude_error_max", "attitude_order", "momentum_error_max", "momentum_order", "twist_defect", "run_time")
+
+
+def compare_command(
+    file: OneRunFile,
+    overrides: Overrides = None,
+    integrators: Annotated[list[str] | None, CHOSEN] = None,
+    steps: Annotated[
+        list[float] | None,
+        Opt("A step to compare. Repeatable.", "SECONDS", "--step", default="seven, from coarse to fine"),
+    ] = None,
+    every: Annotated[bool, Opt("Print every run, not only the summary.")] = False,
+    figure: Annotated[
+        Path | None, Opt("Draw the work-precision diagram to this file (.pdf, .png, .svg).", "PATH")
+    ] = None,
+    against: Annotated[Literal["seconds", "steps"], AGAINST] = "seconds",
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare integrators on the problem of FILE: errors, measured orders, drifts, run times.
+
+    Ignores the tables [integrator] and [[event]] of FILE, and all of [time] except its span.
+    """
+    from .. import comparison, plot
+    from ..comparison import compare
+    from ..plot.journals import require_places
+
+    refuse((against != "seconds" and figure is None, "--against", "applies to --figure only; add --figure PATH"))
+    problem = read_one(file, overrides).problem.replace(times=None, events=None)
+    chosen = [_choice(name) for name in integrators] if integrators else None
+    if figure is not None:
+        require_places(figure, force=force)
+    with about(str(file), ValueError), printed_warnings(file):
+        bar = not quiet and sys.stderr.isatty()
+        found = compare(problem, integrators=chosen, steps=steps, progress=bar)
+    is_read = in_words(
+        {"file": str(file), "reference": found.attrs["reference"], "runs": _rows_of(found)}, as_json, quiet
     )
-    out.print(
-        f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad",
-        markup=False,
-        emoji=False,
-    )
+    if is_read:
+        if every:
+            print_fitting(comparison.table(found))
+        print_fitting(comparison.summary(found))
+    if (found["status"] != 0).all():
+        refused = bool((found["status"] < 0).all())
+        raise CommandError(
+            f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
+        )
+    if is_read:
+        again = " ".join([typed(file), *set_again(overrides)])
+        say(hint(f"nontwist precision {again}", f"nontwist run {again}"))
+    if figure is not None:
+        plot.save(plot.work_precision(found, against=against), figure, force=force)
+        say_written([figure])
+
+
+def _choice(text: str) -> str | tuple[str, int]:
+    name, sign, order = text.partition(":")
+    if not sign:
+        return name
+    refuse((not order.isdecimal(), "--integrator", f"{text!r} is not NAME:ORDER, for example gauss:8"))
+    return name, int(order)
+
+
+def _rows_of(found: xarray.Dataset) -> list[dict[str, Any]]:
+    """Return every run as plain data; what it does not have is null."""
+    rows = []
+    for name in found["integrator"].values:
+        group = found.sel(integrator=name)
+        stepping = bool(group["takes_steps"])
+        for h in group["step"].values[: None if stepping else 1]:
+            run = group.sel(step=h)
+            numbers = {key: float(run[key]) for key in NUMBERS if key in run}
+            row = {key: number if math.isfinite(number) else None for key, number in numbers.items()}
+            drift = dict(zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True))
+            row |= {f"drift_{key}": value if math.isfinite(value) else None for key, value in drift.items()}
+            status = {"status": int(run["status"]), "message": str(run["message"].values)}
+            rows.append({"integrator": str(name), "step": float(h) if stepping else None, **row, **status})
+    return rows

@@ -5,10 +5,11 @@ from __future__ import annotations
 import inspect
 import re
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Optional, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, Optional, get_args, get_origin, get_type_hints
 
 import typer
 from typer import BadParameter
@@ -16,7 +17,7 @@ from typer.core import TyperCommand
 
 from ..errors import InputError, ShellOptions
 from ..recordings.options import ReadOptions
-from ..spec import specs
+from ..spec import Spec, specs
 
 # How help is laid out: plain text, in lines that are broken between words only, never within a name or an option.
 #
@@ -112,7 +113,6 @@ class Command(TyperCommand):
         return str(super().get_help(ctx)).replace(HYPHEN, "-")
 
 
-F = TypeVar("F", bound=Callable[..., Any])
 SHELL = ShellOptions()
 
 
@@ -129,70 +129,129 @@ def _checked(overrides: list[str] | None) -> list[str] | None:
         try:
             split_override(override)
         except ValueError as error:
-            raise typer.BadParameter(str(error)) from error
+            raise BadParameter(str(error)) from error
     return overrides
 
 
-RunFiles = Annotated[list[Path], typer.Argument(metavar="FILE", help="Run files (TOML).", show_default=False)]
-OneRunFile = Annotated[Path, typer.Argument(metavar="FILE", help="A run file (TOML).", show_default=False)]
+@dataclass(frozen=True)
+class Opt(Spec):
+    """What a parameter of a command means: as of a field, and what only command lines have.
+
+    `default` says in words what an option is where it is left out. Numbers are from `least` to `most`. `parser` reads a
+    text, `check` looks at a value; both raise a BadParameter. Its name is that of the parameter unless `option` is
+    another; of a flag that is on unless it is turned off, `option` has both names. The words of a `Literal` are its
+    `metavar`.
+    """
+
+    default: str = ""
+    least: float | None = None
+    most: float | None = None
+    parser: Callable[[str], Any] | None = None
+    check: Callable[..., Any] | None = None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a parameter of a command means that takes options of `ReadOptions`: those of `names`, by default all.
+
+    `words` are descriptions in place of theirs.
+    """
+
+    names: tuple[str, ...] = tuple(specs(ReadOptions))
+    words: Mapping[str, str] = field(default_factory=dict)
+
+    def parameters(self) -> Iterator[inspect.Parameter]:
+        """Yield a parameter of a command for each option."""
+        for name in self.names:
+            kind, default, spec = specs(ReadOptions)[name]
+            kind = Optional[str] if name == "columns" else kind  # noqa: UP045
+            yield _option(name, kind, default, replace(spec, text=self.words.get(name, spec.text)))
+
+    def read(self, given: dict[str, Any]) -> dict[str, Any]:
+        """Return how a recording is read, taken out of the values of a command; a BadParameter where it cannot be."""
+        reading = {name: given.pop(name) for name in self.names}
+        if reading.get("columns") is not None:
+            reading["columns"] = names_of(reading["columns"])
+        try:
+            ReadOptions(**reading)
+        except InputError as error:
+            raise BadParameter(error.worded(SHELL)) from error
+        return reading
+
+
+def names_of(text: str | None) -> list[str] | None:
+    """Return the names of a text that separates them by commas, None where there is none."""
+    return [name.strip() for name in text.split(",")] if text else None
+
+
+def _option(name: str, kind: Any, default: Any, spec: Spec) -> inspect.Parameter:
+    """Return a parameter as Typer reads it."""
+    own = spec if isinstance(spec, Opt) else Opt(**vars(spec))
+    words = [one for part in (kind, *get_args(kind)) if get_origin(part) is Literal for one in get_args(part)]
+    about = typer.Option(
+        own.option or f"--{name.replace('_', '-')}",
+        metavar=own.metavar or "|".join(words) or None,
+        help=own.text.format(option=SHELL),
+        show_default=own.default or True,
+        min=own.least,
+        max=own.most,
+        parser=own.parser,
+        callback=own.check,
+    )
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, about])
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with the options that the descriptions of its parameters make, and --debug."""
+    hints, made, reading = (
+        get_type_hints(function, include_extras=True),
+        list[inspect.Parameter](),
+        dict[str, Reading](),
+    )
+    for name, one in inspect.signature(function).parameters.items():
+        kind, *about = get_args(hints[name]) or (hints[name],)
+        if about and isinstance(about[0], Reading):
+            made += about[0].parameters()
+            reading[name] = about[0]
+        elif about and isinstance(about[0], Spec):
+            made.append(_option(name, kind, one.default, about[0]))
+        else:
+            made.append(one.replace(annotation=hints[name], kind=one.KEYWORD_ONLY))
+    made.append(_option("debug", bool, False, Opt("Show the traceback of an error.", check=_remember)))
+
+    @wraps(function)
+    def called(*, debug: bool, **given: Any) -> None:
+        function(**{name: one.read(given) for name, one in reading.items()}, **given)
+
+    called.__signature__ = inspect.Signature(made)  # type: ignore[attr-defined]
+    called.__annotations__ = {one.name: one.annotation for one in made}
+    return called
+
+
+def argument(metavar: str, text: str, **more: Any) -> Any:
+    """Return what a word of a command line that is no option means."""
+    return typer.Argument(metavar=metavar, help=text, **({"show_default": False} | more))
+
+
 Overrides = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Set a value of the run file (TOML), as in --set body.mass=2.5 or --set load.0.scale=2; KEY= removes one. "
+    Opt(
+        "Set a value of the run file (TOML), as in --set body.mass=2.5 or --set load.0.scale=2; KEY= removes one. "
         "Repeatable.",
-        callback=_checked,
+        "KEY=VALUE",
+        "--set",
+        check=_checked,
     ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")]
+RunFiles = Annotated[list[Path], argument("FILE", "Run files (TOML).")]
+OneRunFile = Annotated[Path, argument("FILE", "A run file (TOML).")]
+Force = Annotated[bool, Opt("Overwrite existing files.")]
+Json = Annotated[bool, Opt("Print one JSON object per line.", option="--json")]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no results and no progress; warnings and --json are still printed.")
 ]
-DecimalComma = Annotated[
-    bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")
-]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]
-
-
-def reads(*names: str, **helps: str) -> Callable[[F], F]:
-    """Give a command the options of `ReadOptions`, all or those that are named, in place of its parameter `reading`.
-
-    `helps` replace their descriptions.
-    """
-
-    def described(command: F) -> F:
-        options = {}
-        for name, (kind, default, spec) in specs(ReadOptions).items():
-            if not names or name in names:
-                kind = Optional[str] if name == "columns" else kind  # noqa: UP045
-                words = (helps.get(name) or spec.text).format(option=SHELL)
-                flags = spec.option or f"--{name.replace('_', '-')}"
-                about = typer.Option(flags, metavar=spec.metavar or None, help=words, show_default=False)
-                keyword, annotation = inspect.Parameter.KEYWORD_ONLY, Annotated[kind, about]
-                options[name] = inspect.Parameter(name, keyword, default=default, annotation=annotation)
-
-        @wraps(command)
-        def wrapper(**given: Any) -> Any:
-            reading = {name: given.pop(name) for name in options}
-            if reading.get("columns") is not None:
-                reading["columns"] = [name.strip() for name in reading["columns"].split(",")]
-            try:
-                ReadOptions(**reading)
-            except InputError as error:
-                raise typer.BadParameter(error.worded(SHELL)) from error
-            return command(**given, reading=reading)
-
-        hints = get_type_hints(command, include_extras=True)
-        own = [one.replace(annotation=hints[one.name]) for one in inspect.signature(command).parameters.values()]
-        all_of_them = [part for one in own for part in (options.values() if one.name == "reading" else [one])]
-        of_wrapper: Any = wrapper
-        of_wrapper.__signature__ = inspect.Signature([one.replace(kind=one.KEYWORD_ONLY) for one in all_of_them])
-        of_wrapper.__annotations__ = {one.name: one.annotation for one in all_of_them}
-        return of_wrapper  # type: ignore[no-any-return]
-
-    return described
+DecimalComma = Annotated[bool, Opt("Write CSV with decimal commas, and semicolons between columns.")]
+File = Path | None
 
 
 def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
@@ -207,6 +266,24 @@ def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
             else:
                 words += [option.opts[0], shlex.quote(str(value))]
     return words
+
+
+def refuse(*cases: tuple[object, str, str]) -> None:
+    """Raise a BadParameter for the first case that is one: whether it is, the option, and why it is refused."""
+    for is_wrong, option, why in cases:
+        if is_wrong:
+            raise BadParameter(why, param_hint=option)
+
+
+def numbers_of(text: str, wanted: str, option: str | None = None, count: int = 2) -> Any:
+    """Return numbers that are separated by commas; a BadParameter where these are not so many."""
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count:
+        raise BadParameter(f"{text!r} is not {wanted}", param_hint=option)
+    return numbers
 
 
 def require_suffix(path: Path, *suffixes: str, option: str = "--out", instead: str = "") -> None:

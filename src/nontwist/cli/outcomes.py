@@ -21,17 +21,19 @@ import os
 import re
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
 from typer.core import TyperGroup
 
 import nontwist as package
 
-from ..errors import ShellOptions, Worded
+from ..errors import ShellOptions, SimulationError, SweepError, Worded
 
 if TYPE_CHECKING:
     import xarray
@@ -47,18 +49,20 @@ COMMON = {  # words that people try, and the command that does it
 }
 PICTURES = (".html", ".htm", ".gif", ".mp4", ".png", ".svg", ".pdf")
 DIFFERS, USAGE, BAD_DATA, SOLVER, IO, INTERRUPTED = 1, 2, 3, 4, 5, 130
+CODES: dict[type[BaseException], int] = {
+    **dict.fromkeys((SimulationError, SweepError, MemoryError), SOLVER),
+    OSError: IO,
+    ValueError: BAD_DATA,
+    ImportError: USAGE,  # an extra that is not installed
+    KeyboardInterrupt: INTERRUPTED,
+}
 
 
 def code_of(error: BaseException) -> int | None:
     """Return the exit status of an exception, None for one that should not happen."""
-    from ..integrators import SimulationError
-
     if isinstance(error, CommandError):
         return error.code
-    codes = ((SimulationError, SOLVER), (MemoryError, SOLVER), (OSError, IO), (ValueError, BAD_DATA))
-    others = ((ImportError, USAGE), (KeyboardInterrupt, INTERRUPTED))  # an extra that is not installed
-    known: tuple[tuple[type[BaseException], int], ...] = (*codes, *others)
-    return next((code for kind, code in known if isinstance(error, kind)), None)
+    return next((code for kind, code in CODES.items() if isinstance(error, kind)), None)
 
 
 class CommandError(Exception):
@@ -131,7 +135,8 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command, and turn what it raises into its exit status and a message."""
         try:
-            result = super().invoke(ctx)
+            with printed_warnings():
+                result = super().invoke(ctx)
             sys.stdout.flush()
             return result
         except BrokenPipeError as error:
@@ -216,6 +221,27 @@ def stdout() -> Console:
     return Stdout(highlight=False)
 
 
+def show(text: str) -> None:
+    """Print a line of data as it is, but for line breaks."""
+    stdout().print(text, markup=False, emoji=False)
+
+
+@contextmanager
+def printed_warnings(subject: object = "") -> Iterator[None]:
+    """Print warnings on stderr as they come, each once, with what they are about, as the name of a file."""
+    printed, about_it = set[str](), f"{subject}: " if str(subject) else ""
+
+    def told(message: Warning | str, *where: Any, **more: Any) -> None:
+        if str(message) not in printed:
+            say(f"{about_it}warning: {words(message)}", "yellow")
+        printed.add(str(message))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = told
+        yield
+
+
 # Runs with more states than they store, for what is drawn of them.
 
 
@@ -237,8 +263,6 @@ def smooth(
 
     A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.
     """
-    import numpy as np
-
     from ..driver import resample
 
     time = run["time"].values

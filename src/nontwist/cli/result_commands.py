@@ -10,21 +10,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
-import typer
+import numpy as np
 
-from .options import Debug, DecimalComma, Force, Json, require_suffix
-from .outcomes import require_readable, say
-from .run_commands import printed_warnings
+from ..geometry.values import number_text
+from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
+from .outcomes import printed_warnings, require_readable, say
 from .summaries import (
-    drift_rows,
-    error_words,
     hint,
+    in_words,
+    invariants_kept,
     print_rows,
-    print_table,
-    scheme_words,
-    shown_unit,
+    print_variables,
+    rows_of_run,
+    say_written,
     steps_of,
-    steps_words,
     times_of_events,
     typed,
 )
@@ -36,62 +35,38 @@ TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps
 TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame", "mass"}
 ANGLES = {"total_twist", "largest_turn_between_samples", "noise_level"}  # of a twist, rad
 _SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
-Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
-ResultOrStore = Annotated[
-    Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF), or the store of a sweep.", show_default=False)
-]
+Result = Annotated[Path, argument("RESULT", "A result file (NetCDF).")]
+ResultOrStore = Annotated[Path, argument("RESULT", "A result file (NetCDF), or the store of a sweep.")]
+COLUMNS = Opt(
+    "Variables to export, separated by commas, as nontwist info or sweep-show lists them. Times, and the numbers of "
+    "members, are always written. Those of events alone make a CSV table of events.",
+    "NAMES",
+    "--columns",
+    default="all",
+)
+EULER = Opt("Add Euler angles and their rates: ZXZ about axes that turn with the body, zxz about fixed axes.", "AXES")
+FORMAT = Opt("Format.", default="from the suffix of --out, or csv")
 
 
-def info_command(result: Result, as_json: Json = False, debug: Debug = False) -> None:
+def info_command(result: Result, as_json: Json = False) -> None:
     """Describe RESULT: its contents, how it was made, how it ended, and the drifts of its invariants.
 
     Reads the whole file and verifies its checksum. Exits with status 3 if it does not contain a run, or has been
     changed.
     """
-    import json
-
-    from ..io.exports import finite
-
-    found = _facts(_opened(result), result)
-    if as_json:
-        print(json.dumps(finite(found), allow_nan=False))
-    else:
+    if in_words(found := _facts(_opened(result), result), as_json):
         _print(found)
 
 
 def export_command(
     result: ResultOrStore,
-    to: Annotated[
-        Literal["csv", "npz", "json"] | None,
-        typer.Option("--to", metavar="csv|npz|json", help="Format.", show_default="from the suffix of --out, or csv"),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="File to write: .csv, .npz or .json.", show_default="standard output"),
-    ] = None,
-    names: Annotated[
-        str | None,
-        typer.Option(
-            "--columns",
-            metavar="NAMES",
-            help="Variables to export, separated by commas, as nontwist info or sweep-show lists them. Times, and the "
-            "numbers of members, are always written. Those of events alone make a CSV table of events.",
-            show_default="all",
-        ),
-    ] = None,
-    degrees: Annotated[
-        bool, typer.Option("--degrees", help="Write angles and their rates in degrees; headers state it.")
-    ] = False,
-    euler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="AXES",
-            help="Add Euler angles and their rates: ZXZ about axes that turn with the body, zxz about fixed axes.",
-        ),
-    ] = None,
+    to: Annotated[Literal["csv", "npz", "json"] | None, FORMAT] = None,
+    out: Annotated[Path | None, Opt("File to write: .csv, .npz or .json.", "PATH", default="standard output")] = None,
+    names: Annotated[str | None, COLUMNS] = None,
+    degrees: Annotated[bool, Opt("Write angles and their rates in degrees; headers state it.")] = False,
+    euler: Annotated[str | None, EULER] = None,
     decimal_comma: DecimalComma = False,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Write the numbers of RESULT as flat columns, with units in their headers.
 
@@ -100,17 +75,17 @@ def export_command(
     with its name. NPZ and JSON contain states along time,
     quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
-    from ..geometry.euler import require_sequence
+    from ..geometry.attitudes import require_sequence
     from ..io.exports import in_degrees, with_euler, write_csv, write_json, write_npz
     from ..io.whole import require_free, written
 
     if out is not None:
         require_suffix(out, *((".csv", ".npz", ".json") if to is None else (f".{to}",)))
     kind = to or (out.suffix.lower()[1:] if out is not None else "csv")
-    if out is None and kind == "npz":
-        raise typer.BadParameter("NPZ is binary: name a file, --out FILE.npz", param_hint="--out")
-    if decimal_comma and kind != "csv":
-        raise typer.BadParameter("applies to CSV only; omit it, or add --to csv", param_hint="--decimal-comma")
+    refuse(
+        (out is None and kind == "npz", "--out", "NPZ is binary: name a file, --out FILE.npz"),
+        (decimal_comma and kind != "csv", "--decimal-comma", "applies to CSV only; omit it, or add --to csv"),
+    )
     csv = partial(write_csv, decimal_comma=decimal_comma)
     if euler is not None:
         require_sequence(euler)
@@ -122,9 +97,8 @@ def export_command(
         run = _chosen(whole, names, kind)
         if euler is not None:
             missing = {"quaternion", "material_angular_velocity"} - set(whole.data_vars)
-            if missing or not {"time", "member"} & set(run.dims):
-                lacks = f"{result} has no {min(missing)}" if missing else "columns of events have no states"
-                raise typer.BadParameter(lacks, param_hint="--euler")
+            lacks = f"{result} has no {min(missing)}" if missing else "columns of events have no states"
+            refuse((missing or not {"time", "member"} & set(run.dims), "--euler", lacks))
             with printed_warnings(result):
                 angles = with_euler(whole, euler)
             run = run.assign({name: angles[name] for name in ("euler_angles", "euler_rates")})
@@ -142,7 +116,7 @@ def export_command(
                 text = io.TextIOWrapper(file, encoding="utf-8", newline="")
                 write(run, text)
                 text.detach()
-        say(f"written: {out}")
+        say_written([out])
 
 
 def _opened(path: Path) -> xarray.Dataset:
@@ -184,24 +158,20 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
     always, known = [name for name in ("time", "member") if name in run.coords], [str(name) for name in run.data_vars]
     chosen = [name for name in map(str.strip, names.split(",")) if name not in always]
     for name in chosen:
-        if name not in known:
-            raise typer.BadParameter(f"there is no variable {name!r}; {nearest(name, known)}", param_hint="--columns")
+        refuse((name not in known, "--columns", f"there is no variable {name!r}; {nearest(name, known)}"))
     events = [name for name in chosen if EVENTS in run[name].dims]
     if kind == "csv" and events and STATES in run.dims:
         other = [name for name in chosen if name not in events]
-        if other:
-            raise typer.BadParameter(
-                f"{events[0]} has a line for each event, {other[0]} has others; export them one after the other, or "
-                "both with --to json or --to npz",
-                param_hint="--columns",
-            )
+        for name in other[:1]:
+            why = f"{events[0]} has a line for each event, {name} has others; export them one after the other, or "
+            refuse((True, "--columns", f"{why}both with --to json or --to npz"))
         return run[list(dict.fromkeys(["t_events", *events]))]
     return run[chosen].assign_coords({name: run[name] for name in always})
 
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
-    from ..analysis.invariants import STATES, drifts, twist_defect
+    from ..analysis.invariants import STATES
     from ..io.exports import record
     from ..models.system import DirectorSystem
 
@@ -232,33 +202,21 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
         body = DirectorSystem.from_json(run.attrs["system"])
         facts["convected_inertia"] = body.convected_inertia.tolist()
         if {*STATES} <= {*run.data_vars}:  # not of a choice of variables, as `run[["kinetic_energy"]]`
-            facts["drift"] = {name: drift._asdict() for name, drift in drifts(run).items()}
-            if (defect := twist_defect(run)) is not None:
-                facts["twist_defect"] = defect
+            facts |= invariants_kept(run)
     return facts
 
 
 def _print(facts: dict[str, Any]) -> None:
     print_rows(facts.get("title", facts["file"]), _rows(facts))
-    variables = facts["variables"].values()
-    columns = {
-        "name": list(facts["variables"]),
-        "unit": [shown_unit(one["units"]) for one in variables],
-        "dimensions": [
-            ", ".join(f"{dim} {size}" for dim, size in zip(one["dimensions"], one["shape"], strict=True))
-            for one in variables
-        ],
-        "meaning": [one["long_name"] for one in variables],
-    }
-    print_table("variables", columns, spare=("dimensions",))
+    sizes = [zip(one["dimensions"], one["shape"], strict=True) for one in facts["variables"].values()]
+    dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
+    print_variables(facts["variables"], ("dimensions",), dimensions=dimensions)
     file = typed(facts["file"])
     say(hint(f"nontwist view {file}", f"nontwist export {file} --out NAME.csv"))
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, str]:
     """Return the facts in words."""
-    from ..geometry.values import number_text
-
     rows = {"file": f"{facts['file']}, {number_text(facts['bytes'] / 1e6, '.3g')} MB, checksum verified"}
     if "system" in facts:
         rows |= _body_rows(facts)
@@ -268,22 +226,12 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         rows["time"] = f"{first} s to {last} s, {time['states']} stored states"
     if "total_twist" in facts:
         rows["total twist"] = _words("total_twist", facts["total_twist"])
+    rows |= rows_of_run(facts, facts.get("event_times", {}))
     if "integrator" in facts:
-        rows["integrator"] = scheme_words(facts["integrator"])
-        if "steps" in facts:
-            rows["steps"] = steps_words(facts)
         rows["status"] = f"{facts['status']} ({facts['message']})"
     if "joined" in facts:
         seams = ", ".join(f"{part['t_start']:.6g}" for part in facts["joined"][1:])
         rows["joined"] = f"{len(facts['joined'])} runs, at t = {seams} s; integrator, error, run file are of the last"
-    for name, times in facts.get("event_times", {}).items():
-        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times)} s" if times else "none"
-    if "tolerance" in facts:
-        rows["error"] = error_words(facts)
-    if "drift" in facts:
-        rows |= {f"drift of {name}": words for name, words in drift_rows(facts["drift"]).items()}
-    if "twist_defect" in facts:
-        rows["largest twist rate about the axis"] = f"{number_text(facts['twist_defect'], '.1e')} rad/s"
     if "versions" in facts:
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in facts["versions"].items())
     rest = {name: value for name, value in facts.items() if name not in TOLD and isinstance(value, (str, int, float))}
@@ -298,8 +246,6 @@ def _exact(number: float) -> str:
 
 
 def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
-    import numpy as np
-
     from ..analysis.joining import loads_in_words
 
     system = facts["system"]
@@ -316,15 +262,11 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def _vector(values: Any) -> str:
-    import numpy as np
-
     return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
 
 
 def _words(name: str, value: str | float) -> str:
     """Return an attribute in words: of a text its first line."""
-    from ..geometry.values import number_text
-
     if name in ANGLES:
         return f"{number_text(float(value), '.4g')} rad ({number_text(math.degrees(float(value)), '.4g')}°)"
     text = str(value)

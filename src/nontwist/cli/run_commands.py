@@ -4,46 +4,38 @@ from __future__ import annotations
 
 import json
 import sys
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from importlib.resources import files
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from .options import Debug, Force, Json, Overrides, Quiet, RunFiles, require_folder, require_suffix
-from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say, smooth, words
-from .summaries import hint, print_json, print_rows, run_numbers, run_rows, typed
+from ..errors import RunFileError
+from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
+from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, printed_warnings, say, smooth
+from .summaries import hint, in_words, print_rows, run_numbers, run_rows, say_written, typed
 
 if TYPE_CHECKING:
     import xarray
 
     from ..runfile import RunFile
 
+RESULTS = Opt("Result file (.nc), or folder for results.", "PATH", default="output.path of FILE, else NAME.nc here")
+COPY = Opt("File (.toml) or folder to copy to; - for standard output.", "PATH", default="NAME.toml here")
 FIGURES = ("momenta", "energy", "path")
 
 
 def run_command(
     files: RunFiles,
     overrides: Overrides = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="Result file (.nc), or folder for results.",
-            show_default="output.path of FILE, else NAME.nc here",
-        ),
-    ] = None,
-    figures: Annotated[
-        bool, typer.Option("--figures", help="Draw momenta, energy and path next to the result.")
-    ] = False,
+    out: Annotated[Path | None, RESULTS] = None,
+    figures: Annotated[bool, Opt("Draw momenta, energy and path next to the result.")] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Run FILEs: write each result (NetCDF) and its figures, and print a summary.
 
@@ -75,8 +67,6 @@ def run_command(
 
 def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFile]:
     """Read run files; all problems of all of them are reported in one error."""
-    from ..errors import RunFileError
-
     run_files, problems = {}, []
     for path in files:
         try:
@@ -115,22 +105,6 @@ class Job(NamedTuple):
     force: bool
 
 
-@contextmanager
-def printed_warnings(path: Path) -> Iterator[None]:
-    """Print warnings on stderr as they come, each once, with the name of the run file."""
-    printed: set[str] = set()
-
-    def show(message: Warning | str, *where: Any, **more: Any) -> None:
-        if str(message) not in printed:
-            say(f"{path}: warning: {words(message)}", "yellow")
-        printed.add(str(message))
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        warnings.showwarning = show
-        yield
-
-
 def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path:
     name = f"{path.stem}.nc"
     if out is None:
@@ -139,8 +113,7 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
         require_folder(out, instead="; results are NetCDF, NAME.nc, and nontwist export writes CSV, NPZ and JSON")
         out.mkdir(parents=True, exist_ok=True)
         return out / name
-    if files > 1:
-        raise typer.BadParameter(f"{out} is one file for {files} results; name a folder", param_hint="--out")
+    refuse((files > 1, "--out", f"{out} is one file for {files} results; name a folder"))
     return out
 
 
@@ -181,13 +154,11 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
         say(f"{path}: {stopped}", "red")
         say(f"{path}: the completed part, up to t = {float(run['time'][-1]):.12g} s, is saved in {target}", "red")
     numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
-    if as_json:
-        print_json(numbers | {"written": [str(place) for place in written]})
-    elif not quiet:
+    if in_words(numbers | {"written": [*map(str, written)]}, as_json, quiet):
         print_rows(numbers["title"], run_rows(numbers))
     if not quiet:
         result = typed(target)
-        say(f"written: {', '.join(map(str, written))}; {hint(f'nontwist view {result}', f'nontwist info {result}')}")
+        say_written(written, f"nontwist view {result}", f"nontwist info {result}")
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None
@@ -222,19 +193,10 @@ def example_names() -> list[str]:
 
 def example_command(
     name: Annotated[
-        str | None,
-        typer.Argument(metavar="NAME", help="Example to copy.", show_default="list all", autocompletion=example_names),
+        str | None, argument("NAME", "Example to copy.", show_default="list all", autocompletion=example_names)
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="File (.toml) or folder to copy to; - for standard output.",
-            show_default="NAME.toml here",
-        ),
-    ] = None,
+    out: Annotated[Path | None, COPY] = None,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """List the bundled run files, or copy one to start from."""
     from ..geometry.values import nearest
@@ -253,11 +215,11 @@ def example_command(
     with written(target, force=force) as file:
         file.write(texts[name].encode())
     command = "sweep" if "[sweep]" in texts[name] else "run"
-    say(f"written: {target}; {hint(f'nontwist check {typed(target)}', f'nontwist {command} {typed(target)}')}")
+    say_written([target], f"nontwist check {typed(target)}", f"nontwist {command} {typed(target)}")
     return None
 
 
-def schema_command(debug: Debug = False) -> None:
+def schema_command() -> None:
     """Print the JSON Schema of run files, for editors that complete and validate them."""
     from ..runfile.document import json_schema
 

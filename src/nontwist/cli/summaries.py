@@ -6,9 +6,10 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from ..geometry.values import number_text
 from .outcomes import for_terminals, say, stdout
 
 if TYPE_CHECKING:
@@ -30,6 +31,25 @@ def print_json(data: dict[str, Any]) -> None:
     from ..io.exports import finite
 
     print(json.dumps(finite(data), ensure_ascii=False, allow_nan=False))
+
+
+def in_words(numbers: dict[str, Any], as_json: bool, quiet: bool = False) -> bool:
+    """Print what a command has found, if it was asked for, as JSON; return whether people are to read it."""
+    if as_json:
+        print_json(numbers)
+    return not (as_json or quiet)
+
+
+def say_written(places: Iterable[object], *commands: str) -> None:
+    """Say which files were written, and what may be typed next."""
+    say(f"written: {', '.join(map(str, places))}" + (f"; {hint(*commands)}" if commands else ""))
+
+
+def print_variables(variables: Mapping[str, Mapping[str, Any]], spare: tuple[str, ...], **more: list[str]) -> None:
+    """Print names, units and meanings of variables, and further columns of words before the meanings."""
+    about = variables.values()
+    columns = {"name": [*variables], "unit": [shown_unit(one["units"]) for one in about]}
+    print_table("variables", columns | more | {"meaning": [one["long_name"] for one in about]}, spare=spare)
 
 
 def print_rows(title: str, rows: dict[str, str]) -> None:
@@ -195,14 +215,8 @@ def steps_of(run: xarray.Dataset) -> int:
     return math.ceil(span / run.attrs["step"] * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1]))
 
 
-def steps_words(numbers: Mapping[str, Any]) -> str:
-    """Return the number of steps and their size; `stretches` is among the numbers where they differ in size."""
-    return f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s"
-
-
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
-    from ..analysis.invariants import drifts, twist_defect
     from ..analysis.trajectory import stretches_from
 
     time, iterations = run["time"].values, run.get("newton_iterations")
@@ -217,20 +231,25 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "t_start": float(time[0]),
         "t_end": float(time[-1]),
         "states": len(time),
-        "drift": {name: drift._asdict() for name, drift in drifts(run).items()},
         "newton_iterations": int(iterations.values.max()) if iterations is not None and iterations.size else None,
     }
     if grid is not None:
         numbers["stretches"] = len(grid.sizes)
-    if "tolerance" in run.attrs:
-        numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate")}
+    numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate") if "tolerance" in run.attrs}
     if "warning" in run.attrs:
         numbers["warning"] = run.attrs["warning"]
     if "t_events" in run:
         numbers["events"] = times_of_events(run)
-    if (defect := twist_defect(run)) is not None:
-        numbers["twist_defect"] = defect
-    return numbers
+    return numbers | invariants_kept(run)
+
+
+def invariants_kept(run: xarray.Dataset) -> dict[str, Any]:
+    """Return the drifts of the invariants of a run, and its defect of the twist where its body may not twist."""
+    from ..analysis.invariants import drifts, twist_defect
+
+    defect = twist_defect(run)
+    found = {"drift": {name: drift._asdict() for name, drift in drifts(run).items()}}
+    return found | ({} if defect is None else {"twist_defect": defect})
 
 
 def times_of_events(run: xarray.Dataset) -> dict[str, list[float]]:
@@ -240,57 +259,45 @@ def times_of_events(run: xarray.Dataset) -> dict[str, list[float]]:
     return {one: [t for t, name in zip(times, names, strict=True) if name == one] for one in asked}
 
 
-def error_words(numbers: dict[str, Any]) -> str:
-    """Return the estimated error of a run to a tolerance, and the tolerance, rad."""
-    return f"{estimate_words(numbers['error_estimate'])}, tolerance {numbers['tolerance']:g}"
-
-
 def estimate_words(error: float) -> str:
     """Return the estimate of a truncation error in words; one below round-off is not given as a number."""
-    from ..geometry.values import number_text
-
     return f"estimated as {number_text(error, '.1e')} rad" if error > ROUND_OFF else "below round-off"
 
 
-def drift_rows(drifts: dict[str, dict[str, Any]]) -> dict[str, str]:
-    """Return the drifts of the invariants of a run in words, by their names in words."""
+def rows_of_run(
+    numbers: Mapping[str, Any], events: Mapping[str, list[float]], most: int | None = None
+) -> dict[str, str]:
+    """Return in words what is known of how a run was made and how right it is; of events so many times at most."""
     from ..analysis.invariants import in_words
-    from ..geometry.values import number_text
 
     rows = {}
-    for name, drift in drifts.items():
+    if "integrator" in numbers:
+        rows["integrator"] = scheme_words(numbers["integrator"])
+    if "steps" in numbers:
+        rows["steps"] = f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s"
+    if "tolerance" in numbers:
+        rows["error"] = f"{estimate_words(numbers['error_estimate'])}, tolerance {numbers['tolerance']:g}"
+    for name, drift in numbers.get("drift", {}).items():
         relative, absolute = (number_text(drift[kind], ".1e") for kind in ("relative", "absolute"))
         sized = f"{relative} relative, {absolute} {shown_unit(drift['units'])} ({drift['symbol']})"
-        rows[in_words(name)] = absolute if drift["units"] == "1" else sized
+        rows[f"drift of {in_words(name)}"] = absolute if drift["units"] == "1" else sized
+    if "twist_defect" in numbers:
+        rows["largest twist rate about the axis"] = f"{number_text(numbers['twist_defect'], '.1e')} rad/s"
+    for name, times in events.items():
+        more = f", ... ({len(times)}; nontwist info lists all)" if most is not None and len(times) > most else ""
+        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:most])} s{more}" if times else "none"
     return rows
 
 
-def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
-    """Return the numbers of a run in words."""
-    from ..geometry.values import number_text
-
-    scheme = numbers["integrator"]
-    rows = {
-        "integrator": scheme_words(scheme),
-        "steps": steps_words(numbers),
-        "time": f"{numbers['t_start']:g} s to {numbers['t_end']:g} s",
-        "states": str(numbers["states"]),
-    }
-    if "tolerance" in numbers:
-        rows["error"] = error_words(numbers)
+def run_rows(numbers: Mapping[str, Any]) -> dict[str, str]:
+    """Return the numbers of a run that has just been made in words."""
+    rows = rows_of_run(numbers, numbers.get("events", {}), MOST_TIMES)
+    rows["time"] = f"{numbers['t_start']:g} s to {numbers['t_end']:g} s"
+    rows["states"] = str(numbers["states"])
     if "warning" in numbers:
         rows["warning"] = numbers["warning"]
-    for name, words in drift_rows(numbers["drift"]).items():
-        rows[name] = f"{'defect' if name == 'orthonormality' else 'drift'} {words}"
-    if "twist_defect" in numbers:
-        rows["twist defect"] = f"{number_text(numbers['twist_defect'], '.1e')} rad/s"
     if numbers["newton_iterations"]:
         rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
-    for name, times in numbers.get("events", {}).items():
-        more = f", ... ({len(times)}; nontwist info lists all)" if len(times) > MOST_TIMES else ""
-        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:MOST_TIMES])} s{more}" if times else "none"
     if numbers["status"] == 0 and numbers["message"] != "done":
         rows["end"] = numbers["message"]
-    if "seconds" in numbers:
-        rows["time taken"] = f"{number_text(numbers['seconds'], '.3g')} s, with start-up"
-    return rows
+    return rows | {"time taken": f"{number_text(numbers['seconds'], '.3g')} s, with start-up"}

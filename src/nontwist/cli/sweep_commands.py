@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import re
 import sys
-import warnings
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet, looks_like_a_file, require_suffix
-from .outcomes import DIFFERS, SOLVER, CommandError, about, say
-from .run_commands import printed_warnings, read_one
-from .summaries import hint, print_json, print_rows, print_table, set_again, shown_unit, typed
+from ..geometry.values import number_text
+from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
+from .outcomes import DIFFERS, about, printed_warnings, say
+from .run_commands import read_one
+from .summaries import (
+    hint,
+    in_words,
+    print_rows,
+    print_table,
+    print_variables,
+    say_written,
+    set_again,
+    typed,
+)
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
@@ -102,8 +109,6 @@ def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
 
 def print_sweep(facts: dict[str, Any]) -> None:
     """Print what a store holds."""
-    from ..geometry.values import number_text
-
     rows = {
         "members": f"{facts['members_done']} of {facts['members']} are done, {facts['failed']} failed",
         "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {number_text(facts['seconds'], '.3g')} s of work",
@@ -113,23 +118,13 @@ def print_sweep(facts: dict[str, Any]) -> None:
     if facts["sampling"]:
         rows["samples"] = f"{facts['samples']} per point, {facts['sampling']}, seed {facts['seed']}"
     print_rows(facts["title"], rows)
-    variables = facts["variables"].values()
-    columns = {
-        "name": list(facts["variables"]),
-        "unit": [shown_unit(one["units"]) for one in variables],
-        "dimensions": [", ".join(one["dimensions"]) for one in variables],
-        "range": [f"{one['min']:.6g} to {one['max']:.6g}" for one in variables],
-        "meaning": [one["long_name"] for one in variables],
-    }
-    print_table("variables", columns, spare=("dimensions", "meaning"))
+    about = facts["variables"].values()
+    dimensions = [", ".join(one["dimensions"]) for one in about]
+    ranges = [f"{one['min']:.6g} to {one['max']:.6g}" for one in about]
+    print_variables(facts["variables"], ("dimensions", "meaning"), dimensions=dimensions, range=ranges)
     if facts["failed"]:
-        failures = facts["failures"]
-        table = {
-            "members": [str(one["members"]) for one in failures],
-            "first": [str(one["first"]) for one in failures],
-            "reason of the first": [one["reason"] for one in failures],
-        }
-        print_table("failures", table)
+        counts, firsts, reasons = zip(*(map(str, one.values()) for one in facts["failures"]), strict=True)
+        print_table("failures", {"members": counts, "first": firsts, "reason of the first": reasons})
     if facts["swept"] and facts["variables"]:
         plain = ("grid", "list")
         quantity = _telling({name: len(one["dimensions"]) for name, one in facts["variables"].items()})
@@ -148,39 +143,25 @@ def _telling(dimensions: dict[str, int]) -> str:
 
 
 EVERY = 10.0  # s between lines of progress where stderr is no terminal
-Store = Annotated[Path, typer.Argument(metavar="STORE", help="The store of a sweep (a folder).", show_default=False)]
+Store = Annotated[Path, argument("STORE", "The store of a sweep (a folder).")]
+WORKERS = Opt("Number of threads, or of processes with --dask local.", "N", default="all processors", least=1)
+BLOCK = Opt("Members per block.", "N", default="at most 10 s and 64 MiB, as measured", least=1)
+DASK = Opt("Run on a Dask cluster.", "ADDRESS|local", default="threads")
+PLOTTED = argument("[KEY [KEY2] QUANTITY]", "With --plot: one or two swept keys, and the quantity to draw over them.")
+FIGURE = Opt("Figure of --plot (.pdf, .png, .svg).", "PATH", default="STORE-QUANTITY.png")
+MEMBER = Opt("With --member: the result (.nc) or the run file (.toml).", "PATH", default="MEMBER.nc here")
 
 
 def sweep_command(
     file: OneRunFile,
     overrides: Overrides = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="STORE", help="Store (a folder).", show_default="NAME.zarr here")
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            help="Number of threads, or of processes with --dask local.",
-            show_default="all processors",
-        ),
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS|local", help="Run on a Dask cluster.", show_default="threads")
-    ] = None,
-    block: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Members per block.", show_default="at most 10 s and 64 MiB, as measured"
-        ),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print members, blocks, bytes and time; write nothing.")
-    ] = False,
+    out: Annotated[Path | None, Opt("Store (a folder).", "STORE", default="NAME.zarr here")] = None,
+    workers: Annotated[int | None, WORKERS] = None,
+    dask: Annotated[str | None, DASK] = None,
+    block: Annotated[int | None, BLOCK] = None,
+    dry_run: Annotated[bool, Opt("Print members, blocks, bytes and time; write nothing.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Run all members of FILE, a run file with a table [sweep], into a store (Zarr).
 
@@ -193,64 +174,48 @@ def sweep_command(
     store = Path(f"{file.stem}.zarr") if out is None else out
     if looks_like_a_file(store):
         require_suffix(store, ".zarr", instead="; the store is a folder")
-    with _explained():
-        run_file = read_one(file, overrides)
-        if dry_run:
-            _print_plan(run_file, file, store, workers, block, as_json)
-            if not as_json:
-                options = {"--out": store, "--workers": workers, "--dask": dask, "--block": block}
-                again = [word for name, one in options.items() if one is not None for word in (name, typed(one))]
-                say(hint(" ".join(["nontwist sweep", typed(file), *set_again(overrides), *again])))
-            return
-        from ..geometry.values import number_text
-        from ..sweeps import sweep
+    run_file = read_one(file, overrides)
+    if dry_run:
+        return _print_plan(run_file, file, store, workers, block, as_json, dask, set_again(overrides))
+    from ..sweeps import sweep
 
-        begin = perf_counter()
-        report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
-        with sigterm_interrupts(), about(str(file), ValueError), printed_warnings(file):
-            many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
-        seconds = perf_counter() - begin
-    failed = int((many["status"] != 0).sum())
+    begin = perf_counter()
+    report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
+    with sigterm_interrupts(), about(str(file), ValueError), printed_warnings(file):
+        many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
+    seconds, failed = perf_counter() - begin, int((many["status"] != 0).sum())
     numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
-    if as_json:
-        print_json({**numbers, "seconds": seconds})
-    elif not quiet:
-        rows = {
-            "store": str(store),
-            "members": f"{numbers['members']}, {failed} failed",
-            "time taken": f"{number_text(seconds, '.3g')} s, with start-up",
-        }
+    if in_words(numbers | {"seconds": seconds}, as_json, quiet):
+        taken = f"{number_text(seconds, '.3g')} s, with start-up"
+        rows = {"store": str(store), "members": f"{numbers['members']}, {failed} failed", "time taken": taken}
         print_rows(many.attrs["title"], rows)
     if failed:
-        say(
-            f"warning: {failed} of {numbers['members']} members failed; nontwist sweep-show {store} lists the reasons",
-            "yellow",
-        )
+        whole = f"{failed} of {numbers['members']} members failed"
+        say(f"warning: {whole}; nontwist sweep-show {store} lists the reasons", "yellow")
     if not quiet:
-        say(f"written: {store}; {hint(f'nontwist sweep-show {typed(store)}')}")
+        say_written([store], f"nontwist sweep-show {typed(store)}")
+    return None
 
 
-def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False) -> None:
     """Verify STORE: hash every byte, count members, and name missing or damaged blocks.
 
     Exits with status 1 if there are such blocks; nontwist sweep computes only these again. Exits with status 3 if the
     metadata of STORE are damaged.
     """
-    with _explained():
-        from ..sweeps.store import open_store
+    from ..sweeps.store import open_store
 
-        kept = open_store(store)
-        found = kept.verified()
+    kept = open_store(store)
+    found = kept.verified()
     for k in found.missing[:20]:
         say(f"{kept.blocks.name(k)}: missing", "red")
     if len(found.missing) > 20:
         say(f"... and {len(found.missing) - 20} more are missing", "red")
     for k, reason in found.damaged.items():
         say(f"{kept.blocks.name(k)}: damaged: {reason}", "red")
-    if as_json:
-        damaged = {str(k): reason for k, reason in found.damaged.items()}
-        print_json({"store": str(store), **found._asdict(), "damaged": damaged, "complete": found.complete})
-    elif not quiet:
+    damaged = {str(k): reason for k, reason in found.damaged.items()}
+    numbers = {"store": str(store), **found._asdict(), "damaged": damaged, "complete": found.complete}
+    if in_words(numbers, as_json, quiet):
         good = found.blocks - len(found.missing) - len(found.damaged)
         rows = {
             "members": f"{found.members}, {found.failed} failed",
@@ -265,66 +230,38 @@ def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, de
 
 def show_command(
     store: Store,
-    plotted: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[KEY [KEY2] QUANTITY]",
-            help="With --plot: one or two swept keys, and the quantity to draw over them.",
-        ),
-    ] = None,
-    plot: Annotated[bool, typer.Option("--plot", help="Draw QUANTITY over one or two swept keys.")] = False,
-    figure: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Figure of --plot (.pdf, .png, .svg).", show_default="STORE-QUANTITY.png"),
-    ] = None,
-    member: Annotated[int | None, typer.Option(metavar="N", min=0, help="Run this member again, in full.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="With --member: the result (.nc) or the run file (.toml).",
-            show_default="MEMBER.nc here",
-        ),
-    ] = None,
+    plotted: Annotated[list[str] | None, PLOTTED] = None,
+    plot: Annotated[bool, Opt("Draw QUANTITY over one or two swept keys.")] = False,
+    figure: Annotated[Path | None, FIGURE] = None,
+    member: Annotated[int | None, Opt("Run this member again, in full.", "N", least=0)] = None,
+    out: Annotated[Path | None, MEMBER] = None,
     force: Force = False,
     as_json: Json = False,
-    debug: Debug = False,
 ) -> None:
     """Describe STORE: what was swept, what was stored, which members failed and why.
 
     Components are named by their number: body.axis.0, material_angular_velocity.2. For a vector, --plot draws its
     length. The last state of --member equals that in the store, bit for bit.
     """
-    if bool(plotted) != plot or (plotted and len(plotted) not in (2, 3)):
-        raise typer.BadParameter("give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY", param_hint="--plot")
-    with _explained():
-        if plotted:
-            _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png"), force)
-        elif member is not None:
-            _rerun(store, member, out or Path(f"{member}.nc"), force)
-        else:
-            facts = sweep_facts(store)
-            if as_json:
-                print_json(facts)
-            else:
-                print_sweep(facts)
-
-
-@contextmanager
-def _explained() -> Iterator[None]:
-    """Turn what only sweeps raise into its exit status, and warnings into messages."""
-    from ..errors import SweepError
-
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: say(f"warning: {message}", "yellow")
-            yield
-    except SweepError as error:
-        raise CommandError(str(error), SOLVER) from error
+    wrong = bool(plotted) != plot or (plotted and len(plotted) not in (2, 3))
+    refuse((wrong, "--plot", "give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY"))
+    if plotted:
+        _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png"), force)
+    elif member is not None:
+        _rerun(store, member, out or Path(f"{member}.nc"), force)
+    elif in_words(facts := sweep_facts(store), as_json):
+        print_sweep(facts)
 
 
 def _print_plan(
-    run_file: RunFile, file: Path, store: Path, workers: int | None, block: int | None, as_json: bool
+    run_file: RunFile,
+    file: Path,
+    store: Path,
+    workers: int | None,
+    block: int | None,
+    as_json: bool,
+    dask: str | None,
+    again: list[str],
 ) -> None:
     from ..driver.costs import cores
     from ..sweeps.members import Members
@@ -332,10 +269,11 @@ def _print_plan(
 
     with about(str(file), ValueError):
         forecast = plan(Members(run_file), workers or cores(), block)
-    if as_json:
-        print_json({"file": str(file), "store": str(store), **forecast._asdict()})
-    else:
+    if in_words({"file": str(file), "store": str(store), **forecast._asdict()}, as_json):
         print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
+        options = {"--out": store, "--workers": workers, "--dask": dask, "--block": block}
+        given = [word for name, one in options.items() if one is not None for word in (name, typed(one))]
+        say(hint(" ".join(["nontwist sweep", typed(file), *again, *given])))
 
 
 def _progress_lines() -> Any:
@@ -358,7 +296,7 @@ def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
 
     require_places(figure, force=force)
     save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
-    say(f"written: {figure}")
+    say_written([figure])
 
 
 def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
@@ -377,4 +315,4 @@ def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
             file.write(text.encode())
     else:
         save_run(sweep_member(store, member), out, force=force)
-    say(f"written: {out}; {hint(f'nontwist {command} {typed(out)}')}")
+    say_written([out], f"nontwist {command} {typed(out)}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import warnings
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,8 +12,8 @@ import typer
 
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Debug, Force, given_again, reads, require_suffix
-from .outcomes import about, largest_turn, require_readable, say, smooth, words
+from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
+from .outcomes import about, largest_turn, require_readable, say, smooth
 from .summaries import typed
 
 if TYPE_CHECKING:
@@ -24,102 +23,69 @@ if TYPE_CHECKING:
 
 STEPS = 10**6  # of a run whose states are completed, which takes as long as the run
 
-Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
+Show = Annotated[bool, Opt("Open the page in the browser.", option="--open/--no-open")]
 
 
 def _camera(text: str) -> Any:
-    try:
-        azimuth, elevation = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is not two angles like 35,20") from error
-    return azimuth, elevation
+    return numbers_of(text, "two angles like 35,20")
 
 
-@reads()
+LENGTH = Opt(
+    "Length of the film until its last picture, which stands for 1.5 s; the length of the run shows it in real time.",
+    "SECONDS",
+    default="8",
+    least=0.1,
+)
+FPS = Opt(
+    "Pictures per second of the film; a GIF shows each for whole hundredths of a second: 15 becomes 14.3.",
+    "RATE",
+    default="12.5 (GIF), 25 (MP4)",
+    least=0.1,
+    most=50,
+)
+WIDTH = Opt(
+    "Width of the whole film or picture.",
+    "PIXELS",
+    default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
+    least=100,
+    most=4096,
+)
+CAMERA = Opt(
+    "Direction from which films and pictures are seen, degrees: 35,20.",
+    "AZIMUTH,ELEVATION",
+    default="from the side of the paths; under gravity from above the horizon",
+    parser=_camera,
+)
+LABELS = Opt(
+    "Name of the run; of two, separated by a comma.",
+    "A[,B]",
+    default="titles, or kinds of the bodies, with the names of the files where they are equal",
+)
+TITLE = Opt("Title of the page, film or picture.", "TEXT", default="that of the run file")
+
+
 def view_command(
     ctx: typer.Context,
-    run: Annotated[
-        Path,
-        typer.Argument(metavar="RUN", help="Run or twist result (NetCDF), or recording of any format."),
-    ],
-    other: Annotated[
-        Path | None, typer.Argument(metavar="[RUN2]", help="Second run or recording, shown next to RUN.")
-    ] = None,
+    run: Annotated[Path, argument("RUN", "Run or twist result (NetCDF), or recording of any format.")],
+    other: Annotated[Path | None, argument("[RUN2]", "Second run or recording, shown next to RUN.")] = None,
     *,
-    reading: Any,
-    first: Annotated[
-        float | None,
-        typer.Option("--from", metavar="T", help="Start of the part to show, s.", show_default="the start"),
-    ] = None,
-    last: Annotated[
-        float | None, typer.Option("--to", metavar="T", help="End of the part to show, s.", show_default="the end")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
-    ] = None,
-    gif: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a film instead (.gif).")] = None,
-    mp4: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a film instead (.mp4); needs ffmpeg.")] = None,
-    png: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Write a picture of one moment instead (.png).")
-    ] = None,
-    at: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time of --png.", show_default="the end")] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            min=0.1,
-            help="Length of the film until its last picture, which stands for 1.5 s; the length of the run shows it in "
-            "real time.",
-            show_default="8",
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(
-            metavar="RATE",
-            min=0.1,
-            max=50,
-            help="Pictures per second of the film; a GIF shows each for whole hundredths of a second: 15 becomes 14.3.",
-            show_default="12.5 (GIF), 25 (MP4)",
-        ),
-    ] = None,
-    width: Annotated[
-        int | None,
-        typer.Option(
-            metavar="PIXELS",
-            min=100,
-            max=4096,
-            help="Width of the whole film or picture.",
-            show_default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
-        ),
-    ] = None,
-    camera: Annotated[
-        Any,
-        typer.Option(
-            metavar="AZIMUTH,ELEVATION",
-            help="Direction from which films and pictures are seen, degrees: 35,20.",
-            show_default="from the side of the paths; under gravity from above the horizon",
-            parser=_camera,
-        ),
-    ] = None,
-    dark: Annotated[
-        bool, typer.Option("--dark", help="Use the colours of the dark page in films and pictures.")
-    ] = False,
-    labels: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A[,B]",
-            help="Name of the run; of two, separated by a comma.",
-            show_default="titles, or kinds of the bodies, with the names of the files where they are equal",
-        ),
-    ] = None,
-    title: Annotated[
-        str | None,
-        typer.Option(metavar="TEXT", help="Title of the page, film or picture.", show_default="that of the run file"),
-    ] = None,
+    reading: Annotated[dict[str, Any], Reading()],
+    first: Annotated[float | None, Opt("Start of the part to show, s.", "T", "--from", default="the start")] = None,
+    last: Annotated[float | None, Opt("End of the part to show, s.", "T", "--to", default="the end")] = None,
+    out: Annotated[Path | None, Opt("Page to write (.html).", "PATH", default="RUN-view.html here")] = None,
+    gif: Annotated[Path | None, Opt("Write a film instead (.gif).", "PATH")] = None,
+    mp4: Annotated[Path | None, Opt("Write a film instead (.mp4); needs ffmpeg.", "PATH")] = None,
+    png: Annotated[Path | None, Opt("Write a picture of one moment instead (.png).", "PATH")] = None,
+    at: Annotated[float | None, Opt("Time of --png.", "SECONDS", default="the end")] = None,
+    seconds: Annotated[float | None, LENGTH] = None,
+    fps: Annotated[float | None, FPS] = None,
+    width: Annotated[int | None, WIDTH] = None,
+    camera: Annotated[Any, CAMERA] = None,
+    dark: Annotated[bool, Opt("Use the colours of the dark page in films and pictures.")] = False,
+    labels: Annotated[str | None, LABELS] = None,
+    title: Annotated[str | None, TITLE] = None,
     show: Show = True,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
@@ -138,17 +104,16 @@ def view_command(
         kind = out.suffix.lower()
         hint = f"; {kind.replace('.', '--')} {out} writes that" if kind in (".gif", ".mp4", ".png") else ""
         require_suffix(out, ".html", instead=hint)
-    films = {gif: ".gif", mp4: ".mp4", png: ".png"}
-    films.pop(None, None)
+    given_films = {".gif": gif, ".mp4": mp4, ".png": png}
+    films = {path: kind for kind, path in given_films.items() if path is not None}
     for path, kind in films.items():
-        if path is not None and path.suffix.lower() != kind:
-            raise typer.BadParameter(f"{path} does not end in {kind}", param_hint=f"--{kind[1:]}")
-    if mp4 is not None and shutil.which("ffmpeg") is None:
-        raise typer.BadParameter(NO_FFMPEG, param_hint="--mp4")
-    if first is not None and last is not None and first >= last:
-        raise typer.BadParameter(f"must be after --from, {first:g}, got {last:g}", param_hint="--to")
-    if at is not None and png is None:
-        raise typer.BadParameter("applies to --png only; add --png PATH", param_hint="--at")
+        require_suffix(path, kind, option=f"--{kind[1:]}")
+    is_empty = first is not None and last is not None and first >= last
+    refuse(
+        (mp4 is not None and shutil.which("ffmpeg") is None, "--mp4", NO_FFMPEG),
+        (is_empty, "--to", f"must be after --from, {first}, got {last}"),
+        (at is not None and png is None, "--at", "applies to --png only; add --png PATH"),
+    )
     moving = [path for path in (gif, mp4) if path is not None]
     for option, value, where in (
         ("--dark", dark or None, films),
@@ -157,43 +122,32 @@ def view_command(
         ("--seconds", seconds, moving),
         ("--fps", fps, moving),
     ):
-        if value is not None and not where:
-            kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
-            other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
-            raise typer.BadParameter(f"applies to {kinds} only; add one of them{other_way}", param_hint=option)
+        kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
+        other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
+        is_lost = value is not None and not where
+        refuse((is_lost, option, f"applies to {kinds} only; add one of them{other_way}"))
     names = None
     if labels is not None:  # one run alone may have a comma in its label
         names = [labels] if other is None else [label.strip() for label in labels.split(",")]
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
     inputs = [run] if other is None else [run, other]
-    if names is not None and len(names) != len(inputs):
-        raise typer.BadParameter(f"{labels!r} is not two labels, A,B, without other commas", param_hint="--labels")
+    is_odd = names is not None and len(names) != len(inputs)
+    refuse((is_odd, "--labels", f"{labels!r} is not two labels, A,B, without other commas"))
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
     given = given_again(ctx, specs(ReadOptions))
     if given and all(map(_is_result, inputs)):
-        raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=given[0])
-    require_free(*(path for path in (target, *films) if path is not None), force=force)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        runs = [_read(path, reading, slice(first, last), given) for path in inputs]
-        page = view(*runs, title=title, labels=names) if target is not None else None
-        look: dict[str, Any] = {
-            "width": width,
-            "labels": names,
-            "title": title,
-            "camera": camera,
-            "dark": dark,
-            "force": force,
-        }
-        for path in moving:
-            save_film(runs, path, seconds=seconds, rate=fps, **look)
-        if png is not None:
-            save_still(runs, png, at, **look)
-    for warning in caught:
-        say(f"warning: {words(warning.message)}")
-    for path in filter(None, (gif, mp4, png)):
+        refuse((True, given[0], f"applies to recordings only; {run} is a result"))
+    require_free(*films, *([] if target is None else [target]), force=force)
+    runs = [_read(path, reading, slice(first, last), given) for path in inputs]
+    page = view(*runs, title=title, labels=names) if target is not None else None
+    look: dict[str, Any] = {"width": width, "labels": names, "title": title, "camera": camera, "dark": dark}
+    for path in moving:
+        save_film(runs, path, seconds=seconds, rate=fps, force=force, **look)
+    if png is not None:
+        save_still(runs, png, at, force=force, **look)
+    for path in films:
         say(f"written: {path} ({path.stat().st_size / 1e3:.0f} kB)")
     if page is not None and target is not None:
         _deliver(page, target, show, force)
@@ -266,10 +220,9 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
 
 
 def play_command(
-    out: Annotated[Path, typer.Option(metavar="PATH", help="Page to write (.html).")] = Path("playground.html"),
+    out: Annotated[Path, Opt("Page to write (.html).", "PATH")] = Path("playground.html"),
     show: Show = True,
     force: Force = False,
-    debug: Debug = False,
 ) -> None:
     """Write and open the playground: two bodies get the same kick, and one of them may not twist.
 

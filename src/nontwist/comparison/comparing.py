@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     import xarray
 
 FEW = 4
-COMPARED = ("step", "tolerance", "integrator", "order", "store")  # which a problem may have
+BESIDE = ("step", "tolerance", "integrator", "order", "store")  # which a problem may have
 
 
 @takes(OfComparison, "progress")
@@ -122,9 +122,7 @@ def compare(
     """
     schemes = chosen(integrators)
     repeats = as_whole(repeats, "repeats", 1)
-    problem = posed(
-        "compare", system, keywords, OfComparison, aside=("step", "tolerance", "integrator", "order", "store")
-    )
+    problem = posed("compare", system, keywords, OfComparison, aside=BESIDE)
     body, load, t_end = as_system(problem.system), as_load(problem.load), problem.t_end
     arguments = {name: getattr(problem, name) for name in OfComparison.__annotations__ if name != "t_end"}
     arguments["load"] = load

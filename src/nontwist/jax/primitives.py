@@ -6,7 +6,7 @@ Linear arguments have the full length, so that transposes have the shapes of wha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -67,53 +67,38 @@ def _split(call: Call, arrays: Sequence[Any]) -> tuple[Sequence[Any], Sequence[A
     return arrays[: len(call.names)], arrays[len(call.names) :]
 
 
-def _run_here(call: Call, *values: Array) -> list[Array]:
-    shapes = call.shapes(call.names)
-    mapped = np.broadcast_shapes(*(_mapped(value, shape) for value, shape in zip(values, shapes, strict=True)))
-    if not mapped:
-        return list(call.problem.run(dict(zip(call.names, values, strict=True))))
-    found = [np.empty((*mapped, *shape)) for shape in call.states]
-    for where, own in _same(call, values, mapped):
-        for all_of_them, states in zip(found, call.problem.run(own), strict=True):
-            all_of_them[where] = states
-    return found
+Shapes = Callable[[Call], list[tuple[int, ...]]]
+Compute = Callable[[Call, dict[str, Any], list[Array]], Iterable[Array]]
 
 
-def _push_here(call: Call, *arrays: Array) -> list[Array]:
-    values, tangents = _split(call, arrays)
-    shapes = call.shapes(call.wrt)
-    mapped = _mapped(tangents[0], shapes[0])
-    found = [np.empty((*mapped, *shape)) for shape in call.states]
-    for where, own in _same(call, values, mapped):
-        along = {
-            name: tangent[where].reshape(-1, *shape)
-            for name, tangent, shape in zip(call.wrt, tangents, shapes, strict=True)
-        }
-        for all_of_them, changes in zip(found, call.problem.push(own, along), strict=True):
-            all_of_them[where] = changes.reshape(all_of_them[where].shape)
-    return found
+def _primitive(name: str, compute: Compute, linear: Shapes, results: Shapes) -> Primitive:
+    """Return a primitive that is computed on the host: at once outside of `jit`, else by a callback.
 
-
-def _pull_here(call: Call, *arrays: Array) -> list[Array]:
-    values, slopes = _split(call, arrays)
-    mapped = _mapped(slopes[0], call.states[0])
-    found = {name: np.empty((*mapped, *shape)) for name, shape in zip(call.wrt, call.shapes(call.wrt), strict=True)}
-    for where, own in _same(call, values, mapped):
-        rows = [one[where].reshape(-1, *shape) for one, shape in zip(slopes, call.states, strict=True)]
-        for name, gradient in call.problem.pull(own, call.wrt, *rows).items():
-            found[name][where] = gradient.reshape(found[name][where].shape)
-    return list(found.values())
-
-
-def _primitive(name: str, here: Callable[..., list[Array]], results: Callable[[Call], Any], first: Any) -> Primitive:
-    """Return a primitive that is computed on the host: at once outside of `jit`, else by a callback."""
+    Parameters
+    ----------
+    name : str
+    compute : callable
+        From values that are not mapped, and linear arguments with one mapped axis in front, to results with this axis.
+    linear, results : callable
+        The shapes of the linear arguments, and of the results, without mapped axes.
+    """
     made = Primitive(f"nontwist_{name}")
     made.multiple_results = True
 
-    def shapes(call: Call, arrays: Sequence[Any]) -> list[Any]:
-        known = first(call)
+    def shapes(call: Call, arrays: Sequence[Any]) -> list[tuple[int, ...]]:
+        known = call.shapes(call.names) + linear(call)
         mapped = np.broadcast_shapes(*(_mapped(one, shape) for one, shape in zip(arrays, known, strict=True)))
-        return [jax.ShapeDtypeStruct((*mapped, *shape), np.dtype(np.float64)) for shape in results(call)]
+        return [(*mapped, *shape) for shape in results(call)]
+
+    def here(call: Call, *arrays: Array) -> list[Array]:
+        values, others = _split(call, arrays)
+        found = [np.empty(shape) for shape in shapes(call, arrays)]
+        mapped = found[0].shape[: found[0].ndim - len(results(call)[0])]
+        for where, own in _same(call, values, mapped):
+            rows = [one[where].reshape(-1, *shape) for one, shape in zip(others, linear(call), strict=True)]
+            for whole, part in zip(found, compute(call, own, rows), strict=True):
+                whole[where] = part.reshape(whole[where].shape)
+        return found
 
     def at_once(*arrays: Any, call: Call) -> list[Any]:
         return [jnp.asarray(one) for one in here(call, *map(np.asarray, arrays))]
@@ -122,11 +107,12 @@ def _primitive(name: str, here: Callable[..., list[Array]], results: Callable[[C
         def on_host(*given: Any) -> list[Array]:
             return here(call, *map(np.asarray, given))
 
-        found: list[Any] = jax.pure_callback(on_host, shapes(call, arrays), *arrays, vmap_method="sequential")
+        promised = [jax.ShapeDtypeStruct(shape, np.dtype(np.float64)) for shape in shapes(call, arrays)]
+        found: list[Any] = jax.pure_callback(on_host, promised, *arrays, vmap_method="sequential")
         return found
 
     def abstract(*arrays: Any, call: Call) -> list[Any]:
-        return [jax.core.ShapedArray(one.shape, one.dtype) for one in shapes(call, arrays)]
+        return [jax.core.ShapedArray(shape, np.dtype(np.float64)) for shape in shapes(call, arrays)]
 
     def mapped(arrays: Sequence[Any], axes: Sequence[Any], call: Call) -> Any:
         size = next(one.shape[axis] for one, axis in zip(arrays, axes, strict=True) if axis is not None)
@@ -146,13 +132,17 @@ def _primitive(name: str, here: Callable[..., list[Array]], results: Callable[[C
     return made
 
 
-run_p = _primitive("run", _run_here, lambda call: call.states, lambda call: call.shapes(call.names))
-push_p = _primitive(
-    "push", _push_here, lambda call: call.states, lambda call: call.shapes(call.names) + call.shapes(call.wrt)
-)
-pull_p = _primitive(
-    "pull", _pull_here, lambda call: call.shapes(call.wrt), lambda call: call.shapes(call.names) + call.states
-)
+def _push_here(call: Call, values: dict[str, Any], tangents: list[Array]) -> Iterable[Array]:
+    return call.problem.push(values, dict(zip(call.wrt, tangents, strict=True)))
+
+
+def _pull_here(call: Call, values: dict[str, Any], slopes: list[Array]) -> Iterable[Array]:
+    return call.problem.pull(values, call.wrt, *slopes).values()
+
+
+run_p = _primitive("run", lambda call, values, _: call.problem.run(values), lambda call: [], lambda call: call.states)
+push_p = _primitive("push", _push_here, lambda call: call.shapes(call.wrt), lambda call: call.states)
+pull_p = _primitive("pull", _pull_here, lambda call: call.states, lambda call: call.shapes(call.wrt))
 
 
 def _jvp_of_run(values: Sequence[Any], tangents: Sequence[Any], call: Call) -> Any:

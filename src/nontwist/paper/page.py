@@ -26,7 +26,7 @@ FIGURES = {  # its figures by their labels, each of one or two pictures, with ca
 }
 DRAWN = {name for pictures in FIGURES.values() for name in pictures}
 TABLES = {"sqp": "second_quotient", "invariants": "invariants"}
-HEADS = ("t (s)", "quantity", "printed", "computed", "difference", "verdict")
+HEADS = ("t (s)", "quantity", "printed", "computed", "difference", "")
 CAPTIONS = {
     "second_quotient": f"Second quotient of precision; agrees within {QUOTIENT_TOLERANCE:g}",
     "invariants": "Motion invariants; printed digits are truncated",
@@ -82,9 +82,7 @@ def _figure(number: int, title: str, pictures: dict[str, str], folder: Path) -> 
 
 
 def _table(title: str, table: Table) -> str:
-    heads = "".join(
-        f'<th scope="col">{head}</th>' for head in ("t (s)", "quantity", "printed", "computed", "difference", "")
-    )
+    heads = "".join(f'<th scope="col">{head}</th>' for head in HEADS)
     lines = []
     for row in table.rows:
         name = row.quantity if row.unit == "1" else f"{row.quantity} ({row.unit.replace('m2', 'm²')})"

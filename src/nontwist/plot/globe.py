@@ -8,6 +8,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.stacks import arcs
+from ..viewer.cameras import Camera
 from .looks import LEAST, Look, contrast, handle, legend, pale
 
 if TYPE_CHECKING:
@@ -52,10 +53,7 @@ def _width_seen(x: Array) -> float:
 
 
 def _axes(elevation: float, azimuth: float) -> Array:
-    e, a = np.radians([elevation, azimuth])
-    right = np.array([-np.sin(a), np.cos(a), 0])
-    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    return np.stack([right, np.cross(towards, right), towards])
+    return Camera(*np.radians([azimuth, elevation])).view()
 
 
 def spaced(d: Array) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..recordings.twisting import twist_of_run
-from ..viewer.content import FAR
+from ..viewer.content import FAR, turns_between
+from ..viewer.panels import extremes
 from .journals import axes_for, style
 from .looks import Look, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
 
@@ -60,9 +61,10 @@ def over_time(
             ax.set_yscale("log")
         for label, own in table.items():
             for name, curve in own.items():
-                t, y = decimated(curve[curve.dims[0]].values, curve.values)
+                t, y = curve[curve.dims[0]].values, curve.values
+                kept = extremes(y, MOST)  # of a long curve, which looks the same
                 line: Look = {"label": ", ".join(filter(None, (name, label)))} | look[name, label]
-                lines += ax.plot(t, y, **line)
+                lines += ax.plot(t[kept], y[kept], **line)
         _time_axis(ax, [run["time"] for run in runs.values()])
         _at_least(ax, _SPAN)
         ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
@@ -78,7 +80,7 @@ def _warn_of_polygons(runs: dict[str, Any]) -> None:
         if "system" not in run.attrs or "quaternion" not in run or not 1 < run.sizes["time"] < _FEW:
             continue
         p = variable(run, label, "quaternion").transpose("time", ...).values
-        turn = 2 * float(np.arccos(np.minimum(abs(np.sum(p[1:] * p[:-1], axis=1)), 1.0)).max())
+        turn = float(turns_between(p).max())
         if turn > FAR:
             warn(
                 f"the run {label + ' ' if label else ''}has {len(p)} states, between which the body turns by up to "
@@ -115,7 +117,7 @@ def _swings(y: Array) -> int:
     if y.size == 0:
         return 0
     gap, count, sign, furthest = 0.25 * float(np.ptp(y)), 0, 1.0, float(y[0])
-    for value in map(float, decimated(y, y)[1]):
+    for value in map(float, y[extremes(y, MOST)]):
         if sign * (value - furthest) >= 0:
             furthest = value
         elif sign * (furthest - value) > gap:
@@ -129,20 +131,6 @@ def _at_least(ax: Axes, span: float) -> None:
     short = span * max(abs(low), abs(high)) - (high - low)
     if short > 0:
         ax.set_ylim(low - short / 2, high + short / 2)
-
-
-def decimated(time: Array, y: Array) -> tuple[Array, Array]:
-    """Keep the extremes of each of `MOST` / 2 sections of a long curve, which looks the same."""
-    if y.size <= MOST:
-        return time, y
-    size = y.size // (MOST // 2)
-    count = y.size // size
-    sections = y[: count * size].reshape(count, size)
-    low = np.where(np.isnan(sections), np.inf, sections).argmin(axis=1)
-    high = np.where(np.isnan(sections), -np.inf, sections).argmax(axis=1)
-    first = np.arange(count) * size
-    index = np.unique(np.concatenate([first + low, first + high, [0, y.size - 1]]))
-    return time[index], y[index]
 
 
 # The twist of a motion: how much the body turned about its own axis.

@@ -63,9 +63,8 @@ from numpy.typing import ArrayLike
 from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, coordinates
 from ..geometry.arrays import Array, as_array, as_floats
-from ..geometry.directors import triad_about
 from ..geometry.frame_kernels import transport
-from ..geometry.frames import estimates, rolls
+from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.stacks import EPS, arcs, norm, principal_angle
 from ..geometry.twist_kernels import angles, body_axes
 from ..geometry.values import among, counted, shown

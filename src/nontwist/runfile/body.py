@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import Field, create_model
 
 from ..geometry.arrays import Array
 from ..models.bodies import BODIES
 from ..models.catalogue import with_gravity
-from ..models.inertia import (
-    of_cuboid,
-    of_cylinder,
-    of_ellipsoid,
-    of_points,
-    shift,
-)
+from ..models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
 from ..models.mesh import MassProperties, of_mesh
 from ..models.system import DirectorSystem
 from .folder import Folder
-from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
+from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry, words_of
+from .toml_data import Fault, shown
 
 # Inertias made from a shape: `inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }`.
 #
@@ -37,52 +33,48 @@ class Maker(Section):
         """Return mass, centre of mass and inertia about the point from which the shape is `offset` away."""
 
 
-class Cuboid(Maker):
+class Solid(Maker):
+    """A shape whose keys are the arguments of the function `inertia`, which is about its centre."""
+
+    inertia: ClassVar[Callable[..., Array]]
+    mass: Positive = entry("a positive number, kg")
+
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
+        """Return mass, centre of mass and inertia."""
+        return _shifted(self.mass, offset, type(self).inertia(**self.model_dump()))
+
+
+class Cuboid(Solid):
     """A solid cuboid."""
 
-    mass: Positive = Field(description="a positive number, kg")
-    lengths: Annotated[list[Positive], Field(min_length=3, max_length=3)] = Field(
-        description="3 positive numbers, m: the edges along the body axes"
-    )
-
-    def made(self, offset: Array, folder: Folder) -> MassProperties:
-        """Return mass, centre of mass and inertia."""
-        return _shifted(self.mass, offset, of_cuboid(self.mass, self.lengths))
+    inertia = of_cuboid
+    lengths: list[Positive] = entry("3 positive numbers, m: the edges along the body axes", min_length=3, max_length=3)
 
 
-class Cylinder(Maker):
+class Cylinder(Solid):
     """A circular cylinder, solid or hollow."""
 
-    mass: Positive = Field(description="a positive number, kg")
-    radius: Positive = Field(description="a positive number, m")
-    length: Positive = Field(description="a positive number, m")
-    inner_radius: Annotated[float, Field(ge=0)] = Field(default=0.0, description="a number from 0 to the radius, m")
-    axis: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "along the cylinder, in body components")
-
-    def made(self, offset: Array, folder: Folder) -> MassProperties:
-        """Return mass, centre of mass and inertia."""
-        J = of_cylinder(self.mass, self.radius, self.length, inner_radius=self.inner_radius, axis=self.axis)
-        return _shifted(self.mass, offset, J)
+    inertia = of_cylinder
+    radius: Positive = entry("a positive number, m")
+    length: Positive = entry("a positive number, m")
+    inner_radius: float = entry("a number from 0 to the radius, m", 0.0, ge=0)
+    axis: Axis = entry(AN_AXIS + "along the cylinder, in body components", [0.0, 0.0, 1.0])
 
 
-class Ellipsoid(Maker):
+class Ellipsoid(Solid):
     """A solid ellipsoid."""
 
-    mass: Positive = Field(description="a positive number, kg")
-    semi_axes: Annotated[list[Positive], Field(min_length=3, max_length=3)] = Field(
-        description="3 positive numbers, m: along the body axes; three times the radius for a sphere"
+    inertia = of_ellipsoid
+    semi_axes: list[Positive] = entry(
+        "3 positive numbers, m: along the body axes; three times the radius for a sphere", min_length=3, max_length=3
     )
-
-    def made(self, offset: Array, folder: Folder) -> MassProperties:
-        """Return mass, centre of mass and inertia."""
-        return _shifted(self.mass, offset, of_ellipsoid(self.mass, self.semi_axes))
 
 
 class Points(Maker):
     """Point masses."""
 
-    masses: list[Annotated[float, Field(ge=0)]] = Field(description="numbers >= 0, kg, one for each point")
-    positions: list[Vector] = Field(description="rows of 3 numbers, m: the points, in body components")
+    masses: list[Annotated[float, Field(ge=0)]] = entry("numbers >= 0, kg, one for each point")
+    positions: list[Vector] = entry("rows of 3 numbers, m: the points, in body components")
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
@@ -96,12 +88,12 @@ class Points(Maker):
 class Mesh(Maker):
     """A closed surface of triangles from a file."""
 
-    file: str = Field(description="a closed mesh (STL, OBJ, PLY, ...), relative to the run file, in quotes")
-    density: Positive | None = Field(default=None, description="a positive number, kg/m³; or mass is given")
-    mass: Positive | None = Field(default=None, description="a positive number, kg; or density is given")
-    scale: Positive = Field(default=1.0, description="a positive number, m: the unit of the file; 0.001 for mm")
-    about: Literal["centre_of_mass", "origin"] = Field(
-        default="centre_of_mass", description='the fixed point: "centre_of_mass", or "origin" of the mesh'
+    file: str = entry("a closed mesh (STL, OBJ, PLY, ...), relative to the run file, in quotes")
+    density: Positive | None = entry("a positive number, kg/m³; or mass is given", None)
+    mass: Positive | None = entry("a positive number, kg; or density is given", None)
+    scale: Positive = entry("a positive number, m: the unit of the file; 0.001 for mm", 1.0)
+    about: Literal["centre_of_mass", "origin"] = entry(
+        'the fixed point: "centre_of_mass", or "origin" of the mesh', "centre_of_mass"
     )
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
@@ -130,7 +122,7 @@ MAKERS: dict[str, type[Maker]] = {
 class Placed(Section):
     """A shape, and where it is."""
 
-    offset: Vector = Field(default=[0.0, 0.0, 0.0], description="3 numbers, m: from the fixed point to the shape")
+    offset: Vector = entry("3 numbers, m: from the fixed point to the shape", [0.0, 0.0, 0.0])
 
     @property
     def chosen(self) -> list[str]:
@@ -146,8 +138,7 @@ class Placed(Section):
 
 
 _fields: dict[str, Any] = {
-    name: (maker | None, Field(default=None, description=f"a table: {maker.__doc__}".rstrip(".")))
-    for name, maker in MAKERS.items()
+    name: (maker | None, entry(f"a table: {maker.__doc__}".rstrip("."), None)) for name, maker in MAKERS.items()
 }
 if TYPE_CHECKING:
     MadeInertia = Placed
@@ -157,54 +148,59 @@ else:
 
 GRAVITY = [0.0, 0.0, -9.81]
 
-Inertia = Annotated[
-    Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")] | Annotated[MadeInertia, Tag("<table>")],
-    Discriminator(by_shape),
-]
-
 
 class SpinTable(Section):
     """A prescribed spin, linear between its times and constant outside."""
 
-    times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
-    values: list[float] = Field(description="a rate for each time, rad/s")
+    times: list[float] = entry("2 or more increasing numbers, s", min_length=2)
+    values: list[float] = entry("a rate for each time, rad/s")
 
 
 class Body(Section):
     """The body: its kind, its inertia about the fixed point, its spin, and its weight where gravity acts."""
 
     kind: Annotated[str, OneOf(BODIES, " or ", open=True)]
-    inertia: Inertia = Field(
-        description="inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, "
-        "or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
+    inertia: Annotated[Vector | Matrix | MadeInertia, BY_FORM] = entry(
+        "inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { "
+        "mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
     )
-    axis: Axis | None = Field(default=None, description=AN_AXIS + "the held direction in the body")
-    mass: Positive | None = Field(default=None, description="a positive number, kg")
-    centre_of_mass: Vector | None = Field(
-        default=None, description="3 numbers, m: from the fixed point to the centre of mass, in body components"
+    axis: Axis | None = entry(AN_AXIS + "the held direction in the body", None)
+    mass: Positive | None = entry("a positive number, kg", None)
+    centre_of_mass: Vector | None = entry(
+        "3 numbers, m: from the fixed point to the centre of mass, in body components", None
     )
-    gravity: Vector | None = Field(default=None, description="3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default")
-
-    spin: (
-        Annotated[
-            Annotated[SpinTable, Tag("<table>")] | Annotated[float, Tag("<number>")],
-            Discriminator(by_shape),
-        ]
-        | None
-    ) = Field(
-        default=None,
-        description="a number, rad/s: the prescribed rate about the third axis; or a table with the keys times and "
-        "values",
+    gravity: Vector | None = entry("3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default", None)
+    spin: Annotated[SpinTable | float, BY_FORM] | None = entry(
+        "a number, rad/s: the prescribed rate about the third axis; or a table with the keys times and values", None
     )
-
-    physical: bool | None = Field(
-        default=None, description="false for an inertia that no distribution of mass has, as in some published problems"
+    physical: bool | None = entry(
+        "false for an inertia that no distribution of mass has, as in some published problems", None
     )
 
     @property
     def takes(self) -> tuple[str, ...]:
         """The keys that this kind of body needs."""
         return BODIES[self.kind].takes
+
+    def unfit(self) -> Iterator[Fault]:
+        """Yield keys that this kind of body, or of inertia, lacks or does not have."""
+        for name, others in (("axis", "an axis"), ("physical", "physical"), ("spin", "a spin")):
+            if name not in self.takes and (value := getattr(self, name)) is not None:
+                able = [f'"{kind}"' for kind, one in BODIES.items() if name in one.takes]
+                takes = f"{' and '.join(able)} take{'s' * (len(able) == 1)} {others}"
+                yield Fault(f"body.{name}", shown(value), f'left out for kind = "{self.kind}"; {takes}')
+        if "axis" in self.takes and self.axis is None:
+            yield Fault("body.axis", "missing", words_of(Body, "axis"))
+        weight = {name: getattr(self, name) for name in ("mass", "centre_of_mass")}
+        if isinstance(self.inertia, MadeInertia):
+            if len(self.inertia.chosen) != 1:
+                given = f"a table with {' and '.join(self.inertia.chosen) or 'no shape'}"
+                yield Fault("body.inertia", given, f"a table with one of {', '.join(MAKERS)}")
+            brought = "left out: the shape in body.inertia brings it"
+            yield from (Fault(f"body.{name}", shown(x), brought) for name, x in weight.items() if x is not None)
+        elif "mass" in self.takes or (self.gravity, *weight.values()) != (None, None, None):
+            for name in (name for name, value in weight.items() if value is None):
+                yield Fault(f"body.{name}", "missing", f"{words_of(Body, name)}, where gravity acts")
 
     def weight(self, folder: Folder) -> tuple[float, Array] | None:
         """Return mass and centre of mass where gravity acts, None where it does not."""
@@ -226,6 +222,6 @@ class Body(Section):
         spin = (self.spin.times, self.spin.values) if isinstance(self.spin, SpinTable) else self.spin
         given = {"inertia": J, "axis": self.axis, "spin": spin, "physical": self.physical, **heavy}
         kind = BODIES[self.kind]
-        own = {key for key in ("gravity", "spin", "physical") if getattr(self, key) is None and key in kind.has_default}
-        system = kind.make(**{key: given[key] for key in self.takes if key not in own})
+        own = {name for name in ("gravity", "spin", "physical") if getattr(self, name) is None} & kind.has_default
+        system = kind.make(**{name: given[name] for name in self.takes if name not in own})
         return system if weight is None or "mass" in self.takes else with_gravity(system, **heavy)

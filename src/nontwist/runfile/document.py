@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema
 
 from ..driver import simulate
 from ..driver.planning import known_body
 from ..driver.prepared import Forecast, Prepared
 from ..driver.prepared import forecast as forecast_of
-from ..driver.problem import Problem, problem_with
+from ..driver.problem import Problem, prepared, problem_with
 from ..errors import RunFileError
 from ..geometry.values import as_list, as_path
 from ..geometry.values import shown as in_python
@@ -27,13 +28,13 @@ from ..io.whole import require_regular
 from ..loads import Load
 from ..units import RATE, in_datasets
 from .body import Body
-from .checks import prepare
+from .checks import posed
 from .folder import Folder
 from .loads import AnyLoad, LoadSection, Place
-from .section import Fault, Keys, Section, path_in, problems_of, shown, toml_text
+from .section import Faults, Section, entry, path_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time
-from .toml_data import LARGEST, document, overridden, parsed
+from .toml_data import LARGEST, Fault, document, overridden, parsed, shown, toml_text
 
 if TYPE_CHECKING:
     import xarray
@@ -51,23 +52,19 @@ class RunFile(Section):
         The tables of the file with defaults filled in; `sweep` is None if there is no such table.
     """
 
-    title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] | None = Field(
-        default=None, description="a line of text in quotes, at most 200 characters"
+    title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] | None = entry(
+        "a line of text in quotes, at most 200 characters", None
     )
-    body: Body = Field(description="a table [body]")
-    start: Start = Field(default=Start(), description="a table [start]")
-    load: Annotated[list[AnyLoad], Field(max_length=MOST_LOADS)] = Field(
-        default=[], description=f"tables [[load]], in double brackets, at most {MOST_LOADS}"
+    body: Body = entry("a table [body]")
+    start: Start = entry("a table [start]", Start())
+    load: list[AnyLoad] = entry(f"tables [[load]], in double brackets, at most {MOST_LOADS}", [], max_length=MOST_LOADS)
+    time: Time = entry("a table [time]")
+    integrator: Integrator = entry("a table [integrator]", Integrator())
+    event: list[AnyEvent] = entry(
+        f"tables [[event]], in double brackets, at most {MOST_EVENTS}", [], max_length=MOST_EVENTS
     )
-    time: Time = Field(description="a table [time]")
-    integrator: Integrator = Field(default=Integrator(), description="a table [integrator]")
-    event: Annotated[list[AnyEvent], Field(max_length=MOST_EVENTS)] = Field(
-        default=[], description=f"tables [[event]], in double brackets, at most {MOST_EVENTS}"
-    )
-    output: Output = Field(default=Output(), description="a table [output]")
-    sweep: Sweep | None = Field(
-        default=None, description="a table [sweep]: many runs, each with numbers of its own, for nontwist sweep"
-    )
+    output: Output = entry("a table [output]", Output())
+    sweep: Sweep | None = entry("a table [sweep]: many runs, each with numbers of its own, for nontwist sweep", None)
     _folder: Folder = PrivateAttr(default_factory=lambda: Folder(Path()))
 
     def __copy__(self) -> Self:
@@ -84,31 +81,30 @@ class RunFile(Section):
         """Folder of the file, to which paths in the file are relative."""
         return self._folder.path
 
+    @property
+    def tables(self) -> dict[str, Any]:
+        """The tables, loads and events by their number."""
+        many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
+        return {key: getattr(self, key) for key in RunFile.model_fields} | many
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem that the file describes; a RunFileError lists all problems of tables that define none."""
+        faults = Faults()
+        made = posed(self.tables, self._folder, faults)
+        if made is None:
+            raise RunFileError("the run file", tuple(faults))
+        return problem_with(made[0].system, made[0].given, self)
+
     @cached_property
     def prepared(self) -> Prepared:
-        """The objects that a run needs, made once; a RunFileError lists all problems of tables that define no run."""
-        problems: list[Fault] = []
-        tables = {key: getattr(self, key) for key in RunFile.model_fields}
-        many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
-        made = prepare(tables | many, self._folder, problems)
-        if made is None:
-            raise RunFileError("the run file", tuple(problems))
-        return made
+        """The problem made ready to run, once."""
+        return prepared(self.problem)
 
     @property
     def has_lasting_loads(self) -> bool:
         """Whether a load begins or ends with the run, where the file does not say when."""
         return any(one.is_lasting for one in self.load)
-
-    @cached_property
-    def problem(self) -> Problem:
-        """The problem that the file describes."""
-        plan, system = self.prepared.plan, self._folder.system(self.body)
-        integrator = plan.scheme.name if plan.is_controlled and len(plan.schemes) > 1 else plan.scheme
-        time = self.time.model_dump(exclude={"times"}) | ({} if plan.asked is None else {"times": plan.asked})
-        events = {"events": [one.event() for one in self.event]} if self.event else {}
-        given = {"load": plan.load, "integrator": integrator, **self.start.arguments(self._folder), **time, **events}
-        return problem_with(system, {key: value for key, value in given.items() if value is not None}, self)
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
         """Run the problem of the file, with changes, recorded as the file; errors as `nontwist.simulate`."""
@@ -186,81 +182,63 @@ def file_of_text(name: str, text: str, folder: Path) -> RunFile:
 
 def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     """Return plain data as a run file; a RunFileError names all that is wrong."""
+    faults, further, cause, file, made = Faults(), Faults(), None, None, None
     try:
-        run_file = RunFile.model_validate(data)
+        file = RunFile.model_validate(data)
+        tables = file.tables
     except ValidationError as error:
-        problems = list(islice(problems_of(error, data, RunFile), MOST_PROBLEMS))
-        named, further = {problem.key for problem in problems}, list[Fault]()
-        if len(named) < MOST_PROBLEMS:
-            wrong = [path_in(data, one["loc"]) for one in error.errors()]
-            tables = _valid_tables(data, wrong)
-            prepared = prepare(tables, folder, further)
-            if data.get("sweep") is not None and (time := tables.get("time")) and (scheme := tables.get("integrator")):
-                further += step_problems(time.step, INTEGRATORS[scheme.name], prepared)
-        problems += [problem for problem in further if problem.key not in named]
-        raise RunFileError(name, _first(problems)) from error
-    run_file._folder, problems = folder, []
-    prepared = None
-    try:
-        prepared = run_file.prepared
-    except RunFileError as error:
-        problems += error.problems
-    if run_file.sweep is not None and not any(problem.key.startswith("sweep") for problem in problems):
-        problems += key_problems(run_file.sweep, run_file.model_dump(exclude_none=True), prepared)
-    if problems:
-        raise RunFileError(name, _first(problems))
-    try:
-        _ = run_file.prepared.states
-    except ValueError as error:
-        tolerance = run_file.time.tolerance
-        key, given = ("step", "missing") if tolerance is None else ("tolerance", shown(tolerance))
-        accepted = Time.model_fields[key].description or ""
-        raise RunFileError(name, (Fault(f"time.{key}", f"{given} ({error})", accepted),)) from error
-    return run_file
+        cause, tables = error, _standing(data)
+        faults += islice(problems_of(error, data, RunFile), MOST_PROBLEMS)
+    if len(faults) < MOST_PROBLEMS:
+        time, sweep, scheme = tables["time"], tables["sweep"], tables["integrator"]
+        made = posed(tables, folder, further)
+        ready = None if made is None else made[1]
+        if data.get("sweep") is not None and time is not None and scheme is not None:
+            further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
+        if file is not None and sweep is not None and not any(fault.key.startswith("sweep") for fault in further):
+            further += key_problems(sweep, file.model_dump(exclude_none=True))
+        if ready is not None and not further:
+            with further.of("time", time, "step" if time.tolerance is None else "tolerance"):
+                _ = ready.states
+    named = {fault.key for fault in faults}
+    faults += (fault for fault in further if fault.key not in named)
+    if len(faults) >= MOST_PROBLEMS:
+        more = Fault("the file", f"at least {MOST_PROBLEMS} problems", "none; the first are listed")
+        faults[MOST_PROBLEMS - 1 :] = [more]
+    if file is None or made is None or faults:
+        raise RunFileError(name, tuple(faults)) from cause
+    file._folder = folder
+    vars(file).update(problem=problem_with(made[0].system, made[0].given, file), prepared=ready)
+    return file
 
 
-def _first(problems: list[Fault]) -> tuple[Fault, ...]:
-    """Return the first problems; where there are many, that these are not all."""
-    if len(problems) < MOST_PROBLEMS:
-        return tuple(problems)
-    more = Fault("the file", f"at least {MOST_PROBLEMS} problems", "none; the first are listed")
-    return (*problems[: MOST_PROBLEMS - 1], more)
-
-
-def _valid_tables(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
-    """Return the tables that are of the right form once the keys at `wrong` are left out; loads by their number."""
-    tables = {key: data.get(key, {}) for key in ("body", "start", "time", "integrator", "sweep")}
-    loads = data.get("load", [])
-    entries = dict(enumerate(loads)) if isinstance(loads, list) else {}
-    for place in wrong:
-        if place[:2] == ("integrator", "name"):  # order and options belong to it
-            tables["integrator"] = None
-        elif place[:1] == ("load",):
-            entries = _without(entries, place[1:3])
-        else:
-            tables = _without(tables, place[:2])
-    parts = {key: _valid(key, value) for key, value in tables.items()}
-    load = {k: one for k, value in entries.items() if (one := _valid("load", value)) is not None}
-    return {key: part for key, part in parts.items() if part is not None} | {"load": load}
-
-
-def _without(tables: dict[Any, Any], place: Keys) -> dict[Any, Any]:
-    if len(place) == 2 and isinstance(tables.get(place[0]), dict):
-        rest = {key: value for key, value in tables[place[0]].items() if key != place[1]}
-        return tables | {place[0]: rest}
+def _standing(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables that are of the right form once wrong keys are left out; loads and events by their number."""
+    tables = {key: _stands(key, data.get(key, {})) for key in ("body", "start", "time", "integrator", "sweep")}
+    for key in ("load", "event"):
+        entries = data.get(key, [])
+        found = {k: _stands(key, one) for k, one in enumerate(entries if isinstance(entries, list) else [])}
+        tables[key] = {k: one for k, one in found.items() if one is not None}
     return tables
 
 
-def _valid(key: str, value: Any) -> Any:
-    try:
-        return _adapter(key).validate_python(value)
-    except ValidationError:
-        return None
+def _stands(key: str, value: Any) -> Any:
+    """Return a table, or None; the others of an integrator belong to its name, if that is wrong."""
+    for _ in range(2):
+        try:
+            return _adapter(key).validate_python(value)
+        except ValidationError as error:
+            wrong = {path[0] for one in error.errors() if (path := path_in(value, one["loc"]))}
+            if not wrong or "name" in wrong or not isinstance(value, dict):
+                break
+            value = {key: one for key, one in value.items() if key not in wrong}
+    return None
 
 
 @cache
 def _adapter(key: str) -> TypeAdapter[Any]:
-    form: Any = AnyLoad if key == "load" else RunFile.model_fields[key].annotation
+    forms: dict[str, Any] = {"load": AnyLoad, "event": AnyEvent}
+    form: Any = forms.get(key) or RunFile.model_fields[key].annotation
     return TypeAdapter(form)
 
 
@@ -288,27 +266,27 @@ def forecast(run_file: RunFile) -> Forecast:
 # The JSON Schema of run files, made from the tables themselves; committed as docs/runfile.schema.json.
 
 
-Schema = dict[str, Any]
+class _Schema(GenerateJsonSchema):
+    """TOML has no null, so neither has the schema: such keys are left out."""
+
+    def nullable_schema(self, schema: Any) -> dict[str, Any]:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: Any) -> dict[str, Any]:
+        return (
+            self.generate_inner(schema["schema"]) if schema.get("default") is None else super().default_schema(schema)
+        )
+
+    def encode_default(self, dft: Any) -> Any:
+        found = super().encode_default(dft)
+        return {key: one for key, one in found.items() if one is not None} if isinstance(found, dict) else found
 
 
-def json_schema() -> Schema:
-    """Return the schema (draft 2020-12). TOML has no null, so neither has the schema: such keys are left out."""
-    schema: Schema = _without_null(RunFile.model_json_schema())
+def json_schema() -> dict[str, Any]:
+    """Return the schema (draft 2020-12)."""
+    schema = RunFile.model_json_schema(schema_generator=_Schema)
     own = {"title": "nontwist run file", "description": "A run as a file describes it."}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, **own}
-
-
-def _without_null(schema: Any) -> Any:
-    if isinstance(schema, list):
-        return [_without_null(part) for part in schema]
-    if not isinstance(schema, dict):
-        return schema
-    kept = {key: _without_null(part) for key, part in schema.items() if part is not None}
-    if {"type": "null"} in (forms := kept.get("anyOf", [])):
-        forms = [form for form in forms if form != {"type": "null"}]
-        rest = {key: part for key, part in kept.items() if key != "anyOf"}
-        return {**forms[0], **rest} if len(forms) == 1 else {"anyOf": forms, **rest}
-    return kept
 
 
 # Units of the numbers of a run file, from the descriptions of their keys.

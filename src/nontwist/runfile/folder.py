@@ -22,7 +22,7 @@ from ..models.mesh import read_mesh
 from ..recordings.table import number, place
 from ..recordings.text import read_table as read_text_table
 from ..units import MOMENT, MOMENTUM, TIME, known, split_unit
-from .section import LARGEST_NUMBER
+from .toml_data import LARGEST_NUMBER
 
 if TYPE_CHECKING:
     from ..models.system import DirectorSystem

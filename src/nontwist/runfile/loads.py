@@ -13,15 +13,16 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import Field, create_model
 
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
 from ..loads.terms import FRAME, ForceTerm, own_fields
 from ..spec import Spec, specs
 from .folder import Folder
 from .folder import Table as CsvTable
-from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
+from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
 
+FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
 
 
@@ -34,7 +35,7 @@ class Place(NamedTuple):
 
 
 class LoadSection(Section):
-    """A load; `error_key` is the key that a message names if the load cannot be made, unless `wrong_key` differs.
+    """A load; a message names `error_key` if the load cannot be made and the reason names no other key.
 
     If it `is_swept`, the members of a sweep that differ in its factor are computed together.
     """
@@ -44,7 +45,7 @@ class LoadSection(Section):
     is_swept: ClassVar[bool] = True
     if TYPE_CHECKING:
         kind: str
-    scale: float = Field(default=1.0, description="a number that the load is multiplied by")
+    scale: float = entry("a number that the load is multiplied by", 1.0)
 
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError if it cannot be made."""
@@ -53,11 +54,6 @@ class LoadSection(Section):
     @abstractmethod
     def unscaled(self, place: Place) -> Load:
         """Return the load for the scale 1."""
-
-    @property
-    def wrong_key(self) -> str:
-        """The key that a message names."""
-        return self.error_key
 
     @property
     def is_lasting(self) -> bool:
@@ -73,21 +69,16 @@ class LoadSection(Section):
         return {}
 
 
-class Moment(LoadSection):
-    """A load that is a function of time, along moving or fixed directions."""
-
-    frame: Literal["body", "space"] = Field(description=FRAME)
-
-
-class Constant(Moment):
+class Constant(LoadSection):
     """A constant moment, from start to end, or during the whole run."""
 
     error_key = "end"
     needs_times = True
+    frame: Literal["body", "space"] = entry(FRAME)
     kind: Literal["constant"]
-    moment: Vector = Field(description="3 numbers, N m")
-    start: float | None = Field(default=None, description="a number, s; the start of the run by default")
-    end: float | None = Field(default=None, description="a number after start, s; the end of the run by default")
+    moment: Vector = entry("3 numbers, N m")
+    start: float | None = entry("a number, s; the start of the run by default", None)
+    end: float | None = entry("a number after start, s; the end of the run by default", None)
 
     @property
     def is_lasting(self) -> bool:
@@ -101,35 +92,53 @@ class Constant(Moment):
         return pulse(self.moment, start, end, shape="rectangle", frame=self.frame)
 
 
-class Csv(Moment):
-    """A table in a CSV file with a line of headers: time and three components."""
+class Tabled(LoadSection):
+    """A load that may be a table in a CSV file with a line of headers."""
 
-    error_key = "file"
-    kind: Literal["csv"]
-    file: str = Field(
-        min_length=1,
-        description="a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m",
-    )
-    columns: Annotated[list[str], Field(min_length=4, max_length=4)] | None = Field(
-        default=None,
-        description="4 headers: the time (s), then the components (N m); not needed where there are 4 columns",
-    )
-    sha256: str | None = Field(default=None, description=HASH)
+    quantity: ClassVar[str]  # of its values, with the unit
+    count: ClassVar[int]  # of its columns
+    if TYPE_CHECKING:
+        file: str | None
+        columns: list[str] | None
+        sha256: str | None
 
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        t, *m = place.folder.table(self.file, self.columns, self.sha256).columns
-        return (body_moment if self.frame == "body" else space_moment)(t, np.stack(m, axis=1))
+    def table(self, folder: Folder) -> CsvTable:
+        """Return the columns, times and values; a ValueError where the file cannot be read."""
+        assert self.file is not None
+        return folder.table(self.file, self.columns, self.sha256, self.count)
 
     def in_words(self, folder: Folder) -> str:
         """Return the kind of load, and the extent of its table."""
-        t, *m = folder.table(self.file, self.columns, self.sha256).columns
-        peak = abs(self.scale) * max(float(abs(one).max()) for one in m)
-        return f"csv ({self.file}: {len(t)} rows, {t[0]:g} s to {t[-1]:g} s, up to {peak:.3g} N m along an axis)"
+        if self.file is None:
+            return self.kind
+        t, *values = self.table(folder).columns
+        peak = abs(self.scale) * max(float(abs(one).max()) for one in values)
+        return f"{self.kind} ({self.file}: {len(t)} rows, {t[0]:g} s to {t[-1]:g} s, up to {peak:.3g} {self.quantity})"
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return the hash of the file as it was read."""
-        return {"sha256": folder.table(self.file, self.columns, self.sha256).sha256}
+        return {} if self.file is None else {"sha256": self.table(folder).sha256}
+
+
+class Csv(Tabled):
+    """A table in a CSV file with a line of headers: time and three components."""
+
+    error_key, quantity, count = "file", "N m along an axis", 4
+    frame: Literal["body", "space"] = entry(FRAME)
+    kind: Literal["csv"]
+    file: str = entry(f"{FILE}, s and N m", min_length=1)
+    columns: list[str] | None = entry(
+        "4 headers: the time (s), then the components (N m); not needed where there are 4 columns",
+        None,
+        min_length=4,
+        max_length=4,
+    )
+    sha256: str | None = entry(HASH, None)
+
+    def unscaled(self, place: Place) -> Load:
+        """Return the load."""
+        t, *m = self.table(place.folder).columns
+        return (body_moment if self.frame == "body" else space_moment)(t, np.stack(m, axis=1))
 
 
 class Damping(LoadSection):
@@ -138,38 +147,38 @@ class Damping(LoadSection):
     error_key = "coefficient"
     is_swept = False
     kind: Literal["damping"]
-    coefficient: Annotated[
-        Annotated[float, Tag("<number>")] | Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")],
-        Discriminator(by_shape),
-    ] = Field(description="N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers")
+    coefficient: Annotated[float | Vector | Matrix, BY_FORM] = entry(
+        "N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers"
+    )
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
         return damping(self.coefficient)
 
 
-class Rotor(LoadSection):
+class Rotor(Tabled):
     """A rotor that turns about an axis of the body, of constant momentum or of a table: a gyrostat."""
 
-    error_key = "momentum"
+    error_key, quantity, count = "momentum", "kg m² s⁻¹", 2
     kind: Literal["rotor"]
-    axis: Axis = Field(description=AN_AXIS + "a direction in the body")
-    momentum: float | None = Field(default=None, description="a number, kg m² s⁻¹, in place of times and values")
-    file: str | None = Field(
-        default=None,
+    axis: Axis = entry(AN_AXIS + "a direction in the body")
+    momentum: float | None = entry("a number, kg m² s⁻¹, in place of times and values", None)
+    file: str | None = entry(
+        "a CSV file in quotes, relative to the run file, in place of times and values: headers, then rows of numbers, "
+        "s and kg m² s⁻¹",
+        None,
         min_length=1,
-        description="a CSV file in quotes, relative to the run file, in place of times and values: headers, then rows "
-        "of numbers, s and kg m² s⁻¹",
     )
-    columns: Annotated[list[str], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="2 headers: the time (s) and the momentum (kg m² s⁻¹); not needed where there are 2"
+    columns: list[str] | None = entry(
+        "2 headers: the time (s) and the momentum (kg m² s⁻¹); not needed where there are 2",
+        None,
+        min_length=2,
+        max_length=2,
     )
-    sha256: str | None = Field(default=None, description=HASH)
-    times: Annotated[list[float], Field(min_length=2)] | None = Field(
-        default=None, description="2 or more increasing numbers, s"
-    )
-    values: list[float] | None = Field(
-        default=None, description="a momentum for each time, kg m² s⁻¹; constant before the first and after the last"
+    sha256: str | None = entry(HASH, None)
+    times: list[float] | None = entry("2 or more increasing numbers, s", None, min_length=2)
+    values: list[float] | None = entry(
+        "a momentum for each time, kg m² s⁻¹; constant before the first and after the last", None
     )
 
     def unscaled(self, place: Place) -> Load:
@@ -177,35 +186,12 @@ class Rotor(LoadSection):
         given = {name for name in ("momentum", "file", "times", "values") if getattr(self, name) is not None}
         if self.file is None and (self.columns is not None or self.sha256 is not None):
             raise ValueError("columns and sha256 are of a file")
-        if self.momentum is not None and given == {"momentum"}:
-            return rotor(self.axis, self.momentum)
         if given == {"file"}:
-            return rotor(self.axis, *self._table(place.folder).columns)
-        if given != {"times", "values"}:
+            return rotor(self.axis, *self.table(place.folder).columns)
+        if given not in ({"momentum"}, {"times", "values"}):
             raise ValueError("a rotor has a momentum, or times and values, or a file")
-        times: Any = self.times
-        return rotor(self.axis, times, self.values)
-
-    @property
-    def wrong_key(self) -> str:
-        """The key that a message names."""
-        return "momentum" if self.file is None else "file"
-
-    def _table(self, folder: Folder) -> CsvTable:
-        assert self.file is not None
-        return folder.table(self.file, self.columns, self.sha256, 2)
-
-    def in_words(self, folder: Folder) -> str:
-        """Return the kind of load, and the extent of its table."""
-        if self.file is None:
-            return self.kind
-        t, h = self._table(folder).columns
-        peak = abs(self.scale) * float(abs(h).max())
-        return f"rotor ({self.file}: {len(t)} rows, {t[0]:g} s to {t[-1]:g} s, up to {peak:.3g} kg m² s⁻¹)"
-
-    def recorded(self, folder: Folder) -> dict[str, Any]:
-        """Return the hash of the file as it was read."""
-        return {} if self.file is None else {"sha256": self._table(folder).sha256}
+        momentum: Any = self.times if self.momentum is None else self.momentum
+        return rotor(self.axis, momentum, self.values)
 
 
 class Dipole(LoadSection):
@@ -214,8 +200,8 @@ class Dipole(LoadSection):
     error_key = "moment"
     is_swept = False
     kind: Literal["dipole"]
-    moment: Vector = Field(description="3 numbers along the directors, A m² or C m")
-    field: Vector = Field(description="3 numbers in space, T or V/m")
+    moment: Vector = entry("3 numbers along the directors, A m² or C m")
+    field: Vector = entry("3 numbers in space, T or V/m")
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
@@ -250,13 +236,12 @@ def keys_of(cls: type[Term]) -> dict[str, str]:
 def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     """Return the table of a term: a key for each field that has a `Spec`."""
     keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
-    keys_of_fields, required = keys_of(cls), list[str]()
+    names, required = keys_of(cls), list[str]()
     for name, (form, default, spec) in specs(cls).items():
-        given = {} if default is MISSING else {"default": _plain(default)}
-        described = Field(description=accepted(form, spec), **given)
         kind_of_key = type_of(form, spec) if default is not None else type_of(form, spec) | None
-        keys[keys_of_fields[name]] = Annotated[kind_of_key, spec], described
-        required += [keys_of_fields[name]] * (default is MISSING)
+        described = entry(accepted(form, spec), ... if default is MISSING else _plain(default))
+        keys[names[name]] = Annotated[kind_of_key, spec], described
+        required += [names[name]] * (default is MISSING)
     made = create_model(cls.__name__, __base__=OfTerm, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
     made.makes, made.error_key, made.is_swept = cls, required[-1], not issubclass(cls, ForceTerm)
     return made
@@ -294,10 +279,8 @@ def accepted(form: Any, spec: Spec) -> str:
             words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
         elif words != "numbers" and spec.rule != "increasing":
             words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
-    words += f", {spec.rule}" * (spec.rule in ("not negative", "from 0 and below 1")) + f", {spec.unit}" * bool(
-        spec.unit
-    )
-    return words + f": {spec.text}" * bool(spec.text)
+    bound = spec.rule if spec.rule in ("not negative", "from 0 and below 1") else ""
+    return ", ".join(filter(None, (words, bound, spec.unit))) + f": {spec.text}" * bool(spec.text)
 
 
 class Tables(Mapping[str, type[LoadSection]]):

@@ -6,14 +6,14 @@ every message, so that there is one wording of it.
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, reduce
 from operator import or_
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -28,239 +28,24 @@ from pydantic import (
     ValidationError,
     WithJsonSchema,
 )
-from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
 from ..geometry.arrays import AXES
 from ..geometry.values import guess, nearest
+from .toml_data import LARGEST_NUMBER, Fault, Keys, dotted, shown, toml_value
 
-# TOML written: JSON's numbers and strings are TOML's, only tables differ.
-
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-
-
-def toml_text(data: dict[str, Any]) -> str:
-    """Return plain data as TOML: scalars first, then a table for each dict and for each entry of a list of dicts."""
-    lines, tables = [], []
-    for key, item in data.items():
-        if isinstance(item, dict):
-            tables.append((f"[{toml_key(key)}]", item))
-        elif isinstance(item, list) and item and all(isinstance(entry, dict) for entry in item):
-            tables += [(f"[[{toml_key(key)}]]", entry) for entry in item]
-        else:
-            lines.append(f"{toml_key(key)} = {toml_value(item)}")
-    for head, table in tables:
-        lines += ["", head, *(f"{toml_key(key)} = {toml_value(item)}" for key, item in table.items())]
-    return "\n".join(lines).strip() + "\n"
-
-
-def toml_key(key: str) -> str:
-    """Return a key, in quotes where it needs them."""
-    return key if _BARE.fullmatch(key) else toml_value(key)
-
-
-def toml_value(value: Any) -> str:
-    """Return a value as TOML writes it."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{toml_key(key)} = {toml_value(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml_value, value)) + "]"
-    if isinstance(value, str):
-        return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in json.dumps(value, ensure_ascii=False))
-    if isinstance(value, (bool, int, float)):
-        return str(value).lower() if isinstance(value, bool) else repr(value)
-    return str(value)
-
-
-# What is wrong with a run file, one line each: "file: key: what was given -> what is accepted".
-
-
-LONGEST = 60  # letters of a value that are shown
-ALIASES = {  # names of other programs
-    "omega": "angular_velocity",
-    "w": "angular_velocity",
-    "dt": "step",
-    "timestep": "step",
-    "h": "step",
-    "duration": "t_end",
-    "tspan": "t_end",
-    "J": "inertia",
-    "I": "inertia",
-    "m": "mass",
-    "attitude": "rotation",
-    "orientation": "rotation",
-    "solver": "name",
-}
-REPEATED = ("load", "event", "sweep")  # of lists of tables
-Keys = tuple[str | int, ...]
-
-
-class Fault(NamedTuple):
-    """One thing that is wrong."""
-
-    key: str  #: dotted, entries of lists counted from 0; or a line of the file
-    given: str
-    accepted: str
-
-    def __str__(self) -> str:
-        return f"{self.key}: {self.given} -> {self.accepted}"
-
-
-def printable(text: str) -> str:
-    """Return a text without what a terminal would act on, shortened."""
-    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
-
-
-def shown(value: Any) -> str:
-    """Return a value as a message shows it: as TOML, shortened."""
-    if isinstance(value, Section):
-        value = value.model_dump(exclude_unset=True)
-    if isinstance(value, dict):
-        return f"a table with {printable(', '.join(map(toml_key, value)))}" if value else "an empty table"
-    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
-        return "a list of tables"
-    return printable(toml_value(value))
-
-
-def dotted(path: Keys) -> str:
-    """Return a path as a key: ``load.0.amplitude``."""
-    return ".".join(printable(toml_key(str(part))) for part in path)
-
-
-def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys = ()) -> Iterator[Fault]:
-    """Yield what pydantic found, one problem for each key.
-
-    Parameters
-    ----------
-    error : ValidationError
-    data : the document that was checked, as tomllib gave it
-    root : the table it was checked against
-    at : where `data` lies in the file
-    """
-    seen: set[Keys] = set()
-    for one in error.errors(include_url=False):
-        path, given = _in_data(one["loc"], data, one["type"] == "missing")
-        table, accepted, kinds = _described(one["loc"], root)
-        if one["type"] == "kind" and isinstance(given, dict):
-            path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
-        if path in seen:
-            continue
-        seen.add(path)
-        key = dotted(at + path)
-        if one["type"] == "extra_forbidden":
-            unknown = str(path[-1])
-            others = [
-                toml_value(str(kind).strip("<>"))
-                for kind, form in kinds.items()
-                if unknown in set(form.keys()) - set(table.keys())
-            ]
-            belongs = f"; it belongs to kind = {' or '.join(others)}" if others else ""
-            elsewhere, known = _elsewhere(unknown, table, root), table.keys()
-            keys = f"{elsewhere}known are {', '.join(known)}" if elsewhere else nearest(unknown, known)
-            yield Fault(key, "unknown key", (keys if known else "left out: this table has no keys") + belongs)
-        elif one["type"] == "missing" or given is None:
-            yield Fault(key, "missing", accepted)
-        else:
-            accepted = accepted or one["msg"].removeprefix("Input should be ")
-            if suggestion := _suggestion(given, accepted):
-                accepted = suggestion + accepted.removesuffix(YOUR_OWN)
-            yield Fault(key, shown(given), accepted + _limit(given))
-
-
-def _suggestion(given: Any, accepted: str) -> str:
-    """Return a guess at what was meant, where `accepted` names words in quotes."""
-    words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
-    if given in words and accepted.startswith("a list"):
-        return f'did you mean ["{given}"]? '
-    return guess(given, words, '"')
-
-
-def _elsewhere(word: str, table: type[Section], root: type[Section]) -> str:
-    """Return a question for the key of another table that has this name, or that this name stands for elsewhere."""
-    name, own, top = ALIASES.get(word, word), {*table.keys()}, {*root.keys()}
-    if name in own and name != word:
-        return f"did you mean {name}? "
-    if table is not root or name in top:
-        return ""
-    tables = [(key, form) for key in root.model_fields for _, form in _forms(root.model_fields[key].annotation, "")]
-    places = [f"{key}.{name}" for key, form in tables if name in {*form.keys()} and key not in REPEATED]
-    return f"did you mean {places[0]}? " if places else ""
-
-
-def _limit(given: Any) -> str:
-    unbounded = isinstance(given, float) and not math.isfinite(given)
-    return f"; finite, at most {LARGEST_NUMBER:g}" if unbounded else ""
-
-
-def path_in(data: Any, loc: Keys) -> Keys:
-    """Return the part of `loc` that is a path in `data`."""
-    return _in_data(loc, data, False)[0]
-
-
-def _in_data(loc: Keys, data: Any, missing: bool) -> tuple[Keys, Any]:
-    """Return the part of `loc` that is a path in `data`, and what lies there; the rest is pydantic's own."""
-    path: list[str | int] = []
-    for k, part in enumerate(loc):
-        found = part in data if isinstance(data, dict) else isinstance(data, list) and isinstance(part, int)
-        if found:
-            path.append(part)
-            data = data[part]
-        elif missing and k == len(loc) - 1:
-            path.append(part)
-    return tuple(path), data
-
-
-def _described(loc: Keys, root: type[Section]) -> tuple[type[Section], str, dict[str | int, type[Section]]]:
-    """Return the innermost table along `loc`, the description of the innermost key, and the kinds of that table."""
-    forms: dict[str | int, type[Section]] = {}
-    kinds: dict[str | int, type[Section]] = {}
-    table, accepted = root, "a table"
-    for part in loc:
-        if part in forms:
-            table, kinds = forms[part], forms
-        elif part in table.model_fields:
-            field = table.model_fields[str(part)]
-            accepted, forms = words_of(field), dict(_forms(field.annotation, ""))
-            table = forms.get("", table)
-    return table, accepted, kinds
-
-
-def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:
-    """Yield the tables that an annotation allows, with their tags."""
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        yield tag, annotation
-    parts = get_args(annotation)
-    own = next((part.tag for part in parts if isinstance(part, Tag)), tag)
-    for part in parts:
-        yield from part.tagged if isinstance(part, OneOf) else _forms(part, own)
-
-
-LARGEST_NUMBER = (
-    1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
-)
-
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '
-
-
-def _components(value: Any) -> Any:
-    return AXES.get(value, value) if isinstance(value, str) else value
-
-
-_AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(AXES), "type": "string"}]}
-
-
-def _turning(value: list[float]) -> list[float]:
-    if not any(value):
-        raise ValueError("an axis of length zero has no direction")
-    return value
-
-
-Axis = Annotated[Vector, BeforeValidator(_components), AfterValidator(_turning), WithJsonSchema(_AXIS_SCHEMA)]
-Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0)]
+ALIASES = {  # names of other programs
+    **dict.fromkeys(("omega", "w"), "angular_velocity"),
+    **dict.fromkeys(("dt", "timestep", "h"), "step"),
+    **dict.fromkeys(("duration", "tspan"), "t_end"),
+    **dict.fromkeys(("J", "I"), "inertia"),
+    **dict.fromkeys(("attitude", "orientation"), "rotation"),
+    **{"m": "mass", "solver": "name"},
+}
+REPEATED = ("load", "event", "sweep")  # of lists of tables
+IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
 
 
 class Section(BaseModel):
@@ -269,9 +54,34 @@ class Section(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
-    def keys(cls) -> list[str]:
+    def known(cls) -> list[str]:
         """Return the keys, as a message on an unknown one lists them."""
         return [*cls.model_fields]
+
+
+def entry(accepted: str, default: Any = ..., **bounds: Any) -> Any:
+    """Return a key of a table: what it accepts in words, its default, and bounds of its value."""
+    return Field(default, description=accepted, **bounds)
+
+
+def _components(value: Any) -> Any:
+    return AXES.get(value, value) if isinstance(value, str) else value
+
+
+def _turning(value: list[float]) -> list[float]:
+    if not any(value):
+        raise ValueError("an axis of length zero has no direction")
+    return value
+
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(gt=0)]
+_AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(AXES), "type": "string"}]}
+Axis = Annotated[Vector, BeforeValidator(_components), AfterValidator(_turning), WithJsonSchema(_AXIS_SCHEMA)]
+
+
+# Values of several forms: words and tables of a registry, and unions that are told apart by what is given.
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,14 +102,13 @@ class OneOf:
         *first, last = (f'"{name}"' for name in self.known)
         return f"{', '.join(first)}{self.last}{last}{YOUR_OWN * self.open}"
 
-    @property
-    def tagged(self) -> tuple[tuple[str, type[Section]], ...]:
-        """The forms of tables with their tags, ``<kind>``."""
-        return tuple((f"<{kind}>", form) for kind, form in self.known.items())
+    def tagged(self, source: Any = None) -> dict[str, type[Section]]:
+        """Return the forms of tables by their tags, ``<kind>``."""
+        return {f"<{kind}>": form for kind, form in self.known.items()}
 
     @property
     def _table(self) -> TypeAdapter[Any]:
-        return _any_of(self.tagged, f"one of {self.words}")
+        return _any_of(tuple(self.tagged().items()), f"one of {self.words}")
 
     def _word(self, word: str) -> str:
         if word not in self.known:
@@ -327,27 +136,190 @@ def _any_of(tagged: tuple[tuple[str, type[Section]], ...], accepted: str) -> Typ
     return TypeAdapter(Annotated[forms, Discriminator(tag, custom_error_type="kind", custom_error_message=accepted)])
 
 
-def words_of(field: FieldInfo) -> str:
-    """Return what a key accepts."""
+class ByForm:
+    """Annotation of a union: tables are told apart by their first keys, lists of lists from lists and numbers."""
+
+    def tagged(self, source: Any) -> dict[str, Any]:
+        """Return the members of a union by their tags, ``<key>`` of a table, of others how deep lists are nested."""
+        return {_tag_of(form): form for form in get_args(source)}
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        forms = self.tagged(source)
+        tables = [tag for tag, form in forms.items() if _is_table(form)]
+
+        def tag(value: Any) -> str | None:
+            if isinstance(value, Section):
+                return _tag_of(type(value))
+            if not isinstance(value, dict):
+                return f"<{_depth(value)}>"
+            found = [tag for tag in tables if len(tables) == 1 or tag[1:-1] in value]
+            return found[0] if len(found) == 1 else None
+
+        choices = {tag: handler.generate_schema(form) for tag, form in forms.items()}
+        return core_schema.tagged_union_schema(choices, tag)
+
+
+def _is_table(form: Any) -> bool:
+    return isinstance(form, type) and issubclass(form, Section)
+
+
+def _tag_of(form: Any) -> str:
+    if _is_table(form):
+        return f"<{next(iter(form.model_fields))}>"
+    depth = 0
+    while (inner := get_args(form)) and get_origin(form) in (Annotated, list):
+        depth += get_origin(form) is list
+        form = inner[0]
+    return f"<{depth}>"
+
+
+def _depth(value: Any) -> int:
+    depth = 0
+    while isinstance(value, list):
+        depth, value = depth + 1, value[0] if value else None
+    return depth
+
+
+BY_FORM = ByForm()
+
+
+# From what is found to be wrong to faults of the file, with a guess at what was meant.
+
+
+def words_of(table: Any, name: str) -> str:
+    """Return what a key of a table accepts."""
+    field = table.model_fields[name]
     return next((one.words for one in field.metadata if isinstance(one, OneOf)), field.description or "")
 
 
-def by_key(*known: str) -> Callable[[Any], str | None]:
-    """Return what tells forms apart that are tables with one of the keys `known` each: the tag is ``<key>``."""
+class Faults(list[Fault]):
+    """What is wrong with a run file, as it is found."""
 
-    def form(value: Any) -> str | None:
-        if isinstance(value, Section):
-            value = value.__class__.model_fields
-        found = [key for key in known if key in value] if isinstance(value, dict) else []
-        return f"<{found[0]}>" if len(found) == 1 else None
+    @contextmanager
+    def of(self, at: str, table: Section, name: str, accepted: str = "") -> Iterator[None]:
+        """Take a ValueError for what is wrong with a key of the table that is `at` this place.
 
-    return form
+        It is the key with which the message begins, or that it names as an argument, ``step=``; else `name`.
+        """
+        try:
+            yield
+        except ValueError as error:
+            said, keys = str(error), type(table).model_fields
+            for python, toml in IN_TOML.items():
+                said = said.replace(python, toml)
+            named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
+            name = named[0] if named else name
+            value = getattr(table, name)
+            given = f"{'missing' if value is None else shown(value)} ({said})"
+            self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
 
 
-def by_shape(value: Any) -> str:
-    """Return ``<table>``, ``<rows>``, ``<values>`` or ``<number>``, the tags of forms that are told apart by shape."""
-    if isinstance(value, (dict, Section)):
-        return "<table>"
-    if isinstance(value, list):
-        return "<rows>" if value and isinstance(value[0], list) else "<values>"
-    return "<number>"
+def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys = ()) -> Iterator[Fault]:
+    """Yield what pydantic found, one fault for each key.
+
+    Parameters
+    ----------
+    error : ValidationError
+    data : the document that was checked, as tomllib gave it
+    root : the table it was checked against
+    at : where `data` lies in the file
+    """
+    seen: set[Keys] = set()
+    for one in error.errors(include_url=False):
+        path, given = _in_data(one["loc"], data, one["type"] == "missing")
+        table, accepted, kinds = _described(one["loc"], root)
+        if one["type"] == "kind" and isinstance(given, dict):
+            path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
+        if path in seen:
+            continue
+        seen.add(path)
+        text = shown(given)
+        if one["type"] == "extra_forbidden":
+            text, accepted = "unknown key", _known(str(path[-1]), table, kinds, root)
+        elif one["type"] == "missing" or given is None:
+            text = "missing"
+        else:
+            accepted = accepted or one["msg"].removeprefix("Input should be ")
+            if suggestion := _suggestion(given, accepted):
+                accepted = suggestion + accepted.removesuffix(YOUR_OWN)
+            if isinstance(given, float) and not math.isfinite(given):
+                accepted += f"; finite, at most {LARGEST_NUMBER:g}"
+        yield Fault(dotted(at + path), text, accepted)
+
+
+def _known(word: str, table: Any, kinds: Mapping[str, Any], root: Any) -> str:
+    """Return the keys that a table has in place of an unknown one, and where that belongs."""
+    known = table.known()
+    others = [toml_value(kind.strip("<>")) for kind, form in kinds.items() if word in {*form.known()} - {*known}]
+    belongs = f"; it belongs to kind = {' or '.join(others)}" if others else ""
+    if not known:
+        return f"left out: this table has no keys{belongs}"
+    elsewhere = _elsewhere(word, table, root)
+    return (f"{elsewhere}known are {', '.join(known)}" if elsewhere else nearest(word, known)) + belongs
+
+
+def _elsewhere(word: str, table: Any, root: Any) -> str:
+    """Return a question for the key of another table that has this name, or that this name stands for elsewhere."""
+    name = ALIASES.get(word, word)
+    if name in table.known() and name != word:
+        return f"did you mean {name}? "
+    if table is not root or name in root.known():
+        return ""
+    tables = ((key, form) for key in root.model_fields if key not in REPEATED for form in _forms(root, key).values())
+    place = next((f"{key}.{name}" for key, form in tables if name in form.known()), None)
+    return f"did you mean {place}? " if place else ""
+
+
+def _suggestion(given: Any, accepted: str) -> str:
+    """Return a guess at what was meant, where `accepted` names words in quotes."""
+    words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
+    if given in words and accepted.startswith("a list"):
+        return f'did you mean ["{given}"]? '
+    return guess(given, words, '"')
+
+
+def path_in(data: Any, loc: Keys) -> Keys:
+    """Return the part of `loc` that is a path in `data`."""
+    return _in_data(loc, data, False)[0]
+
+
+def _in_data(loc: Keys, data: Any, missing: bool) -> tuple[Keys, Any]:
+    """Return the part of `loc` that is a path in `data`, and what lies there; the rest is pydantic's own."""
+    path: list[str | int] = []
+    for k, part in enumerate(loc):
+        found = part in data if isinstance(data, dict) else isinstance(data, list) and isinstance(part, int)
+        if found:
+            path.append(part)
+            data = data[part]
+        elif missing and k == len(loc) - 1:
+            path.append(part)
+    return tuple(path), data
+
+
+def _described(loc: Keys, root: Any) -> tuple[Any, str, Mapping[str, Any]]:
+    """Return the innermost table along `loc`, the description of the innermost key, and the kinds of that table."""
+    table, accepted, forms, kinds = root, "a table", dict[str, Any](), dict[str, Any]()
+    for part in loc:
+        if part in forms:
+            table, kinds = forms[str(part)], forms
+        elif part in table.model_fields:
+            accepted, forms = words_of(table, str(part)), _forms(table, str(part))
+            table = forms.get("", table)
+    return table, accepted, kinds
+
+
+def _forms(table: Any, name: str) -> dict[str, Any]:
+    """Return the tables that a key of a table allows, with their tags."""
+    field = table.model_fields[name]
+    return dict(_tables(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation))
+
+
+def _tables(annotation: Any) -> Iterator[tuple[str, Any]]:
+    if _is_table(annotation):
+        yield "", annotation
+    parts = get_args(annotation)
+    told = [part for part in parts if isinstance(part, (OneOf, ByForm))]
+    for one in told:
+        yield from ((tag, form) for tag, form in one.tagged(parts[0]).items() if _is_table(form))
+    for part in () if told else parts:
+        yield from _tables(part)

@@ -19,14 +19,14 @@ from itertools import islice
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
 
 from ..analysis.statistics import STATISTICS
 from ..analysis.variables import NODES, ROTORS, STATE
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import INTEGRATORS, Integrator
-from .section import Fault, OneOf, Positive, Section, by_shape, shown
+from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
+from .toml_data import Fault, shown
 
 if TYPE_CHECKING:
     from ..driver.prepared import Prepared
@@ -34,30 +34,22 @@ if TYPE_CHECKING:
 KEPT = (*NODES, *ROTORS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
 NUMBERS = "a number, or a list of numbers of the form that the key has"
-
-
-def _depth(value: Any) -> str:
-    first = value[0] if isinstance(value, list) and value else None
-    return "<numbers>" if not isinstance(first, list) else "<rows>" if not _nested(first) else "<matrices>"
-
-
-def _nested(row: list[Any]) -> bool:
-    return bool(row) and isinstance(row[0], list)
-
-
-Numbers = Annotated[
-    Annotated[float, Tag("<number>")] | Annotated[list[float], Tag("<values>")], Discriminator(by_shape)
-]
+Numbers = Annotated[float | list[float], BY_FORM]
 
 
 class Over(Section):
     """What one key of the file goes over."""
 
-    key: str = Field(
-        description="a number of the file, or a list of numbers, as a dotted path in quotes: "
-        '"start.angular_velocity.body", "body.axis.0", "load.0.scale"; entries of lists count from 0'
+    key: str = entry(
+        'a number of the file, or a list of numbers, as a dotted path in quotes: "start.angular_velocity.body", '
+        '"body.axis.0", "load.0.scale"; entries of lists count from 0'
     )
     kind: str
+
+    @property
+    @abstractmethod
+    def form(self) -> tuple[int, ...]:
+        """The shape of a value; a ValueError where the values are of several forms, or none."""
 
 
 class Listed(Over):
@@ -68,19 +60,18 @@ class Listed(Over):
         """Return the values, (count, ...)."""
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape of `points`."""
-        shape: tuple[int, ...] = self.points().shape
-        return shape
+    def length(self) -> int:
+        """How many values there are."""
+        return len(self.points())
 
 
 class Drawn(Over):
     """Values that each member draws: a map from the unit cube."""
 
     @property
-    @abstractmethod
     def dimension(self) -> int:
-        """How many numbers of the unit interval make a value."""
+        """How many numbers of the unit interval make a value: one for each component."""
+        return math.prod(self.form)
 
     @abstractmethod
     def values(self, u: Array) -> Array:
@@ -91,37 +82,45 @@ class Grid(Listed):
     """Equidistant values."""
 
     kind: Literal["grid"]
-    start: float = Field(description="a number: the first value")
-    end: float = Field(description="a number: the last value")
-    count: Annotated[int, Field(ge=1, le=MOST_VALUES)] = Field(
-        description=f"a whole number >= 1 of values, both ends among them, at most {MOST_VALUES:.0e}"
+    start: float = entry("a number: the first value")
+    end: float = entry("a number: the last value")
+    count: int = entry(
+        f"a whole number >= 1 of values, both ends among them, at most {MOST_VALUES:.0e}", ge=1, le=MOST_VALUES
     )
-    spacing: Literal["linear", "log"] = Field(
-        default="linear", description='"linear", or "log" for equal ratios between ends of one sign'
-    )
+    spacing: Literal["linear", "log"] = entry('"linear", or "log" for equal ratios between ends of one sign', "linear")
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape of `points`, which are not made for it."""
-        return (self.count,)
+    def form(self) -> tuple[int, ...]:
+        """That of a number."""
+        if self.spacing == "log" and not self.start * self.end > 0:
+            raise ValueError(f'start must have the sign of end = {self.end:g} where spacing is "log"')
+        return ()
+
+    @property
+    def length(self) -> int:
+        """How many values there are, which are not made for it."""
+        return self.count
 
     def points(self) -> Array:
         """Return the values."""
-        if self.spacing == "log":
-            return np.geomspace(self.start, self.end, self.count)
-        return np.linspace(self.start, self.end, self.count)
+        return (np.geomspace if self.spacing == "log" else np.linspace)(self.start, self.end, self.count)
 
 
 class Values(Listed):
     """The values themselves."""
 
     kind: Literal["list"]
-    values: Annotated[
-        Annotated[list[float], Tag("<numbers>")]
-        | Annotated[list[list[float]], Tag("<rows>")]
-        | Annotated[list[list[list[float]]], Tag("<matrices>")],
-        Discriminator(_depth),
-    ] = Field(description="a list of numbers, or a list of lists of the form that the key has")
+    values: Annotated[list[float] | list[list[float]] | list[list[list[float]]], BY_FORM] = entry(
+        "a list of numbers, or a list of lists of the form that the key has"
+    )
+
+    @property
+    def form(self) -> tuple[int, ...]:
+        """The shape of an entry."""
+        points = self.points()
+        if not points.size:
+            raise ValueError("values is empty")
+        return points.shape[1:]
 
     def points(self) -> Array:
         """Return the values; a ValueError where they are not all of one form."""
@@ -135,13 +134,13 @@ class Uniform(Drawn):
     """Uniform between two numbers, component by component."""
 
     kind: Literal["uniform"]
-    low: Numbers = Field(description=f"{NUMBERS}: the lower end")
-    high: Numbers = Field(description=f"{NUMBERS}: the upper end, not below low")
+    low: Numbers = entry(f"{NUMBERS}: the lower end")
+    high: Numbers = entry(f"{NUMBERS}: the upper end, not below low")
 
     @property
-    def dimension(self) -> int:
-        """One for each component."""
-        return np.size(self.low)
+    def form(self) -> tuple[int, ...]:
+        """That of both ends."""
+        return _form_of("high", self.high, "low", self.low, self.low)
 
     def values(self, u: Array) -> Array:
         """Return the values."""
@@ -154,13 +153,13 @@ class Normal(Drawn):
     """Normal, component by component independent."""
 
     kind: Literal["normal"]
-    mean: Numbers = Field(description=NUMBERS)
-    deviation: Numbers = Field(description=f"{NUMBERS}, not negative: the standard deviation")
+    mean: Numbers = entry(NUMBERS)
+    deviation: Numbers = entry(f"{NUMBERS}, not negative: the standard deviation")
 
     @property
-    def dimension(self) -> int:
-        """One for each component."""
-        return np.size(self.mean)
+    def form(self) -> tuple[int, ...]:
+        """That of the mean."""
+        return _form_of("deviation", self.deviation, "mean", self.mean, 0.0)
 
     def values(self, u: Array) -> Array:
         """Return the values."""
@@ -171,11 +170,21 @@ class Normal(Drawn):
         return found
 
 
+def _form_of(name: str, value: Any, other: str, numbers: Any, least: Any) -> tuple[int, ...]:
+    """Return the shape of two values; a ValueError where they differ in it, or one is below the least."""
+    if np.shape(value) != np.shape(numbers):
+        raise ValueError(f"{name} must be of the same form as {other} = {shown(numbers)}")
+    if np.any(np.array(value) < least):
+        raise ValueError(f"{name} must not be below {shown(least)}")
+    return np.shape(value)
+
+
 class Sphere(Drawn):
     """Vectors of one length, their directions uniform on the sphere."""
 
     kind: Literal["sphere"]
-    radius: Positive = Field(default=1.0, description="a positive number: the length of the vectors")
+    radius: Positive = entry("a positive number: the length of the vectors", 1.0)
+    form: ClassVar[tuple[int, ...]] = (3,)
     dimension: ClassVar[int] = 2
 
     def values(self, u: Array) -> Array:
@@ -189,6 +198,7 @@ class Attitudes(Drawn):
     """Rotations, uniform on SO(3)."""
 
     kind: Literal["rotation"]
+    form: ClassVar[tuple[int, ...]] = ()
     dimension: ClassVar[int] = 3
 
     def values(self, u: Array) -> Array:
@@ -217,29 +227,28 @@ else:
     Variable, Reduction = Literal[KEPT], Literal[STATISTICS]
 
 
+def _quoted(names: Any) -> str:
+    return "a list of " + ", ".join(f'"{name}"' for name in names)
+
+
 class Sweep(Section):
     """Many runs of the file, each with numbers of its own; what is kept is the state at t_end."""
 
-    over: Annotated[list[AnyOver], Field(min_length=1, max_length=MOST_KEYS)] = Field(
-        description=f"tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind"
+    over: list[AnyOver] = entry(
+        f"tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind",
+        min_length=1,
+        max_length=MOST_KEYS,
     )
-    combine: Literal["product", "together"] = Field(
-        default="product",
-        description='"product" of all grids and lists, the last one fastest, or "together": entry by entry',
+    combine: Literal["product", "together"] = entry(
+        '"product" of all grids and lists, the last one fastest, or "together": entry by entry', "product"
     )
-    samples: Annotated[int, Field(ge=1)] = Field(
-        default=1, description="a whole number >= 1: members at each point of the grids and lists"
+    samples: int = entry("a whole number >= 1: members at each point of the grids and lists", 1, ge=1)
+    sampling: Literal["random", "sobol", "halton"] = entry(
+        '"random", or one of the quasi-random sequences "sobol", "halton"', "random"
     )
-    sampling: Literal["random", "sobol", "halton"] = Field(
-        default="random", description='"random", or one of the quasi-random sequences "sobol", "halton"'
-    )
-    seed: Annotated[int, Field(ge=0)] = Field(default=0, description="a whole number >= 0")
-    variables: list[Variable] = Field(
-        default=[*STATE], description="a list of " + ", ".join(f'"{name}"' for name in KEPT) + ", kept at t_end"
-    )
-    reduce: list[Reduction] = Field(
-        default=[], description="a list of " + ", ".join(f'"{name}"' for name in STATISTICS) + ", over all steps"
-    )
+    seed: int = entry("a whole number >= 0", 0, ge=0)
+    variables: list[Variable] = entry(f"{_quoted(KEPT)}, kept at t_end", [*STATE])
+    reduce: list[Reduction] = entry(f"{_quoted(STATISTICS)}, over all steps", [])
 
     @property
     def axes(self) -> list[Listed]:
@@ -254,7 +263,7 @@ class Sweep(Section):
     @property
     def shape(self) -> tuple[int, ...]:
         """Lengths of the axes of the product."""
-        lengths = tuple(one.shape[0] for one in self.axes)
+        lengths = tuple(one.length for one in self.axes)
         return lengths[:1] if self.combine == "together" else lengths
 
     @property
@@ -271,81 +280,44 @@ class Sweep(Section):
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
-EXCLUDED = (
-    "title",
-    "output",
-    "sweep",
-    "event",
-    "time.store",
-    "time.times",
-)  # no numbers of the motion, which cannot be swept
-Tables = dict[str, Any]
+EXCLUDED = (  # no numbers of the motion, which cannot be swept
+    *("title", "output", "sweep", "event"),
+    *("time.store", "time.times"),
+)
 
 
-def table_problems(sweep: Sweep) -> Iterator[Fault]:
-    """Yield what is wrong with the table by itself."""
-    valid = True
+def table_problems(sweep: Sweep, faults: Faults) -> None:
+    """Find what is wrong with the table by itself."""
+    before = len(faults)
     for k, one in enumerate(sweep.over):
-        for problem in _values(f"sweep.over.{k}", one):
-            valid = False
-            yield problem
+        with faults.of(f"sweep.over.{k}", one, "values"):
+            _ = one.form
+    is_valid = len(faults) == before
+    for k, one in enumerate(sweep.over):
         for other in sweep.over[:k]:
-            if _within(one.key, other.key) or _within(other.key, one.key):
+            if f"{one.key}.".startswith(f"{other.key}.") or f"{other.key}.".startswith(f"{one.key}."):
                 given = f"{shown(one.key)}, beside {shown(other.key)}"
-                yield Fault(f"sweep.over.{k}.key", given, "each number once")
+                faults.append(Fault(f"sweep.over.{k}.key", given, "each number once"))
     if sweep.samples > 1 and not sweep.drawn:
-        yield Fault("sweep.samples", f"{sweep.samples} (nothing is drawn)", "left out, or a key that is drawn")
-    if not valid:
+        given = f"{sweep.samples} (nothing is drawn)"
+        faults.append(Fault("sweep.samples", given, "left out, or a key that is drawn"))
+    if not is_valid:
         return
-    lengths = [one.shape[0] for one in sweep.axes]
+    lengths = [one.length for one in sweep.axes]
     if sweep.combine == "together" and len(set(lengths)) > 1:
         given = f'"together" ({", ".join(map(str, lengths))} values)'
-        yield Fault("sweep.combine", given, 'grids and lists of one length; or "product"')
+        faults.append(Fault("sweep.combine", given, 'grids and lists of one length; or "product"'))
     most = MOST_SOBOL if sweep.sampling == "sobol" and sweep.drawn else MOST_MEMBERS
     if sweep.members > most:
-        yield Fault("sweep", f"{min(sweep.members, 10**300):.3g} members", f"at most {most:.3g}")
+        faults.append(Fault("sweep", f"{min(sweep.members, 10**300):.3g} members", f"at most {most:.3g}"))
 
 
-def _within(key: str, outer: str) -> bool:
-    return key == outer or key.startswith(f"{outer}.")
-
-
-def _values(at: str, one: Any) -> Iterator[Fault]:
-    fields = type(one).model_fields
-    if isinstance(one, Grid) and one.spacing == "log" and not one.start * one.end > 0:
-        yield Fault(f"{at}.start", f'{shown(one.start)} to {shown(one.end)}, spacing = "log"', "ends of one sign")
-    if isinstance(one, Values):
-        try:
-            if not one.points().size:
-                yield Fault(f"{at}.values", "an empty list", f"{fields['values'].description}")
-        except ValueError as error:
-            yield Fault(f"{at}.values", f"{shown(one.values)} ({error})", f"{fields['values'].description}")
-    pairs: dict[type, tuple[str, str]] = {Uniform: ("low", "high"), Normal: ("mean", "deviation")}
-    if type(one) in pairs:
-        first, second = pairs[type(one)]
-        a, b = np.array(getattr(one, first)), np.array(getattr(one, second))
-        given = f"{shown(getattr(one, second))} ({first} = {shown(getattr(one, first))})"
-        if a.shape != b.shape:
-            yield Fault(f"{at}.{second}", given, f"of the same form as {first}")
-        elif (b < (a if isinstance(one, Uniform) else 0)).any():
-            yield Fault(f"{at}.{second}", given, f"{fields[second].description}")
-
-
-def key_problems(sweep: Sweep, data: Tables, prepared: Prepared | None) -> Iterator[Fault]:
-    """Yield what does not fit the rest of the file, which is in order.
-
-    Parameters
-    ----------
-    sweep : Sweep
-    data : dict
-        The file with all defaults, as plain data.
-    prepared : Prepared or None
-        The run of the file without its sweep, if there is one.
-    """
+def key_problems(sweep: Sweep, data: dict[str, Any]) -> Iterator[Fault]:
+    """Yield what does not fit the rest of the file, which is in order; `data` is the file with all defaults."""
     known = numeric_keys(data)
     outer = [key for key in known if not any(key[: dot.start()] in known for dot in re.finditer(r"\.", key))]
     for k, one in enumerate(sweep.over):
-        at, shape = f"sweep.over.{k}", _shape(one)
+        at = f"sweep.over.{k}"
         if one.key == "start.rotation" or isinstance(one, Attitudes):
             if not (one.key == "start.rotation" and isinstance(one, Attitudes)):
                 given = f"{shown(one.key)}, kind = {shown(one.kind)}"
@@ -356,18 +328,19 @@ def key_problems(sweep: Sweep, data: Tables, prepared: Prepared | None) -> Itera
             near = guess(one.key, islice(known, MOST_WORDS))
             accepted = f"{near}known are {words}, and entries of these, as in body.axis.0"
             yield Fault(f"{at}.key", shown(one.key), accepted)
-        elif known[one.key] != shape:
-            form = f"{_form(shape)} (the key holds {_form(known[one.key])})"
+        elif known[one.key] != one.form:
+            form = f"{_form(one.form)} (the key holds {_form(known[one.key])})"
             yield Fault(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
+    if not sweep.reduce:
+        return
+    loads = data.get("load") or []
     integrator = INTEGRATORS[data["integrator"]["name"]]
-    yield from step_problems(data["time"].get("step"), integrator, prepared)
-    curved = [k for k, load in enumerate(data.get("load") or ()) if _is_curved(load)]
-    if sweep.reduce and curved:
-        accepted = f"no reductions with load.{curved[0]}, a potential that is not linear: leave reduce out"
-        yield Fault("sweep.reduce", shown(sweep.reduce), accepted)
-    if sweep.reduce and any(load["kind"] == "dry_friction" for load in data.get("load") or ()):
+    if curved := [k for k, load in enumerate(loads) if _is_curved(load)]:
+        reason = f"no reductions with load.{curved[0]}, a potential that is not linear: leave reduce out"
+        yield Fault("sweep.reduce", shown(sweep.reduce), reason)
+    if any(load["kind"] == "dry_friction" for load in loads):
         yield Fault("sweep.reduce", shown(sweep.reduce), "no reductions under dry_friction: leave reduce out")
-    if sweep.reduce and integrator.any_times:
+    if integrator.any_times:
         yield Fault("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
 
 
@@ -402,13 +375,6 @@ def _is_curved(load: dict[str, Any]) -> bool:
     if kind == "spring":
         return bool(load["rest_length"])
     return kind == "gravity_gradient" or (kind == "potential" and bool(np.any(load["quadratic"])))
-
-
-def _shape(one: Any) -> tuple[int, ...]:
-    if isinstance(one, Drawn):
-        return (3,) if isinstance(one, Sphere) else np.shape(getattr(one, "low", getattr(one, "mean", ())))
-    shape: tuple[int, ...] = one.shape[1:]
-    return shape
 
 
 def _form(shape: tuple[int, ...]) -> str:

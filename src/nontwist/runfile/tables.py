@@ -1,15 +1,15 @@
-"""The tables ``[time]``, ``[integrator]`` and ``[output]``."""
+"""The tables ``[start]``, ``[time]``, ``[integrator]``, ``[[event]]`` and ``[output]``."""
 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_type_hints
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import Field, create_model
 
 from ..driver.events import NamedEvent, axis_crosses, spin_below
 from ..integrators import DEFAULT, INTEGRATORS
@@ -17,8 +17,8 @@ from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import FIT
 from ..recordings.motions import rotation
 from ..units import RATE
-from .folder import Folder
-from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_key
+from .folder import Folder, Table
+from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -37,7 +37,7 @@ IN_UNIT = "3 numbers, rad/s, or in the stated unit"
 class MatrixRotation(Section):
     """Λ itself."""
 
-    matrix: Matrix = Field(description="Λ as 3 rows of 3 numbers, orthonormal to 1e-9, with the determinant 1")
+    matrix: Matrix = entry("Λ as 3 rows of 3 numbers, orthonormal to 1e-9, with the determinant 1")
 
     def rotation(self) -> Rotation:
         """Return Λ."""
@@ -47,10 +47,8 @@ class MatrixRotation(Section):
 class QuaternionRotation(Section):
     """A unit quaternion."""
 
-    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] = Field(
-        description="4 numbers of length 1, in the stated order"
-    )
-    order: Literal["wxyz", "xyzw"] = Field(description='"wxyz" (scalar first) or "xyzw" (scalar last)')
+    quaternion: list[float] = entry("4 numbers of length 1, in the stated order", min_length=4, max_length=4)
+    order: Literal["wxyz", "xyzw"] = entry('"wxyz" (scalar first) or "xyzw" (scalar last)')
 
     def rotation(self) -> Rotation:
         """Return Λ."""
@@ -60,8 +58,8 @@ class QuaternionRotation(Section):
 class VectorRotation(Section):
     """A rotation vector: axis times angle."""
 
-    vector: Vector = Field(description="3 numbers: the axis of the rotation times its angle")
-    unit: Unit = Field(description=UNIT)
+    vector: Vector = entry("3 numbers: the axis of the rotation times its angle")
+    unit: Unit = entry(UNIT)
 
     def rotation(self) -> Rotation:
         """Return Λ."""
@@ -73,15 +71,13 @@ class VectorRotation(Section):
 class EulerRotation(Section):
     """Euler angles as SciPy has them."""
 
-    euler: Annotated[list[float], Field(min_length=1, max_length=3)] = Field(
-        description="1 to 3 angles, one for each letter of the sequence"
-    )
-    sequence: str = Field(
+    euler: list[float] = entry("1 to 3 angles, one for each letter of the sequence", min_length=1, max_length=3)
+    sequence: str = entry(
+        '1 to 3 axes, neighbours different: capitals for turning axes ("ZYX"), small letters for fixed ones ("xyz"), '
+        "as in scipy",
         pattern="^([xyz]{1,3}|[XYZ]{1,3})$",
-        description='1 to 3 axes, neighbours different: capitals for turning axes ("ZYX"), small letters for fixed '
-        'ones ("xyz"), as in scipy',
     )
-    unit: Unit = Field(description=UNIT)
+    unit: Unit = entry(UNIT)
 
     def rotation(self) -> Rotation:
         """Return Λ."""
@@ -95,57 +91,42 @@ class EulerRotation(Section):
 class BodyVelocity(Section):
     """Angular velocity in body components."""
 
-    body: Vector = Field(description=f"{IN_UNIT}: components along the directors")
+    body: Vector = entry(f"{IN_UNIT}: components along the directors")
     unit: RateUnit = "rad/s"
 
 
 class SpaceVelocity(Section):
     """Angular velocity in space components."""
 
-    space: Vector = Field(description=f"{IN_UNIT}: components along the fixed axes")
+    space: Vector = entry(f"{IN_UNIT}: components along the fixed axes")
     unit: RateUnit = "rad/s"
 
 
-Attitude = Annotated[
-    Annotated[MatrixRotation, Tag("<matrix>")]
-    | Annotated[QuaternionRotation, Tag("<quaternion>")]
-    | Annotated[VectorRotation, Tag("<vector>")]
-    | Annotated[EulerRotation, Tag("<euler>")],
-    Discriminator(by_key("matrix", "quaternion", "vector", "euler")),
-]
-Velocity = Annotated[
-    Annotated[BodyVelocity, Tag("<body>")] | Annotated[SpaceVelocity, Tag("<space>")],
-    Discriminator(by_key("body", "space")),
-]
-
-
+Attitude = Annotated[MatrixRotation | QuaternionRotation | VectorRotation | EulerRotation, BY_FORM]
+Velocity = Annotated[BodyVelocity | SpaceVelocity, BY_FORM]
 IDENTITY = MatrixRotation(matrix=np.eye(3).tolist())
 
 
 class Start(Section):
     """Attitude and angular velocity at t_start; the identity, at rest, where they are left out. Or a run to resume."""
 
-    run: str | None = Field(
-        default=None,
+    run: str | None = entry(
+        "a result file (NetCDF), relative to the run file, in quotes: its last state, in place of rotation and "
+        "angular_velocity; t_start of [time] is its last time",
+        None,
         min_length=1,
-        description="a result file (NetCDF), relative to the run file, in quotes: its last state, in place of rotation "
-        "and angular_velocity; t_start of [time] is its last time",
     )
-    sha256: str | None = Field(
-        default=None, description="the hash of the result file, in quotes: another content is refused"
-    )
-    rotation: Attitude = Field(
-        default=IDENTITY,
-        description="one of { matrix = [...] }, { quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
+    sha256: str | None = entry("the hash of the result file, in quotes: another content is refused", None)
+    rotation: Attitude = entry(
+        "one of { matrix = [...] }, { quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
         "{ euler = [...], sequence = ..., unit = ... }",
+        IDENTITY,
     )
-    angular_velocity: Velocity = Field(
-        default=BodyVelocity(body=[0.0, 0.0, 0.0]),
-        description="{ body = [...] } or { space = [...] }: 3 numbers, rad/s, or { body = [...], unit = ... }",
+    angular_velocity: Velocity = entry(
+        "{ body = [...] } or { space = [...] }: 3 numbers, rad/s, or { body = [...], unit = ... }",
+        BodyVelocity(body=[0.0, 0.0, 0.0]),
     )
-    project: bool = Field(
-        default=False, description="true to remove a spin about the constrained axis, false to refuse it"
-    )
+    project: bool = entry("true to remove a spin about the constrained axis, false to refuse it", False)
 
     def arguments(self, folder: Folder) -> dict[str, Any]:
         """Return what `simulate` takes; a ValueError where a result file cannot be read."""
@@ -169,119 +150,95 @@ class Start(Section):
 MOST_TIMES = 10_000_000  # output times
 
 
-def _times_form(value: Any) -> str | None:
-    return by_key("file", "every")(value) if isinstance(value, (dict, Section)) else "<values>"
-
-
 class TimesFile(Section):
     """Output times in a column of a CSV file with a line of headers."""
 
-    file: str = Field(
-        min_length=1, description="a CSV file in quotes, relative to the run file: headers, then rows of numbers, s"
-    )
-    column: str | None = Field(
-        default=None, description="the header of the times (s), in quotes; not needed where there is one column"
-    )
-    sha256: str | None = Field(
-        default=None, description="the hash of the CSV file, in quotes: another content is refused"
-    )
+    file: str = entry("a CSV file in quotes, relative to the run file: headers, then rows of numbers, s", min_length=1)
+    column: str | None = entry("the header of the times (s), in quotes; not needed where there is one column", None)
+    sha256: str | None = entry("the hash of the CSV file, in quotes: another content is refused", None)
+
+    def times(self, time: Time, folder: Folder) -> list[float]:
+        """Return the times; a ValueError where the file cannot be read."""
+        found: list[float] = self._table(folder).columns[0].tolist()
+        return found
+
+    def recorded(self, folder: Folder) -> dict[str, Any]:
+        """Return what is recorded of it: the hash of the file as it was read."""
+        return self.model_dump(exclude_none=True) | {"sha256": self._table(folder).sha256}
+
+    def _table(self, folder: Folder) -> Table:
+        return folder.table(self.file, None if self.column is None else [self.column], self.sha256, 1)
 
 
 class TimesEvery(Section):
     """Output times at equal distances, from the start, and the end."""
 
-    every: Positive = Field(
-        description="a positive number, s: output at t_start, so much later, and so on, and at t_end"
-    )
+    every: Positive = entry("a positive number, s: output at t_start, so much later, and so on, and at t_end")
+
+    def times(self, time: Time, folder: Folder) -> list[float]:
+        """Return the times; a ValueError where they are too many."""
+        ratio = (time.t_end - time.t_start) / self.every
+        if not ratio < MOST_TIMES:
+            raise ValueError(f"it makes {ratio:.3g} times, at most {MOST_TIMES:.0e} are possible")
+        return [*(time.t_start + self.every * k for k in range(math.ceil(ratio * (1 - FIT)))), time.t_end]
 
 
 class Time(Section):
     """From when to when, in which steps."""
 
-    t_end: float = Field(description="a number after t_start, s")
-    t_start: float = Field(default=0.0, description="a number, s")
-    step: Positive | None = Field(
-        default=None,
-        description="a positive number that divides the span, s; left out: at most 0.05 rad a step, or with gauss an "
-        "error of 1e-8 at most",
+    t_end: float = entry("a number after t_start, s")
+    t_start: float = entry("a number, s", 0.0)
+    step: Positive | None = entry(
+        "a positive number that divides the span, s; left out: at most 0.05 rad a step, or with gauss an error of 1e-8 "
+        "at most",
+        None,
     )
-    tolerance: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
-        default=None,
-        description="a positive number up to 0.1, rad, in place of step: a bound of the error of the attitude, and of "
-        "that of the angular velocity relative to its largest size",
+    tolerance: Annotated[float, Field(gt=0, le=0.1)] | None = entry(
+        "a positive number up to 0.1, rad, in place of step: a bound of the error of the attitude, and of that of the "
+        "angular velocity relative to its largest size",
+        None,
     )
-    store: Annotated[int, Field(ge=1)] | Literal["end"] = Field(
-        default=1, description='a whole number of steps >= 1, or "end" for the first and the last state only'
+    store: Annotated[int, Field(ge=1)] | Literal["end"] = entry(
+        'a whole number of steps >= 1, or "end" for the first and the last state only', 1
     )
-    times: (
-        Annotated[
-            Annotated[TimesFile, Tag("<file>")]
-            | Annotated[TimesEvery, Tag("<every>")]
-            | Annotated[list[float], Field(min_length=1), Tag("<values>")],
-            Discriminator(_times_form),
-        ]
-        | None
-    ) = Field(
-        default=None,
-        description="increasing numbers from t_start to t_end, s: output at these times, without store; or a table "
-        "with the key every (s), or with the keys file and column",
+    times: Annotated[TimesFile | TimesEvery | Annotated[list[float], Field(min_length=1)], BY_FORM] | None = entry(
+        "increasing numbers from t_start to t_end, s: output at these times, without store; or a table with the key "
+        "every (s), or with the keys file and column",
+        None,
     )
 
     def output_times(self, folder: Folder) -> list[float] | None:
         """Return the output times, None where there are none; a ValueError where the file cannot be read."""
-        if isinstance(self.times, TimesEvery):
-            return self._equidistant(self.times.every)
-        if not isinstance(self.times, TimesFile):
-            return self.times
-        chosen = None if self.times.column is None else [self.times.column]
-        found: list[float] = folder.table(self.times.file, chosen, self.times.sha256, 1).columns[0].tolist()
-        return found
-
-    def _equidistant(self, every: float) -> list[float]:
-        span = self.t_end - self.t_start
-        if not span / every < MOST_TIMES:
-            raise ValueError(f"it makes {span / every:.3g} times, at most {MOST_TIMES:.0e} are possible")
-        count = math.ceil(span / every * (1 - FIT))
-        return [*(self.t_start + every * k for k in range(count)), self.t_end]
+        return self.times.times(self, folder) if isinstance(self.times, (TimesFile, TimesEvery)) else self.times
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return what is recorded in the place of `times`: the hash of the file as it was read."""
-        if not isinstance(self.times, TimesFile):
-            return {}
-        one = self.times
-        chosen = None if one.column is None else [one.column]
-        hashed = {"sha256": folder.table(one.file, chosen, one.sha256, 1).sha256}
-        return {"times": one.model_dump(exclude_none=True) | hashed}
+        return {"times": self.times.recorded(folder)} if isinstance(self.times, TimesFile) else {}
 
 
 class Integrator(Section):
     """The integrator, its order and its own options."""
 
     name: Annotated[str, OneOf(INTEGRATORS, open=True)] = DEFAULT
-    order: int | None = Field(default=None, description="a whole number: an order that the integrator has")
-    options: dict[str, Any] = Field(default={}, description="a table of the integrator's own options")
+    order: int | None = entry("a whole number: an order that the integrator has", None)
+    options: dict[str, Any] = entry("a table of the integrator's own options", {})
 
     @classmethod
-    def keys(cls) -> list[str]:
+    def known(cls) -> list[str]:
         """Return the keys, and those of `options` of all integrators."""
         kinds: list[Any] = [*INTEGRATORS.values()]
         options = dict.fromkeys(key for kind in kinds for key in options_of(kind).model_fields)
-        return [*super().keys(), *(f"options.{key}" for key in options)]
-
-    def scheme(self) -> Scheme:
-        """Return the integrator; a ValueError where it has no such order or option."""
-        order = {} if self.order is None else {"order": self.order}
-        return INTEGRATORS[self.name](**order, **self.options)
+        return [*super().known(), *(f"options.{key}" for key in options)]
 
 
 class Output(Section):
     """Where the result goes."""
 
-    path: Annotated[str, Field(pattern=r"^[^\x00]+\.nc$")] | None = Field(
-        default=None, description='a file name with the ending ".nc", like result.nc, relative to the run file'
+    path: str | None = entry(
+        'a file name with the ending ".nc", like result.nc, relative to the run file', None, pattern=r"^[^\x00]+\.nc$"
     )
-    figures: list[Literal["momenta", "energy", "path"]] = Field(
-        default=[], description='a list of "momenta", "energy", "path": figures drawn next to the result'
+    figures: list[Literal["momenta", "energy", "path"]] = entry(
+        'a list of "momenta", "energy", "path": figures drawn next to the result', []
     )
 
 
@@ -305,57 +262,42 @@ DIRECTION = "-1 (only where its value falls), 1 (only where it rises) or 0 (both
 
 
 class EventSection(Section):
-    """An event, with what all kinds have in common."""
+    """An event, with what all kinds have in common: but for `kind`, the keys are those of the function `makes`."""
 
-    terminal: bool | Annotated[int, Field(ge=0)] = Field(
-        default=False, description="true where the run ends there, or a whole number: after how many of them"
+    makes: ClassVar[Callable[..., NamedEvent]]
+    terminal: bool | Annotated[int, Field(ge=0)] = entry(
+        "true where the run ends there, or a whole number: after how many of them", False
     )
-    name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = Field(
-        default=None, description="a text of up to 60 characters; by default axis_crosses or spin_below"
+    name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = entry(
+        "a text of up to 60 characters; by default axis_crosses or spin_below", None
     )
-    if TYPE_CHECKING:
-        kind: str
-        direction: int
 
-    @abstractmethod
     def event(self) -> NamedEvent:
         """Return the event; a ValueError where its numbers make none."""
-
-    @property
-    def named(self) -> str:
-        """The name of the event."""
-        return self.name or self.kind.replace("-", "_")
+        return type(self).makes(**self.model_dump(exclude={"kind"}, exclude_none=True))
 
 
 class AxisCrosses(EventSection):
     """An axis of the body crosses a plane, or a cone about its normal."""
 
+    makes = axis_crosses
     kind: Literal["axis-crosses"]
-    axis: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "components along the directors")
-    normal: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "of the plane, in space")
-    cosine: Annotated[float, Field(gt=-1, lt=1)] = Field(
-        default=0.0, description="a number between -1 and 1: of the angle between axis and normal, 0 for the plane"
+    axis: Axis = entry(AN_AXIS + "components along the directors", [0.0, 0.0, 1.0])
+    normal: Axis = entry(AN_AXIS + "of the plane, in space", [0.0, 0.0, 1.0])
+    cosine: float = entry(
+        "a number between -1 and 1: of the angle between axis and normal, 0 for the plane", 0.0, gt=-1, lt=1
     )
-    direction: Literal[-1, 0, 1] = Field(default=0, description=DIRECTION)
-
-    def event(self) -> NamedEvent:
-        """Return the event."""
-        how = {"direction": self.direction, "terminal": self.terminal, "name": self.named}
-        return axis_crosses(self.axis, self.normal, cosine=self.cosine, **how)  # type: ignore[arg-type]
+    direction: Literal[-1, 0, 1] = entry(DIRECTION, 0)
 
 
 class SpinBelow(EventSection):
     """The angular velocity, or its part along an axis of the body, falls below a value."""
 
+    makes = spin_below
     kind: Literal["spin-below"]
-    value: Positive = Field(description="a positive number, rad/s")
-    axis: Axis | None = Field(default=None, description=AN_AXIS + "components along the directors")
-    direction: Literal[-1, 0, 1] = Field(default=-1, description=DIRECTION)
-
-    def event(self) -> NamedEvent:
-        """Return the event."""
-        how = {"direction": self.direction, "terminal": self.terminal, "name": self.named}
-        return spin_below(self.value, self.axis, **how)  # type: ignore[arg-type]
+    value: Positive = entry("a positive number, rad/s")
+    axis: Axis | None = entry(AN_AXIS + "components along the directors", None)
+    direction: Literal[-1, 0, 1] = entry(DIRECTION, -1)
 
 
 EVENTS: dict[str, type[EventSection]] = {"axis-crosses": AxisCrosses, "spin-below": SpinBelow}

@@ -1,4 +1,4 @@
-"""From the bytes of a run file to plain data: TOML and nothing else, nothing that executes.
+"""Between the bytes of a run file and plain data: TOML and nothing else, nothing that executes.
 
 Whatever the bytes are, they end in data or in one line that says what is wrong and where, within about a second.
 """
@@ -10,11 +10,15 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
 
 from ..errors import RunFileError
-from .section import LARGEST_NUMBER, Fault, Keys, dotted, printable, shown
 
+LARGEST_NUMBER = (
+    1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
+)
 LARGEST = 1_000_000  # bytes
 DEEPEST = 32  # parts of a dotted key; tomllib's time grows with the square of them
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
@@ -22,6 +26,91 @@ VALUES = 'numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no
 LEFT_OUT = object()
 EITHER = ("step", "tolerance")  # of the table [time]
 _PLACE = re.compile(r" ?\((?:at line (\d+), column (\d+)|at end of document)\)")
+
+
+# Plain data written: JSON's numbers and strings are TOML's, only tables differ.
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(data: dict[str, Any]) -> str:
+    """Return plain data as TOML: scalars first, then a table for each dict and for each entry of a list of dicts."""
+    lines, tables = [], []
+    for key, item in data.items():
+        if isinstance(item, dict):
+            tables.append((f"[{toml_key(key)}]", item))
+        elif isinstance(item, list) and item and all(isinstance(entry, dict) for entry in item):
+            tables += [(f"[[{toml_key(key)}]]", entry) for entry in item]
+        else:
+            lines.append(_line(key, item))
+    for head, table in tables:
+        lines += ["", head, *(_line(key, item) for key, item in table.items())]
+    return "\n".join(lines).strip() + "\n"
+
+
+def _line(key: str, item: Any) -> str:
+    return f"{toml_key(key)} = {toml_value(item)}"
+
+
+def toml_key(key: str) -> str:
+    """Return a key, in quotes where it needs them."""
+    return key if _BARE.fullmatch(key) else toml_value(key)
+
+
+def toml_value(value: Any) -> str:
+    """Return a value as TOML writes it."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(_line(key, item) for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):
+        return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in json.dumps(value, ensure_ascii=False))
+    if isinstance(value, (bool, int, float)):
+        return str(value).lower() if isinstance(value, bool) else repr(value)
+    return str(value)
+
+
+# What is wrong with a run file, one line each: "file: key: what was given -> what is accepted".
+
+
+LONGEST = 60  # letters of a value that are shown
+Keys = tuple[str | int, ...]
+
+
+class Fault(NamedTuple):
+    """One thing that is wrong."""
+
+    key: str  #: dotted, entries of lists counted from 0; or a line of the file
+    given: str
+    accepted: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.given} -> {self.accepted}"
+
+
+def printable(text: str) -> str:
+    """Return a text without what a terminal would act on, shortened."""
+    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def shown(value: Any) -> str:
+    """Return a value as a message shows it: as TOML, shortened."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump(exclude_unset=True)
+    if isinstance(value, dict):
+        return f"a table with {printable(', '.join(map(toml_key, value)))}" if value else "an empty table"
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        return "a list of tables"
+    return printable(toml_value(value))
+
+
+def dotted(path: Keys) -> str:
+    """Return a path as a key: ``load.0.amplitude``."""
+    return ".".join(printable(toml_key(str(part))) for part in path)
+
+
+# Bytes read.
 
 
 class Unbounded(float):
@@ -136,29 +225,41 @@ def overridden(name: str, data: dict[str, Any], overrides: Iterable[str]) -> dic
 
 
 def _put(name: str, where: str, data: Any, keys: list[str], value: Any) -> None:
+    at: Any
     for k, key in enumerate(keys):
-        place: Keys = tuple(keys[:k])
+        place, is_last, at = dotted(tuple(keys[:k])), k == len(keys) - 1, key
         if isinstance(data, list):
             if not (key.isdecimal() and int(key) < len(data)):
-                raise _refused(name, where, f"{dotted(place)} has no entry {key}", f"0 to {len(data) - 1}")
-            at: Any = int(key)
-        elif isinstance(data, dict):
-            at = key
-        else:
-            raise _refused(name, where, f"{dotted(place)} is {shown(data)}, not a table", "a key of the file")
-        if k == len(keys) - 1 and value is LEFT_OUT:
-            if isinstance(data, list) or at in data:
-                del data[at]
-        elif k == len(keys) - 1:
-            data[at] = value
-        elif isinstance(data, dict):
-            data = data.setdefault(key, {})
-        else:
+                raise _refused(name, where, f"{place} has no entry {key}", f"0 to {len(data) - 1}")
+            at = int(key)
+        elif not isinstance(data, dict):
+            raise _refused(name, where, f"{place} is {shown(data)}, not a table", "a key of the file")
+        elif key not in data and not (is_last and value is LEFT_OUT):
+            data[key] = {}
+        if not is_last:
             data = data[at]
+        elif value is not LEFT_OUT:
+            data[at] = value
+        elif isinstance(data, list) or at in data:
+            del data[at]
 
 
 def _refused(name: str, key: str, given: str, accepted: str) -> RunFileError:
     return RunFileError(name, (Fault(key, given, accepted),))
+
+
+KEY = r"([\w.-]+)\s*=\s*"
+SLIPS = (  # patterns of lines that people write, and what TOML has in their place
+    (rf"{KEY}([+-]?\d+),(\d+)\s*(#.*)?", "a decimal point: {0} = {1}.{2}"),
+    (
+        r".*=\s*\[\s*[+-]?\d+([.,]\d+)?(,\d+)?\s*(;|\s[+-]?\d).*",
+        "decimal points, and commas between numbers: [0.5, 0.0, -1.0]",
+    ),
+    (".*[“”„‟«»‘’‚].*", 'straight quotes: "standard"'),
+    (r"([a-z_]+)", "a table in brackets, [{0}], or a value, {0} = ..."),
+    (rf"{KEY}([A-Za-z_][\w -]*?)\s*(#.*)?", 'text in quotes: {0} = "{1}"'),
+    (rf"{KEY}([+-]?[\d.]+)\s*[A-Za-z°].*", "a number without a unit (kg, m, s, N m, rad): {0} = {1}"),
+)
 
 
 def _explained(text: str, message: str) -> Fault:
@@ -173,17 +274,8 @@ def _explained(text: str, message: str) -> Fault:
         return Fault(f"line {number}", f"{line} looks like YAML", TOML)
     if "overwrite" in reason or "twice" in reason:
         return Fault(f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat")
-    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?\d+),(\d+)\s*(#.*)?", line):
-        return Fault(f"line {number}", line, f"a decimal point: {word[1]} = {word[2]}.{word[3]}")
-    if re.search(r"=\s*\[\s*[+-]?\d+([.,]\d+)?(,\d+)?\s*(;|\s[+-]?\d)", line):
-        return Fault(f"line {number}", line, "decimal points, and commas between numbers: [0.5, 0.0, -1.0]")
-    if re.search("[“”„‟«»‘’‚]", line):
-        return Fault(f"line {number}", line, 'straight quotes: "standard"')
-    if re.fullmatch(r"[a-z_]+", line):
-        return Fault(f"line {number}", line, f"a table in brackets, [{line}], or a value, {line} = ...")
-    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([A-Za-z_][\w -]*?)\s*(#.*)?", line):
-        return Fault(f"line {number}", line, f'text in quotes: {word[1]} = "{word[2]}"')
-    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?[\d.]+)\s*[A-Za-z°].*", line):
-        return Fault(f"line {number}", line, f"a number without a unit (kg, m, s, N m, rad): {word[1]} = {word[2]}")
+    for pattern, accepted in SLIPS:
+        if word := re.fullmatch(pattern, line):
+            return Fault(f"line {number}", line, accepted.format(*word.groups()))
     column = f", column {place[2]}" if place and place[2] else ""
     return Fault(f"line {number}{column}", f"{line} ({reason[:1].lower()}{reason[1:]})", f"TOML, with {VALUES}")

@@ -59,12 +59,9 @@ def file_of(problem: Problem, place: Path) -> RunFile:
         start["rotation"] = {"quaternion": begin.quaternion[0].tolist(), "order": "xyzw"}
     if begin.internal is not None:
         raise ValueError("start= has internal states of wheels or memory, which a run file takes from a run alone")
-    time = {key: getattr(problem, key) for key in ("t_end", "t_start", "step", "tolerance", "store")}
-    if time["t_start"] is None:
-        time["t_start"] = begin.time or 0.0
-    if problem.times is not None:
-        time["times"] = np.asarray(problem.times, dtype=float).tolist()
-        time["t_end"] = time["times"][-1] if time["t_end"] is None else time["t_end"]
+    plan = made.plan
+    time = {"t_start": plan.t_start, "t_end": plan.t_end, "times": plan.asked}
+    time |= {key: getattr(problem, key) for key in ("step", "tolerance", "store")}
     tables = {
         "body": body_table(system),
         "start": start,

@@ -10,28 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from .. import loads
 from ..analysis import observables as obs
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, EnergyMomentum, Gauss
-from ..loads import LOADS as KINDS
-from ..loads import (
-    Load,
-    Term,
-    body_moment,
-    damping,
-    director_forces,
-    dry_friction,
-    gravity_gradient,
-    memory_load,
-    potential,
-    pulse,
-    rotor,
-    sine,
-    space_moment,
-    spring,
-    wheel,
-)
+from ..loads import Load, Term
 from ..models.bodies import sample_bodies
 from ..models.catalogue import heavy_top, nontwisting, standard
 from ..models.system import DirectorSystem
@@ -102,23 +86,25 @@ def reaction(t: float, h: Array, directors: Array, W: Array) -> Array:
 
 
 OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS in the package
-    "pulse": pulse([0, 1, -2], 0, 0.2),
-    "sine": sine([1, 2, 0], 0.7),
-    "table": space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
-    "function": body_moment(lambda t: (t, 0, 1)),
-    "damping": damping([0.1, 0.2, 0.3]),
-    "rotor": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5]),
-    "dry_friction": dry_friction(2.0),
-    "wheel": wheel((1, 2, 0), 0.5, speed=3, torque=([0, 1, 2], [0.5, -1, 0.2])),
-    "director_forces": director_forces([0, 2], [FORCES, -FORCES]),
-    "function of director forces": director_forces(lambda t, d, w: FORCES * t + d, frame="body"),
-    "potential": potential([1, 0, 2], linear=[0.3, 1, -1], quadratic=np.array([[1, 0.5, 0], [0.5, -2, 0], [0, 0, 3]])),
-    "spring": spring(4, point=[0.2, 0.5, 1], anchor=[1, 1, 0.5], rest_length=0.7),
-    "gravity_gradient": gravity_gradient(0.8),
-    "function of a potential": potential(
+    "pulse": loads.pulse([0, 1, -2], 0, 0.2),
+    "sine": loads.sine([1, 2, 0], 0.7),
+    "table": loads.space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
+    "function": loads.body_moment(lambda t: (t, 0, 1)),
+    "damping": loads.damping([0.1, 0.2, 0.3]),
+    "rotor": loads.rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5]),
+    "dry_friction": loads.dry_friction(2.0),
+    "wheel": loads.wheel((1, 2, 0), 0.5, speed=3, torque=([0, 1, 2], [0.5, -1, 0.2])),
+    "director_forces": loads.director_forces([0, 2], [FORCES, -FORCES]),
+    "function of director forces": loads.director_forces(lambda t, d, w: FORCES * t + d, frame="body"),
+    "potential": loads.potential(
+        [1, 0, 2], linear=[0.3, 1, -1], quadratic=np.array([[1, 0.5, 0], [0.5, -2, 0], [0, 0, 3]])
+    ),
+    "spring": loads.spring(4, point=[0.2, 0.5, 1], anchor=[1, 1, 0.5], rest_length=0.7),
+    "gravity_gradient": loads.gravity_gradient(0.8),
+    "function of a potential": loads.potential(
         [0, 0, 1], lambda g: float(np.cos(g[0]) + g[2] ** 4), lambda g: np.array([-np.sin(g[0]), 0, 4 * g[2] ** 3])
     ),
-    "memory": memory_load(friction, reaction, 0.4, frame="body"),
+    "memory": loads.memory_load(friction, reaction, 0.4, frame="body"),
 }
 # K + V changes with time on an orbit; wheels are not stretched with the directors; memory is for `gauss` alone, and dry
 # friction splits steps.
@@ -141,17 +127,19 @@ def balances() -> Iterator[Check]:
     impulse = (np.diff(momentum(run), axis=0) - 0.01 * run.moment) / abs(momentum(run)).max()
     yield error("lie-midpoint: π changes by h m", impulse, ROUND_OFF, claims()["lie-midpoint"], "invariant")
     m, M = np.array([1.0, 2, -1]), np.array([1.0, -2, 0.7])
-    run = integrate(SAMPLES["standard"], integrator="energy-momentum", **how | {"load": space_moment(lambda t: m)})
+    run = integrate(
+        SAMPLES["standard"], integrator="energy-momentum", **how | {"load": loads.space_moment(lambda t: m)}
+    )
     mean = (run.directors[1:] + run.directors[:-1]) / 2
     C = np.swapaxes(mean, 1, 2) @ mean
     impulse = np.diff(momentum(run), axis=0) - 0.005 * (np.trace(C, axis1=1, axis2=2)[:, None] * m - C @ m)
     impulse /= abs(momentum(run)).max()
     yield error("energy-momentum: π changes by h/2 (tr C - C) m", impulse, ROUND_OFF, DISCRETE, "invariant")
     exact = EnergyMomentum(moments="exact")
-    run = integrate(SAMPLES["standard"], **how | {"integrator": exact, "load": space_moment(lambda t: m)})
+    run = integrate(SAMPLES["standard"], **how | {"integrator": exact, "load": loads.space_moment(lambda t: m)})
     impulse = (np.diff(momentum(run), axis=0) - 0.01 * m) / abs(momentum(run)).max()
     yield error("energy-momentum, exact moments: π changes by h m", impulse, ROUND_OFF, EXACT_MOMENTS, "invariant")
-    turning = how | {"angular_velocity": (1, -2, 0), "load": body_moment(lambda t: M * t)}
+    turning = how | {"angular_velocity": (1, -2, 0), "load": loads.body_moment(lambda t: M * t)}
     run = integrate(SAMPLES["nontwisting"], integrator="lie-midpoint", order=2, **turning)
     middle = (run.time[1:] + run.time[:-1]) / 2
     change = np.diff(obs.material(run.directors, momentum(run)), axis=0) - 0.01 * np.outer(middle, M * [1, 1, 0])
@@ -171,7 +159,7 @@ def work_of(load: Load, words: str) -> Iterator[Check]:
 
 def own_terms() -> dict[str, type[Term]]:
     """Return the classes of terms that modules outside the package have added."""
-    return {name: cls for name, cls in KINDS.items() if name not in OF_TERMS}
+    return {name: cls for name, cls in loads.LOADS.items() if name not in OF_TERMS}
 
 
 def unchecked() -> tuple[str, ...]:
@@ -186,7 +174,7 @@ def unchecked() -> tuple[str, ...]:
 
 def exchange() -> Iterator[Check]:
     """March a body with a wheel, whose momentum is an internal state of the load, over 10⁴ steps of 0.1 s."""
-    wheel, drifts = memory_load(friction, reaction, 0.4, frame="body", compiled=True), list[float]()
+    wheel, drifts = loads.memory_load(friction, reaction, 0.4, frame="body", compiled=True), list[float]()
     how: Arguments = {"t_end": 1e3, "step": 0.1, "material_angular_velocity": (1, -2, 3), "load": wheel}
     for order in Gauss.orders:
         run = integrate(SAMPLES["standard"], integrator=Gauss(order), **how)
@@ -199,7 +187,7 @@ def exchange() -> Iterator[Check]:
 
 def constraints() -> Iterator[Check]:
     """Measure the twist rate, and the part of velocities that is not tangent, at the nodes under load."""
-    load = sine([5, 3, 1], 2, frame="space")
+    load = loads.sine([5, 3, 1], 2, frame="space")
     how: Arguments = {"t_end": 2, "step": 0.01, "angular_velocity": (1, -2, 0), "load": load, "project": True}
     for scheme in ("lie-midpoint", "split"):
         rate = velocity(integrate(SAMPLES["nontwisting"], integrator=scheme, **how))[:, 2]
@@ -223,7 +211,7 @@ def million_steps() -> Iterator[Check]:
         how: Arguments = {"t_end": 5000, "step": 0.005, "store": 1000, "material_angular_velocity": W}
         split = [] if body.dead_force.any() else [("split", 2), ("split", 4)]
         for scheme, k in (("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2), *split):
-            load = sine([1e-200, 0, 0], 0.7) if scheme == "split" else None
+            load = loads.sine([1e-200, 0, 0], 0.7) if scheme == "split" else None
             run = integrate(body, integrator=scheme, order=k, load=load, **how)
             pi = momentum(run)
             conserved = {"π": pi, "Π1, Π2": obs.material(run.directors, pi)[:, :2], "π·e3": pi[:, 2:]}[kept]
@@ -238,12 +226,12 @@ FORCED: dict[str, tuple[DirectorSystem, tuple[float, float, float]]] = {
     "non-twisting body": (nontwisting(PAPER_J), (1, -2, 0)),
 }
 LOADS: dict[str, Load] = {
-    "a load that never ends": sine([1, 2, 0.5], 0.7),
-    "a load that ends": pulse([1, 2, 0.5], 10, 210),
+    "a load that never ends": loads.sine([1, 2, 0.5], 0.7),
+    "a load that ends": loads.pulse([1, 2, 0.5], 10, 210),
 }
 
 
-def loads() -> Iterator[Check]:
+def forced() -> Iterator[Check]:
     """March 10⁵ steps of 0.005 s with every order, and compare energy and momentum with work and impulse."""
     for name, load in LOADS.items():
         for motion, (body, W) in FORCED.items():
@@ -268,4 +256,4 @@ def unbalanced(values: Array, supplied: Array) -> float:
     return float(abs(gained - np.cumsum(supplied, axis=0)).max() / abs(values).max())
 
 
-CHECKS = (random_bodies, balances, exchange, constraints, million_steps, loads)
+CHECKS = (random_bodies, balances, exchange, constraints, million_steps, forced)

@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,27 +24,14 @@ from numpy.typing import NDArray
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.attitudes import quaternions
-from ..geometry.directors import triad_about
-from ..geometry.values import shown
+from ..geometry.frames import triad_about
+from ..geometry.values import shown, vector_text
+from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
-from .panels import (
-    SLAB_IN_WORDS,
-    Weight,
-    arrows_in_words,
-    body_in_words,
-    box_in_words,
-    box_of,
-    integrator_in_words,
-    momenta_of_rotors,
-    name_in_words,
-    packed,
-    panels,
-    to_watch,
-    weight_of,
-)
+from .panels import momenta_of_rotors, packed, panels
 
 if TYPE_CHECKING:
     import xarray
@@ -184,7 +171,7 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     p = quaternions(attitudes)
     kept = _shown(np.arange(time.size))
-    turn = 2 * np.arccos(np.minimum(abs(np.sum(p[kept][1:] * p[kept][:-1], axis=1)), 1.0))
+    turn = turns_between(p[kept])
     angles = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}
     return {
         "about": about | {"States": _states_in_words(kept.size, time.size, float(turn.max()), "system" in run.attrs)},
@@ -197,6 +184,12 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
         **{key: packed(twisted[name].values[kept]) for key, name in angles.items()},
         "panels": panels(run, twisted),
     }
+
+
+def turns_between(quaternions: Array) -> Array:
+    """Return the angles from each attitude to the next, rad."""
+    cosines: Array = abs(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
+    return 2 * np.arccos(np.minimum(cosines, 1.0))
 
 
 def _shown(values: NDArray[Any]) -> NDArray[Any]:
@@ -245,3 +238,143 @@ def _states_in_words(count: int, stored: int, turn: float, is_run: bool) -> str:
 def as_script(data: dict[str, Any]) -> str:
     """Return JSON that is safe inside of a script element, whatever its strings hold."""
     return json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+# What weighs on a body: the vertical, the centre of mass, and the box that hangs from the pivot.
+#
+# A run stores the dead forces f^i = m ρ_i g of the weight, not its factors. Where they have one direction in space,
+# they determine the directions of g and ρ but for the sign of both, (ρ, g) or (-ρ, -g), and no length. A run of a run
+# file records mass and centre of mass, stated or those of a shape; then E = E_c + m ρ ⊗ ρ gives the Euler inertia about
+# the centre of mass, and all lengths but for a common factor 1/√m.
+
+HALF_DIAGONAL, THINNEST = 0.55, 0.03  # of the box; the sphere has the radius 1
+REACH = 0.66  # of a box that hangs: its furthest corner from the pivot
+TOWARDS = 0.62  # of the point in the direction of a centre of mass whose distance is not known
+SAME = 1e-9
+FACTORS, GRAVITY = ("mass", "centre_of_mass", "gravity"), (0.0, 0.0, -9.81)
+
+
+class Weight(NamedTuple):
+    """The direction of gravity in space, that of the centre of mass in the body, and √m ρ where it is known."""
+
+    down: Array
+    towards: Array
+    scaled: Array | None = None
+
+    def box(self, system: DirectorSystem) -> dict[str, Array]:
+        """Return the box of this body, and the centre of mass, in components of the body."""
+        if self.scaled is None:
+            return box_of(system.euler_inertia) | {"centre_of_mass": TOWARDS * self.towards}
+        E, edges = np.linalg.eigh(system.euler_inertia - np.outer(self.scaled, self.scaled))
+        half, centre = np.sqrt(3 * np.maximum(E, 0.0)), self.scaled
+        signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+        scale = REACH / np.linalg.norm(centre + signs * half @ edges.T, axis=1).max()
+        return {
+            "half": np.maximum(scale * half, THINNEST),
+            "edges": edges.T,
+            "centre": scale * centre,
+            "centre_of_mass": scale * centre,
+        }
+
+
+def box_of(euler_inertia: Array) -> dict[str, Array]:
+    """Return half sides, edges as rows, and the middle of the box with an Euler inertia about it."""
+    E, edges = np.linalg.eigh(euler_inertia)
+    half = HALF_DIAGONAL * np.sqrt(np.maximum(E, 0.0) / np.trace(euler_inertia))
+    return {"half": np.maximum(half, THINNEST), "edges": edges.T, "centre": np.zeros(3)}
+
+
+def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None:
+    """Return what weighs on a body whose dead forces have one direction in space; None for others.
+
+    The attributes of the run, or its run file alone, decide the sign of gravity; without them it points towards -z, or
+    else towards -y, -x.
+    """
+    left, size, right = np.linalg.svd(system.dead_force)
+    if size[1] > SAME * size[0] or size[0] == 0:
+        return None
+    body: dict[str, Any] = tomllib.loads(attrs.get("run_file", "")).get("body", {})
+    body |= {key: attrs[key] for key in FACTORS if key in attrs}
+    if {"mass", "centre_of_mass"} <= body.keys():
+        mass = float(as_positive(body["mass"], "mass", (), "kg"))
+        rho = as_array(body["centre_of_mass"], "centre_of_mass", (3,))
+        gravity = as_array(body.get("gravity", GRAVITY), "gravity", (3,))
+        if abs(mass * np.outer(rho, gravity) - system.dead_force).max() <= SAME * size[0]:
+            return Weight(gravity / np.linalg.norm(gravity), rho / np.linalg.norm(rho), np.sqrt(mass) * rho)
+    towards, down = left[:, 0], right[0]
+    first = next(x for x in down[::-1] if abs(x) > SAME)
+    sign = -1.0 if first > 0 else 1.0
+    return Weight(sign * down, sign * towards)
+
+
+# Descriptions of the body and the integrator of a run, from its attributes.
+
+
+SLAB_IN_WORDS = "generic, since a recording has no inertia: its longest edge need not be that of the body"
+
+
+def name_in_words(system: DirectorSystem) -> str:
+    """Return the name of the body."""
+    return BODIES[system.name].words if system.name in BODIES else system.name
+
+
+def body_in_words(system: DirectorSystem) -> str:
+    """Return constraint, principal moments and dead forces."""
+    moments = np.linalg.eigvalsh(system.convected_inertia)
+    words = f"principal moments {', '.join(f'{J:.4g}' for J in moments)} kg m²"
+    if system.axis is None:
+        words = f"free to turn; {words}"
+    else:
+        axis = "d₃" if np.array_equal(system.axis, [0, 0, 1]) else f"the body axis {vector_text(system.axis)}"
+        turning = f"no spin about {axis}"
+        if system.spin is not None:
+            rate = f"{system.spin.values[0]:.4g} rad/s" if system.spin.is_constant else "given by a table"
+            turning = f"prescribed spin about {axis}: {rate}"
+        words = f"{turning}; {words}"
+    return words + ("; gravity" if system.dead_force.any() else "")
+
+
+def box_in_words(weight: Weight | None) -> str:
+    """Return what the box of a run is, and where it is."""
+    if weight is None:
+        return "the inertia of the body"
+    if weight.scaled is None:
+        return "the inertia about the pivot; the line points to the centre of mass, at a distance that is not recorded"
+    return "the inertia about the centre of mass, to which the line leads from the pivot"
+
+
+def arrows_in_words(axis: Array) -> dict[str, str]:
+    """Return what the arrows are where they are not the directors."""
+    if np.array_equal(axis, [0, 0, 1]):
+        return {}
+    return {"Arrows": f"n: the body axis {vector_text(axis)}; t₁, t₂: fixed in the body, perpendicular to n"}
+
+
+def to_watch(system: DirectorSystem | None, rotors: int = 0) -> str:
+    """Return a sentence on what to watch, and what its rotors are; None stands for a recording."""
+    if rotors:
+        wheels = "wheel is its rotor, the arrow" if rotors == 1 else f"{rotors} wheels are its rotors, the arrows"
+        momentum = "its momentum" if rotors == 1 else "their momenta"
+        return f"{to_watch(system)} The {wheels} h {momentum} relative to the body."
+    if system is None:
+        return (
+            "The wedge is the twist: the angle by which the body has turned about its axis, relative to a non-twisting "
+            "frame."
+        )
+    if system.axis is None:
+        return "The body may turn about its own axis: the wedge is its twist, relative to a non-twisting frame."
+    axis = "d₃" if np.array_equal(system.axis, [0, 0, 1]) else "n"
+    if system.spin is not None:
+        rate = "at a prescribed rate, enforced by the reaction moment"
+        return f"The body turns about {axis} {rate}. The wedge is its twist."
+    return f"The body may not turn about {axis}: the wedge remains closed. The reaction moment enforces this."
+
+
+def integrator_in_words(attrs: Mapping[str, Any]) -> str:
+    """Return the integrator, its options and the step."""
+    options = json.loads(attrs.get("integrator", "{}"))
+    words = [str(options.pop("name", "not recorded"))]
+    words += [f"{key} {value}" for key, value in options.items() if value]
+    if "step" in attrs:
+        words.append(f"step {float(attrs['step']):.6g} s")
+    return ", ".join(words)

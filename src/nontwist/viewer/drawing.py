@@ -243,9 +243,7 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
     for last, colour, alpha in ((2 * np.pi, ink["frame"], 0.18), (turned, ink["twist"], 0.85)):
         angle = np.linspace(0, last, max(2, round(abs(last) / (2 * np.pi) * 72) + 1))
         along = np.cos(angle)[:, None] * frame[0] + np.sin(angle)[:, None] * frame[1]
-        quads = np.stack([RING[0] * along[:-1], RING[1] * along[:-1], RING[1] * along[1:], RING[0] * along[1:]], axis=1)
-        seen = (quads.mean(1) @ view[2] >= 0) == near
-        _fill(ax, quads[seen] @ view[:2].T, zorder, fc=colour, alpha=alpha)
+        _band(ax, along, RING, view, near, zorder, fc=colour, alpha=alpha)
         if last == 2 * np.pi:
             for radius in RING:
                 _line(ax, radius * along, view, near, zorder, color=ink["frame"], lw=0.8)
@@ -257,10 +255,18 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
 def _wheel(ax: Axes, axis: Array, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
     a = np.linalg.svd(axis[None])[2][1:]
     angle = np.linspace(0, 2 * np.pi, 91)
-    inner, outer = (radius * (np.cos(angle)[:, None] * a[0] + np.sin(angle)[:, None] * a[1]) for radius in WHEEL)
+    along = np.cos(angle)[:, None] * a[0] + np.sin(angle)[:, None] * a[1]
+    _band(ax, along, WHEEL, view, near, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
+
+
+def _band(
+    ax: Axes, along: Array, radii: tuple[float, float], view: Array, near: bool, zorder: int, **look: Any
+) -> None:
+    """Fill what is between two radii along unit vectors."""
+    inner, outer = (radius * along for radius in radii)
     quads = np.stack([inner[:-1], outer[:-1], outer[1:], inner[1:]], axis=1)
     seen = (quads.mean(1) @ view[2] >= 0) == near
-    _fill(ax, quads[seen] @ view[:2].T, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
+    _fill(ax, quads[seen] @ view[:2].T, zorder, **look)
 
 
 def _arrow(ax: Axes, d: Array, length: float, view: Array, zorder: int, colour: str) -> None:

@@ -27,6 +27,7 @@ from recordings.makers import (
     ACC,
     DATA,
     GYR,
+    LIBRARIES,
     apdm,
     bvh,
     made,
@@ -43,7 +44,6 @@ from recordings.makers import (
     sto,
 )
 from recordings.makers import R as MOVED
-from recordings.test_same import LIBRARIES
 from refusals import refused, warned
 
 N = 90

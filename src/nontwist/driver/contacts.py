@@ -337,8 +337,6 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
 
     if (reason := refusal(scheme, problem)) is not None:
         raise ValueError(reason)
-    if problem.observed:
-        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
     own = problem.load.frictions
     kind: type[Rubbed | Bearings] = Bearings
     if own:

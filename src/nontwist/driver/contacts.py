@@ -330,7 +330,7 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     Raises
     ------
     ValueError
-        What `refusal` returns; statistics over steps are asked for; as the integrator.
+        What `refusal` returns; as the integrator.
     """
     from .rubbing import Rubbed, Tumbling
     from .wheel_friction import Bearings

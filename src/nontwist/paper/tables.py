@@ -93,6 +93,10 @@ def _data(name: str) -> dict[str, Any]:
 
 
 QUOTIENT_TOLERANCE = 6e-5
+CAPTIONS = {
+    "second_quotient": f"Second quotient of precision; agrees within {QUOTIENT_TOLERANCE:g}",
+    "invariants": "Motion invariants; printed digits are truncated",
+}
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,14 @@ def exact(a):
     return mp.matrix(np.asarray(a, dtype=float).tolist())
 
 
+def mp_dot(a, b):
+    return mp.fsum(x * y for x, y in zip(a, b, strict=True))
+
+
+def mp_cross(a, b):
+    return mp.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def length(a):
     """Return the root of the sum of squares of all entries."""
     return mp.sqrt(mp.fsum(x * x for x in a))

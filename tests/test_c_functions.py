@@ -19,7 +19,6 @@ from nontwist import (
     propagator,
     simulate,
     simulate_ensemble,
-    space_moment,
     stepper,
 )
 from nontwist.errors import SimulationError, Status
@@ -151,11 +150,7 @@ def test_it_is_a_value(from_c):
 
 
 def test_it_cannot_be_pickled(from_c):
-    message = (
-        "the load swing is a C function, whose address is valid in this process only; load the library and call "
-        "moment(...) in each process"
-    )
-    with pytest.raises(pickle.PicklingError, match=f"^{re.escape(message)}$"):
+    with pytest.raises(pickle.PicklingError, match="load the library and call"):
         pickle.dumps(damping(1) + moment(from_c))
 
 
@@ -181,16 +176,9 @@ test_refused_with_the_right_signature = refused_as(
     {
         "not declared": lambda: moment(ctypes.CDLL(None).abs),
         "of one number": lambda: moment(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)),
-        "of floats": lambda: moment(
-            ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [ctypes.POINTER(ctypes.c_float)])(print)
-        ),
-        "SciPy's integrand": lambda: moment(
-            LowLevelCallable(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int, DOUBLES)(max))
-        ),
         "complex": lambda: moment(of_complex),
         "user data": lambda: moment(LowLevelCallable(in_numba.ctypes, ctypes.c_void_p(1))),
         "null": lambda: moment(ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])(0)),
-        "of time, along directors": lambda: body_moment(in_numba),
-        "of time, along axes": lambda: space_moment(LowLevelCallable(in_numba.ctypes)),
+        "of time": lambda: body_moment(in_numba),
     }
 )

@@ -15,7 +15,7 @@ from nontwist.geometry.rotations import hat
 from nontwist.integrators import Gauss, LieMidpoint, Split
 from nontwist.integrators.gauss import LARGEST_TURN
 from nontwist.integrators.gauss_coefficients import nodes
-from refusals import said
+from refusals import said, says
 
 BODY = standard([3, 4, 5])
 COARSE = (
@@ -49,14 +49,8 @@ def test_a_hopeless_step_is_told_once():
     assert (name, order) == ("lie-midpoint", "2")
     assert run.attrs["warning"] == text
     assert float(fine) < 0.05
+    said(text)  # in plain numbers: 492° are missing, not 4.9e+02°
     assert told(lambda: integrate(BODY, t_end=10, step=10 / np.ceil(10 / float(fine)), **start))[1] is None
-
-
-def test_a_coarse_step_is_told_in_plain_numbers():
-    """20 steps of 2 rad each turn by 2 atan(1) rad: 492° are missing, not 4.9e+02°."""
-    start = {"material_angular_velocity": (4, 0, 0), "integrator": "lie-midpoint"}
-    _, text = told(lambda: simulate(BODY, t_end=10, step=0.5, **start))
-    said(text)
 
 
 def test_calls_that_are_prepared_say_the_same():
@@ -190,9 +184,5 @@ def test_a_run_that_chooses_its_step_says_nothing():
 
 
 def test_a_step_that_turns_a_body_out_of_its_triad_names_the_turn():
-    message = (
-        "step 3 at t = 3 s: the directors are no longer orthonormal (the body turns 5.3 rad in one step); "
-        "try step <= 0.09"
-    )
-    with pytest.raises(SimulationError, match=f"^{re.escape(message)}$"):
+    with says(SimulationError):
         integrate(standard([1, 2, 3]), t_end=20, step=1, material_angular_velocity=(0.01, 5, 0), integrator="gauss")

@@ -54,18 +54,6 @@ def test_breakpoints_are_integration_limits():
     assert run.material_momentum.values[:, :2] == pytest.approx(np.outer([0, 0.1, 0.25], [3, -1]), abs=1e-13)
 
 
-def test_times_reach_from_where_they_start_to_where_they_end():
-    run = simulate(
-        standard([1, 2, 2.5]),
-        t_start=1,
-        times=np.array([1, 1.5, 4]),
-        angular_velocity=[1, 1, 1],
-        integrator="continuous",
-    )
-    assert np.array_equal(run.time, [1, 1.5, 4])
-    assert run.sizes["midtime"] == 2
-
-
 test_refused_with_the_value = refused_as(
     {
         "order": lambda: simulate(standard([1, 1, 1]), t_end=1, integrator="continuous", order=4),

@@ -7,34 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import nontwist as nt
 from conftest import nontwist
-from nontwist import (
-    body_moment,
-    damping,
-    exact,
-    heavy_top,
-    moment,
-    nontwisting,
-    pulse,
-    simulate,
-    simulate_ensemble,
-    sine,
-    space_moment,
-    standard,
-    sweep,
-)
 from nontwist.driver import costs, grid
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
-from nontwist.integrators import DEFAULT, INTEGRATORS, IVP, Continuous, continuous, exact_solution
+from nontwist.integrators import INTEGRATORS, IVP, Continuous, continuous, exact_solution
 from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
 from nontwist.models.stack import stacked
 from nontwist.recordings.reading import read_motion
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import forecast
-from refusals import said
+from refusals import said, says
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
 SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequency = 1e8\n'
@@ -44,7 +30,7 @@ MANY = (
     "the closed-form solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
     "would do, or the integrator split"
 )
-FREE, PUSH = nontwisting([3, 4, 5]), {"angular_velocity": [1, 0, 0], "integrator": "exact"}
+FREE, PUSH = nt.nontwisting([3, 4, 5]), {"angular_velocity": [1, 0, 0], "integrator": "exact"}
 
 
 @pytest.fixture
@@ -101,29 +87,25 @@ def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
 def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(monkeypatch):
     monkeypatch.setattr(loaded_body, "unrefined", None)
     with pytest.raises(ValueError, match=re.escape(MANY)):
-        exact.loaded_momentum([3, 4, 5], [1, 0, 0], sine([1, 0, 0], 1e8), [1.0])
+        nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], nt.sine([1, 0, 0], 1e8), [1.0])
 
 
 def test_refused_runs_are_not_announced():
     """With warnings as errors, a forecast would come in the place of the refusal."""
     with pytest.raises(ValueError, match=re.escape(MANY)):
-        simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator="exact", load=sine([1, 0, 0], 1e8))
+        nt.simulate(nt.nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator="exact", load=nt.sine([1, 0, 0], 1e8))
 
 
 def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatch):
     monkeypatch.setattr(loaded_body, "MOST", 100)
-    load = body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
-    message = (
-        r"needs more than 1e\+02 pieces of the load: it is not smooth near t = \S+ s; give its breakpoints, or use "
-        r"the integrator split"
-    )
-    with pytest.raises(ValueError, match=message):
-        exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
+    load = nt.body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
+    with says():
+        nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
 
 
 @pytest.mark.parametrize("frequency", [0.3, 1, 10, 123.4, 1000])
 def test_the_pieces_are_no_more_than_forecast(frequency):
-    load, limits = sine([1, 0, 0], frequency) + sine([0, 1, 0], frequency / 7), np.array([0, 1.7])
+    load, limits = nt.sine([1, 0, 0], frequency) + nt.sine([0, 1, 0], frequency / 7), np.array([0, 1.7])
     pieces, expected = loaded_body.pieces_of(load, limits), loaded_body.halved_pieces(load, 0, 1.7)
     assert expected / 5 - 2 < len(pieces.a) < expected + 8
 
@@ -132,33 +114,33 @@ def test_where_the_glance_sees_no_load_the_march_still_does():
     t = np.append(np.linspace(0, 1, 50_001), [2])
     values = np.zeros((50_002, 3))
     values[25_017] = 3e5, 0, 0
-    load = body_moment(t, values)
-    assert INTEGRATORS["exact"]().refusal(problem(standard([3, 4, 5]), load)) is None
+    load = nt.body_moment(t, values)
+    assert INTEGRATORS["exact"]().refusal(problem(nt.standard([3, 4, 5]), load)) is None
     with pytest.raises(ValueError, match="a standard body under load"):
-        INTEGRATORS["exact"]().march(problem(standard([3, 4, 5]), load))
+        INTEGRATORS["exact"]().march(problem(nt.standard([3, 4, 5]), load))
 
 
 # the forecast
 
 
 def test_the_cost_counts_substeps_nodes_and_pieces():
-    free, pushed = problem(FREE, 0 * pulse([1, 0, 0])), problem(FREE, sine([1, 0, 0], 5), 1000)
+    free, pushed = problem(FREE, 0 * nt.pulse([1, 0, 0])), problem(FREE, nt.sine([1, 0, 0], 5), 1000)
     lie, split, closed = (INTEGRATORS[name]() for name in ("lie-midpoint", "split", "exact"))
     assert lie.cost(pushed, 2) == Cost(1000, "steps", pytest.approx(1000 * 360e-9), 0)
-    slow = lie.cost(problem(FREE, moment(lambda t, d, w: -w), 1000), 2)
+    slow = lie.cost(problem(FREE, nt.moment(lambda t, d, w: -w), 1000), 2)
     assert slow.seconds == pytest.approx(1000 * 2e-4)
-    in_time = lie.cost(problem(FREE, space_moment(lambda t: (1, 0, 0)), 1000), 2)
+    in_time = lie.cost(problem(FREE, nt.space_moment(lambda t: (1, 0, 0)), 1000), 2)
     assert in_time.seconds == pytest.approx(1000 * (300 + 10_000) * 1e-9)
     assert split.cost(pushed, 2).parts == 1000
-    assert split.cost(problem(FREE, pulse([1, 0, 0], 0, 0.1), 1000), 2).parts == 100
+    assert split.cost(problem(FREE, nt.pulse([1, 0, 0], 0, 0.1), 1000), 2).parts == 100
     assert closed.cost(pushed, 11).parts == 11 + 25
-    assert closed.cost(problem(standard([3, 4, 5]), free.load), 11).parts == 0
+    assert closed.cost(problem(nt.standard([3, 4, 5]), free.load), 11).parts == 0
 
 
 def test_long_or_large_runs_are_announced():
     assert costs.notice(Cost(10, "steps", 10.0, 10**9)) is None
     said(costs.notice(Cost(12_800_000, "steps", 3700.0, 10**6)))
-    assert "and 2 GB on the disk" in costs.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk")
+    said(costs.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk"))
 
 
 @pytest.fixture
@@ -168,19 +150,19 @@ def slow(monkeypatch):
 
 def test_simulate_warns_where_it_was_called(slow):
     with pytest.warns(UserWarning, match=r"^the run will take about .* and 8\.8 kB of memory, for 10 steps$") as seen:
-        simulate(FREE, t_end=1, step=0.1)
+        nt.simulate(FREE, t_end=1, step=0.1)
     assert [one.filename for one in seen] == [__file__]
     with pytest.warns(UserWarning, match=r"about .* and 80\.8 kB of memory, for 3 steps"):
-        simulate(FREE, t_end=1)
+        nt.simulate(FREE, t_end=1)
     with pytest.warns(UserWarning, match="for 3 states"):
-        simulate(FREE, times=[0, 0.5, 1], integrator="continuous")
+        nt.simulate(FREE, times=[0, 0.5, 1], integrator="continuous")
 
 
 def test_ensembles_and_sweeps_warn(slow, written):
     with pytest.warns(UserWarning, match="the run will take about .* for 30 steps"):
-        simulate_ensemble(FREE, t_end=1, step=0.1, angular_velocity=np.eye(3)[[0, 1, 1]])
+        nt.simulate_ensemble(FREE, t_end=1, step=0.1, angular_velocity=np.eye(3)[[0, 1, 1]])
     with pytest.warns(UserWarning, match="the sweep will take about .* on the disk, for 3 members"):
-        sweep(written(BODY + SWEPT), "store", workers=1)
+        nt.sweep(written(BODY + SWEPT), "store", workers=1)
 
 
 def test_check_warns_with_the_time(slow, written):
@@ -192,18 +174,6 @@ def test_check_warns_with_the_time(slow, written):
     assert "3 members over body.inertia.0, about 20 µs on one core" in result.stdout
 
 
-def test_run_warns_before_it_runs(slow, written, monkeypatch):
-    def refuse(*arguments):
-        raise ValueError("here it would run")
-
-    monkeypatch.setattr(INTEGRATORS[DEFAULT], "march", refuse)
-    written(BODY)
-    result = nontwist("run", "run.toml")
-    assert re.fullmatch(
-        r"run\.toml: warning: the run will take about .* for 10 steps\nrun\.toml: here it would run\n", result.stderr
-    )
-
-
 def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_does(monkeypatch, written):
     monkeypatch.setattr(grid, "free_memory", lambda: 10_000_000)
     monkeypatch.setattr(grid, "SMALL", 0)
@@ -212,7 +182,7 @@ def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_doe
         "the integrator split"
     )
     with pytest.raises(ValueError, match=re.escape(message)):
-        simulate(FREE, t_end=1, step=0.5, load=sine([1, 0, 0], 1000), **PUSH)
+        nt.simulate(FREE, t_end=1, step=0.5, load=nt.sine([1, 0, 0], 1000), **PUSH)
     coming = forecast(read_run_file(written(BODY + EXACT + SINE.replace("1e8", "1000"))))
     assert coming.problems[0].key == "time.store"
     assert "10 MB are free; 2300 pieces fit" in coming.problems[0].given
@@ -258,19 +228,16 @@ def test_a_grid_is_not_made_to_be_checked(written, monkeypatch):
     assert read_run_file(written(BODY + SWEPT.replace("3 }", "10_000_000 }"))).sweep.members == 10_000_000
 
 
-def test_the_nearest_step_is_sieved():
+def test_the_nearest_step_is_sieved(monkeypatch):
     rng = np.random.default_rng(3)
     for _ in range(200):
         N, q = int(rng.integers(2, 60)), int(rng.integers(2, 30))
         x = np.unique(rng.integers(1, q, 3)) / q
         near = sorted(range(1, 100), key=lambda n: abs(n - N))
         assert grid.fitting_count(x, N, range(1, 100)) == next((n for n in near if grid.fits(x, n)), None)
-
-
-def test_the_search_for_a_step_ends(monkeypatch):
     x = np.array([0.5, 0.25, 0.125])
     assert grid.fitting_count(x, 17, range(1, 100)) == 16
-    monkeypatch.setattr(grid, "TRIES", 120)
+    monkeypatch.setattr(grid, "TRIES", 120)  # the search ends
     assert grid.fitting_count(x, 17, range(1, 100)) is None
 
 
@@ -301,12 +268,12 @@ def test_a_fifo_is_refused_in_words(written):
 
 
 STEPPED = {
-    "free": (standard([3, 4, 5]), {"material_angular_velocity": (0.1, 2, 0.1)}, 10),
-    "a needle": (standard([2e-7, 5.6e-4, 5.6e-4]), {"angular_velocity": (1e-3, -40, 0)}, 0.05),
-    "gravity": (heavy_top([3, 4, 5], 1, [0, 0, 0.5]), {"material_angular_velocity": (0, 0.1, 10)}, 2),
-    "a sine": (standard([3, 4, 5]), {"load": sine([1, 0, 2], 3)}, 2),
-    "damping": (standard([3, 4, 5]), {"load": damping(100), "angular_velocity": (0, 10, 1)}, 3),
-    "a table": (FREE, {"load": body_moment(np.linspace(0, 5, 30), np.outer(np.arange(30), (1, 0, 0)))}, 5),
+    "free": (nt.standard([3, 4, 5]), {"material_angular_velocity": (0.1, 2, 0.1)}, 10),
+    "a needle": (nt.standard([2e-7, 5.6e-4, 5.6e-4]), {"angular_velocity": (1e-3, -40, 0)}, 0.05),
+    "gravity": (nt.heavy_top([3, 4, 5], 1, [0, 0, 0.5]), {"material_angular_velocity": (0, 0.1, 10)}, 2),
+    "a sine": (nt.standard([3, 4, 5]), {"load": nt.sine([1, 0, 2], 3)}, 2),
+    "damping": (nt.standard([3, 4, 5]), {"load": nt.damping(100), "angular_velocity": (0, 10, 1)}, 3),
+    "a table": (FREE, {"load": nt.body_moment(np.linspace(0, 5, 30), np.outer(np.arange(30), (1, 0, 0)))}, 5),
 }
 
 
@@ -319,7 +286,7 @@ def test_the_steps_of_the_solver_are_about_those_forecast(case, method, monkeypa
     counting = type(method, (solver,), {"step": lambda self: taken.append(1) or solver.step(self)})
     monkeypatch.setattr(continuous, "solver_of", lambda method: counting)
     monkeypatch.setattr(continuous, "expected_steps", lambda *task: expected.append(forecast(*task)) or expected[0])
-    simulate(body, times=[end], integrator=Continuous(method=method, rtol=1e-6, atol=1e-8), **how)
+    nt.simulate(body, times=[end], integrator=Continuous(method=method, rtol=1e-6, atol=1e-8), **how)
     assert len(taken) / 4 < expected[0] < 25 * len(taken)
 
 
@@ -330,4 +297,4 @@ def test_continuous_says_what_it_may_take_and_takes_no_more(slow, monkeypatch):
         pytest.warns(UserWarning, match=r"^the run will take about 1\.2 s and 1\.6 kB of memory, for 2 states$"),
         pytest.raises(SimulationError, match=r"DOP853 would need more than 600 steps, after 601 it has come .* s far"),
     ):
-        simulate(standard([3, 4, 5]), times=[0, 100], angular_velocity=(0, 2, 0), integrator="continuous")
+        nt.simulate(nt.standard([3, 4, 5]), times=[0, 100], angular_velocity=(0, 2, 0), integrator="continuous")

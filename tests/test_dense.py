@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import nontwist as nt
 from nontwist.integrators import Continuous, Gauss, dense
-from nontwist.kernels.series import Constant, Recurrence
+from nontwist.kernels.series import Recurrence
 
 J = np.array([[3, -1 / 7, 0.2], [-1 / 7, 4, 0.1], [0.2, 0.1, 5]])
 TIMES = np.sort(np.random.default_rng(2).uniform(0, 3, 80))
@@ -136,7 +136,7 @@ def test_series_solve_an_equation_that_scipy_solves():
     for one, at in zip(unknowns, (0.3, 0.8, 0.5), strict=True):
         one.put(0, at)
     half = x + y
-    rates = [y * z, -(x * z), Constant(-0.25) * ((half * half) - (x * x + y * y)) + x * 0.1]
+    rates = [y * z, -(x * z), -0.25 * ((half * half) - (x * x + y * y)) + x * 0.1]
     recurrence.solve(unknowns, rates)
     found = [one.at(0.4) for one in unknowns]
 

@@ -3,54 +3,34 @@ import pickle
 import re
 import warnings
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import BODIES, PAPER_J
-from nontwist import (
-    body_moment,
-    damping,
-    integrate,
-    moment,
-    nontwisting,
-    propagator,
-    pulse,
-    simulate,
-    simulate_ensemble,
-    sine,
-    space_moment,
-    standard,
-    stepper,
-    suslov,
-)
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS
-from nontwist.runfile import read_run_file
 from refusals import refused_as, says
 
 W = {"material_angular_velocity": [1, 2, 0]}
 
 
 def paper(**arguments):
-    return simulate(nontwisting(PAPER_J), **{"t_end": 0.1, "step": 0.01, **W, **arguments})
+    return nt.simulate(nt.nontwisting(PAPER_J), **{"t_end": 0.1, "step": 0.01, **W, **arguments})
 
 
 test_refused_with_the_value = refused_as(
     {
-        "step zero": lambda: paper(step=0),
         "step negative": lambda: paper(step=-0.1),
-        "step nan": lambda: paper(step=np.nan),
         "step long": lambda: paper(step=0.2),
         "step unfit": lambda: paper(step=0.03),
         "step short": lambda: paper(step=1e-25, store="end"),
         "t_end": lambda: paper(t_end=-1),
         "t_end nan": lambda: paper(t_end=np.nan),
         "store": lambda: paper(store=0),
-        "store word": lambda: paper(store="last"),
         "store list": lambda: paper(store=[2]),
         "rotation stretched": lambda: paper(rotation=np.diag([1, 1, 1 + 1e-6])),
         "rotation left": lambda: paper(rotation=np.diag([1, 1, -1])),
@@ -63,16 +43,14 @@ test_refused_with_the_value = refused_as(
         "spin": lambda: paper(material_angular_velocity=[1, 2, 0.5]),
         "integrator": lambda: paper(integrator="euler"),
         "order too high": lambda: paper(order=6, integrator="energy-momentum"),
-        "order of energy-momentum that is gone": lambda: paper(order=4, integrator="energy-momentum"),
         "order of lie-midpoint that is gone": lambda: paper(order=8, integrator="lie-midpoint"),
         "order of split that is gone": lambda: paper(order=8, integrator="split"),
         "order odd": lambda: paper(order=5),
-        "order": lambda: paper(order=3, integrator="energy-momentum"),
-        "load": lambda: paper(order=2, load=space_moment(lambda t: (np.inf, 0, 0))),
+        "load": lambda: paper(order=2, load=nt.space_moment(lambda t: (np.inf, 0, 0))),
         "start twice": lambda: paper(start=paper(), rotation=np.eye(3)),
         "start velocity": lambda: paper(start=paper()),
-        "no step small enough": lambda: simulate(
-            standard([1, 1, 1]), t_end=1e9, angular_velocity=[1, 0, 0], integrator="lie-midpoint"
+        "no step small enough": lambda: nt.simulate(
+            nt.standard([1, 1, 1]), t_end=1e9, angular_velocity=[1, 0, 0], integrator="lie-midpoint"
         ),
     }
 )
@@ -98,7 +76,7 @@ def test_time_grid_and_store():
 
 @pytest.mark.parametrize("store", [4, "end"])
 def test_intervals_hold_means_sums_and_maxima(store):
-    load = pulse([3, -1, 2], 0.01, 0.09) + space_moment([0, 0.1], [[1, 0, 0], [0, 0, 0]])
+    load = nt.pulse([3, -1, 2], 0.01, 0.09) + nt.space_moment([0, 0.1], [[1, 0, 0], [0, 0, 0]])
     full, some = paper(load=load), paper(load=load, store=store)
     ends = [0, 4, 8, 10] if store == 4 else [0, 10]
     for k, (a, b) in enumerate(pairwise(ends)):
@@ -109,42 +87,29 @@ def test_intervals_hold_means_sums_and_maxima(store):
 
 
 def test_a_run_of_a_twisting_body_does_not_start_a_nontwisting_one():
-    run = simulate(standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=[0, 0, 1])
+    run = nt.simulate(nt.standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=[0, 0, 1])
     with pytest.raises(ValueError, match="along the constrained body axis"):
-        simulate(nontwisting(PAPER_J), t_end=0.2, step=0.01, start=run)
+        nt.simulate(nt.nontwisting(PAPER_J), t_end=0.2, step=0.01, start=run)
 
 
 R0 = Rotation.from_rotvec([0.3, -0.2, 0.9])
-FORMS = {
-    "Rotation": lambda: R0,
-    "matrix": R0.as_matrix,
-    "DataArray directors": lambda: paper_at_r0().directors[0],
-    "DataArray quaternion": lambda: paper_at_r0().quaternion[0],
-    "series of rotations": lambda: Rotation.concatenate([Rotation.identity(), R0]),
-    "trajectory": lambda: integrate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0),
-}
 
 
-def paper_at_r0():
-    return simulate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_rotation_takes_every_form_of_motion(form):
-    assert paper(rotation=FORMS[form]()).directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
-
-
-def test_quaternions_with_their_order():
-    last, first = R0.as_quat(), R0.as_quat(scalar_first=True)
-    for run in (paper(rotation=last, scalar_first=False), paper(rotation=first, scalar_first=True)):
-        assert run.directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
-
-
-def test_spatial_and_material_velocity_agree():
-    W0 = np.array([1.0, 2, 0])
-    a = paper(rotation=R0, material_angular_velocity=W0)
-    b = paper(rotation=R0, material_angular_velocity=None, angular_velocity=R0.apply(W0))
-    assert a.directors.values == pytest.approx(b.directors.values, abs=1e-14)
+def test_a_start_takes_every_form():
+    W0, run = np.array([1.0, 2, 0]), nt.simulate(nt.standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
+    first = paper(rotation=R0)
+    for form in (
+        {"rotation": R0.as_matrix()},
+        {"rotation": R0.as_quat(), "scalar_first": False},
+        {"rotation": R0.as_quat(scalar_first=True), "scalar_first": True},
+        {"rotation": run.directors[0]},
+        {"rotation": run.quaternion[0]},
+        {"rotation": Rotation.concatenate([Rotation.identity(), R0])},
+        {"rotation": nt.integrate(nt.standard([1, 1, 1]), t_end=1, step=1, rotation=R0)},
+        {"rotation": R0, "material_angular_velocity": None, "angular_velocity": R0.apply(W0)},
+    ):
+        assert paper(**form).directors.values == pytest.approx(first.directors.values, abs=1e-14)
+    assert first.directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -157,9 +122,9 @@ def test_project_removes_the_spin_only(integrator):
 def test_of_a_velocity_along_the_constrained_axis_nothing_is_left(size):
     how = {"t_end": 1 / size, "step": 0.5 / size, "integrator": "lie-midpoint", "project": True}
     along, across = np.array([1.0, 1, 0]), np.array([1.0, 1 + 1e-12, 0])
-    run = integrate(suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * along, **how)
+    run = nt.integrate(nt.suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * along, **how)
     assert not run.states.velocity.any()
-    run = integrate(suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * across, **how)
+    run = nt.integrate(nt.suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * across, **how)
     assert run.states.velocity[:, :2].all()
 
 
@@ -168,7 +133,7 @@ def test_partial_holds_the_states_before_the_failure():
         return [0, 0, 1 / int(t < 0.5)]
 
     with pytest.raises(SimulationError, match=r"the load fails raised ZeroDivisionError at t = 0\.55 s") as info:
-        simulate(standard([1, 1, 1]), t_end=1, step=0.1, load=moment(fails), order=2)
+        nt.simulate(nt.standard([1, 1, 1]), t_end=1, step=0.1, load=nt.moment(fails), order=2)
     error = info.value
     assert error.status == Status.LOAD
     assert error.time == pytest.approx(0.5)
@@ -181,37 +146,37 @@ def test_partial_holds_the_states_before_the_failure():
 
 
 def test_automatic_step_turns_at_most_a_twentieth():
-    for load in (None, pulse([40, 10, 0], 0, 0.5), damping(1.0)):
-        run = simulate(nontwisting(PAPER_J), t_end=1, material_angular_velocity=[3, 4, 0], load=load)
+    for load in (None, nt.pulse([40, 10, 0], 0, 0.5), nt.damping(1.0)):
+        run = nt.simulate(nt.nontwisting(PAPER_J), t_end=1, material_angular_velocity=[3, 4, 0], load=load)
         turn = np.linalg.norm(run.angular_velocity, axis=1).max() * np.diff(run.time).max()
         assert 0.015 < turn <= 0.05 * (1 + 1e-9)
-    top = simulate(BODIES["heavy_top"](), t_end=2, rotation=Rotation.from_rotvec([0.5, 0, 0]))
+    top = nt.simulate(BODIES["heavy_top"](), t_end=2, rotation=Rotation.from_rotvec([0.5, 0, 0]))
     assert np.linalg.norm(top.angular_velocity, axis=1).max() * np.diff(top.time).max() <= 0.05
 
 
 def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run = simulate(standard([1, 1, 1]), t_end=1, load=pulse([1, 0, 0], 0.1, 0.12))
+        run = nt.simulate(nt.standard([1, 1, 1]), t_end=1, load=nt.pulse([1, 0, 0], 0.1, 0.12))
     acts = run.time.values[(run.time.values >= 0.1) & (run.time.values <= 0.12)]
     assert np.diff(acts).max() <= 0.001 + 1e-15
     assert {0.1, 0.11, 0.12} <= set(acts.tolist())
     assert float(run.spatial_momentum[-1, 0]) == pytest.approx(0.01, rel=1e-4)
-    fast = simulate(standard([1, 1, 1]), t_end=1, load=sine([1, 0, 0], 10))
+    fast = nt.simulate(nt.standard([1, 1, 1]), t_end=1, load=nt.sine([1, 0, 0], 10))
     assert fast.attrs["step"] <= 1 / 200
 
 
 def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
     with says(UserWarning) as seen:
-        paper(load=pulse([1, 0, 0], 0, 0.05))
+        paper(load=nt.pulse([1, 0, 0], 0, 0.05))
     assert len(seen) == 1
     assert "step = 0.0125 s fits" in str(seen[0].message)
     assert seen[0].filename == __file__
 
 
 def test_a_table_that_ends_early_warns_once():
-    with pytest.warns(UserWarning, match=r"a table of the load ends at t = 0.05 s with a non-zero value") as seen:
-        paper(load=body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
+    with says(UserWarning) as seen:
+        paper(load=nt.body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
     assert len(seen) == 1
 
 
@@ -224,7 +189,7 @@ def test_a_run_that_does_not_fit_into_memory_is_refused_with_a_store_that_fits(m
     monkeypatch.undo()
     assert 1e8 < free_memory() < 1e15
     with pytest.raises(ValueError, match=r"1e\+11 stored states need 8e\+04 GB"):
-        simulate(standard([1, 1, 1]), t_end=1e3, step=1e-8)
+        nt.simulate(nt.standard([1, 1, 1]), t_end=1e3, step=1e-8)
 
 
 def test_progress_goes_to_stderr(capfd):
@@ -234,23 +199,12 @@ def test_progress_goes_to_stderr(capfd):
     assert "steps" in err
 
 
-def test_gauss_is_the_default_but_of_a_stepper(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    body, how = standard([1, 2, 2.5]), {"t_end": 1, "step": 0.1}
-    runs = [simulate(body, **how), integrate(body, **how).to_dataset(), simulate_ensemble(body, **how)]
-    runs.append(propagator(body, **how)().to_dataset())
-    Path("run.toml").write_text(
-        'body = { kind = "standard", inertia = [1, 2, 2.5] }\ntime = { t_end = 1, step = 0.1 }\n', encoding="utf-8"
-    )
-    runs.append(read_run_file("run.toml").simulate())
-    assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 5
-    assert stepper(body, 0.1).integrator == INTEGRATORS["lie-midpoint"](order=2)
-
-
-def test_an_integrator_may_be_an_instance():
-    instance = INTEGRATORS["energy-momentum"](order=2)
-    named = paper(integrator="energy-momentum", order=2)
-    assert np.array_equal(paper(integrator=instance).directors, named.directors)
+def test_gauss_is_the_default_but_of_a_stepper():
+    body, how = nt.standard([1, 2, 2.5]), {"t_end": 1, "step": 0.1}
+    runs = [nt.simulate(body, **how), nt.integrate(body, **how).to_dataset(), nt.simulate_ensemble(body, **how)]
+    runs.append(nt.propagator(body, **how)().to_dataset())
+    assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 4
+    assert nt.stepper(body, 0.1).integrator == INTEGRATORS["lie-midpoint"](order=2)
 
 
 def test_code_without_a_module_name_is_warned_as_well():
@@ -258,14 +212,16 @@ def test_code_without_a_module_name_is_warned_as_well():
     code = "def go(simulate, *a, **k):\n    return simulate(*a, **k)"
     exec(code, nameless := {})
     with pytest.warns(UserWarning, match="runs in Python"):
-        nameless["go"](simulate, standard([2, 3, 4]), t_end=0.1, step=0.05, load=moment(lambda t, d, w: -0.1 * w))
+        nameless["go"](
+            nt.simulate, nt.standard([2, 3, 4]), t_end=0.1, step=0.05, load=nt.moment(lambda t, d, w: -0.1 * w)
+        )
 
 
 @pytest.mark.parametrize("integrator", ["energy-momentum", "lie-midpoint"])
 def test_a_turn_of_which_no_digit_is_left_is_refused_at_once(integrator):
     """The equations of a step have a root at which the velocity reverses; here it is below the last digit of W."""
     attitude = Rotation.from_rotvec([1, 2, 2.5])
-    load = sine([-1.56e75, -2.6e37, 0], 1.0, frame="space")
+    load = nt.sine([-1.56e75, -2.6e37, 0], 1.0, frame="space")
     how = {"t_end": 1, "step": 0.05, "order": 2, "rotation": attitude, "material_angular_velocity": (0, 0, 2.2e73)}
     with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the body turns 1\.1e\+72 rad in one step"):
-        simulate(standard([0.97, 8.36, 7.39]), load=load, integrator=integrator, **how)
+        nt.simulate(nt.standard([0.97, 8.36, 7.39]), load=load, integrator=integrator, **how)

@@ -17,32 +17,6 @@ def drift(x):
     return abs(x - x[0]).max() / abs(x).max()
 
 
-def test_the_algebra_of_the_step_in_two_unknowns():
-    """Each identity in the head of the module, against the sums that define it."""
-    rng, h, e = np.random.default_rng(4), 0.3, np.eye(3)
-    W, Omega, n, B, f, beta = rng.normal(size=(6, 3))
-    E, N, F = rng.normal(size=(3, 3, 3))
-    E, N, a = E @ E.T, N + N.T, h * Omega / 2
-    a_hat, n_hat, s = np.cross(a, e).T, np.cross(n, e).T, 1 / (1 + a @ a)
-    back = e - a_hat
-    M = np.linalg.inv(back)
-    d, V, y = M.T, np.cross(W, e) + N, Omega - W  # rows
-    u, m = np.cross(Omega, d), M @ B + f
-    assert pytest.approx(s * (e + a_hat + np.outer(a, a))) == M
-    assert np.einsum("ij,jx,ix", n_hat, d, u) == pytest.approx(-2 * np.linalg.det(M) * Omega @ n)
-    assert ((e + a_hat) @ n) @ M @ beta == pytest.approx(n @ beta)
-    assert u @ back.T == pytest.approx(np.cross(Omega, e))
-    inner = E @ (np.cross(Omega, e) - V @ back.T)
-    J, z, tau = np.trace(E) * e - E, np.cross(e, E @ N).sum(0), np.trace(E @ N)
-    assert np.cross(e, inner).sum(0) == pytest.approx(
-        J @ y - z + h / 2 * (tau * Omega - np.cross(W, E @ Omega) - N @ E @ Omega)
-    )
-    assert np.cross(e, F @ back.T).sum(0) == pytest.approx(np.cross(e, F - np.cross(a, F)).sum(0))
-    G = ((1 + s) * (B + f - np.cross(a, f)) + s * (a @ (B + f)) * a) / 2
-    assert np.cross(e, np.cross(m, d) / 2 @ back.T).sum(0) == pytest.approx(G)
-    assert (2 * u - V) @ (2 * M - e) == pytest.approx(V + 2 * (np.cross(y, e) - N) @ M)
-
-
 def test_a_suslov_body_keeps_energy_only():
     run = nt.simulate(BODIES["suslov"](), t_end=1, step=0.005, material_angular_velocity=[3, 1, 0], project=True, **EM)
     assert drift(run.kinetic_energy.values) < 1e-12

@@ -168,7 +168,3 @@ def test_a_small_body_that_turns_slowly_keeps_its_momentum():
     ).to_dataset()
     pi = run.spatial_momentum.values
     assert pi == pytest.approx(np.tile(pi[0], (len(pi), 1)), rel=1e-12)
-
-
-def test_the_schemes_of_the_engine():
-    assert set(SCHEMES) == {"lie-midpoint", "gauss", "energy-momentum", "split"}

@@ -10,27 +10,15 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from nontwist import (
-    axis_crosses,
-    damping,
-    heavy_top,
-    integrate,
-    moment,
-    nontwisting,
-    open_run,
-    save_run,
-    simulate,
-    spin_below,
-    standard,
-)
+import nontwist as nt
 from nontwist.cli import app
 from nontwist.driver.events import Search
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
 from nontwist.runfile import read_run_file
-from refusals import says
+from refusals import refused_as, says
 
-BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
+BODY, W0 = nt.standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
 EPS = np.finfo(float).eps
 
@@ -52,7 +40,7 @@ def with_attributes(function, **attributes):
     "how", [{"integrator": "exact"}, {"integrator": "split"}, {"integrator": "gauss", "step": 1.5}]
 )
 def test_a_steady_turn_has_events_where_it_should(how):
-    run = integrate(nontwisting([3, 4, 5]), t_end=15, events=level, **how, **TURNING)
+    run = nt.integrate(nt.nontwisting([3, 4, 5]), t_end=15, events=level, **how, **TURNING)
     truth = (np.arange(10) + 0.5) * np.pi / 2
     truth = truth[truth < 15]
     (found,) = run.t_events
@@ -61,7 +49,7 @@ def test_a_steady_turn_has_events_where_it_should(how):
 
 
 def test_events_of_a_top_are_those_of_scipy():
-    top = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
+    top = nt.heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
     J, f = top.convected_inertia, top.dead_force
     R0, W = Rotation.from_rotvec([0.5, 0.1, 0]), (1.0, -2.0, 6.0)
 
@@ -79,7 +67,7 @@ def test_events_of_a_top_are_those_of_scipy():
     truth = solve_ivp(rates, (0, 5), [*R0.as_quat(), *W], "DOP853", rtol=2.3e-14, atol=1e-14, events=faster).t_events[0]
     mine = with_attributes(lambda t, state: state.material_angular_velocity[2] - 6.2, direction=1)
     how = {"rotation": R0, "material_angular_velocity": W, "integrator": Gauss(order=16), "step": 0.2}
-    (found,) = integrate(top, t_end=5, events=mine, **how).t_events
+    (found,) = nt.integrate(top, t_end=5, events=mine, **how).t_events
     assert len(truth) > 2
     assert found == pytest.approx(truth, abs=1e-11)
 
@@ -87,7 +75,7 @@ def test_events_of_a_top_are_those_of_scipy():
 def test_two_crossings_within_a_step_are_found():
     """The axis d3 turns at 2 rad/s and is for 0.2 s within 0.2 rad of -e3: both ends of that lie within one step."""
     lift = with_attributes(lambda t, state: state.directors[2, 2] + 0.98)
-    run = integrate(nontwisting([3, 4, 5]), t_end=12, step=1.2, integrator="gauss", events=lift, **TURNING)
+    run = nt.integrate(nt.nontwisting([3, 4, 5]), t_end=12, step=1.2, integrator="gauss", events=lift, **TURNING)
     truth = np.sort([(k * np.pi + s * np.arccos(0.98)) / 2 for k in (1, 3, 5, 7) for s in (-1, 1)])
     truth = truth[truth < 12]
     assert run.t_events[0] == pytest.approx(truth, abs=1e-13 * 12)
@@ -97,7 +85,9 @@ def test_two_functions_that_cross_zero_between_the_same_times_have_roots_of_thei
     def shifted(t, state):
         return level(t, state) - 1e-3
 
-    run = integrate(nontwisting([3, 4, 5]), t_end=5, step=0.5, integrator="gauss", events=[level, shifted], **TURNING)
+    run = nt.integrate(
+        nt.nontwisting([3, 4, 5]), t_end=5, step=0.5, integrator="gauss", events=[level, shifted], **TURNING
+    )
     first, second = run.t_events
     assert np.cos(2 * first) == pytest.approx(0, abs=1e-13)
     assert np.cos(2 * second) == pytest.approx(1e-3, abs=1e-13)
@@ -106,23 +96,23 @@ def test_two_functions_that_cross_zero_between_the_same_times_have_roots_of_thei
 def test_a_function_with_a_kink_at_its_root_has_the_same_root(monkeypatch):
     """The polynomial through its values has another one, so Brent's method is taken."""
     how = {"t_end": 15, "integrator": "gauss", "step": 1.5, **TURNING}
-    body, brent, own = nontwisting([3, 4, 5]), [], Search._between
+    body, brent, own = nt.nontwisting([3, 4, 5]), [], Search._between
     monkeypatch.setattr(Search, "_between", lambda *args: brent.append(1) or own(*args))
-    smooth = integrate(body, events=level, **how).t_events[0]
+    smooth = nt.integrate(body, events=level, **how).t_events[0]
     assert not brent
     kinked = with_attributes(lambda t, state: max(level(t, state), 3 * level(t, state)))
-    assert integrate(body, events=kinked, **how).t_events[0] == pytest.approx(smooth, abs=1e-11)
+    assert nt.integrate(body, events=kinked, **how).t_events[0] == pytest.approx(smooth, abs=1e-11)
     assert len(brent) == len(smooth) > 8
 
 
 def test_the_state_of_an_event_is_that_of_the_run_at_its_time():
     how = {"t_end": 3, "step": 0.5, "integrator": "gauss", "material_angular_velocity": (1, 2, 0.5)}
-    run = simulate(BODY, events=level, **how)
-    same = simulate(BODY, times=run.t_events.values, **how)
+    run = nt.simulate(BODY, events=level, **how)
+    same = nt.simulate(BODY, times=run.t_events.values, **how)
     assert run.event_quaternion.values == pytest.approx(same.quaternion.values, abs=1e-15)
     assert run.event_material_angular_velocity.values == pytest.approx(same.material_angular_velocity.values, abs=1e-14)
     assert abs(same.directors.values[:, 2, 2]).max() < 2e-12
-    assert np.array_equal(run.quaternion.values, simulate(BODY, **how).quaternion.values)
+    assert np.array_equal(run.quaternion.values, nt.simulate(BODY, **how).quaternion.values)
 
 
 def test_direction_and_names():
@@ -132,8 +122,8 @@ def test_direction_and_names():
     falling.direction = -1
     rising = with_attributes(level, direction=1)
     both = lambda t, state: level(t, state)  # noqa: E731
-    run = simulate(
-        nontwisting([3, 4, 5]), t_end=5, step=0.1, integrator="split", events=[falling, rising, both], **TURNING
+    run = nt.simulate(
+        nt.nontwisting([3, 4, 5]), t_end=5, step=0.1, integrator="split", events=[falling, rising, both], **TURNING
     )
     names = ["falling", "event", "event_2"]
     assert run.attrs["events"] == '["falling", "event", "event_2"]'
@@ -149,7 +139,7 @@ def test_a_terminal_event_ends_the_run(terminal, k, name):
     end = (k + 0.5) * np.pi / 2
     event = with_attributes(level, terminal=terminal)
     own = {"step": 0.5} if name == "gauss" else {}
-    run = simulate(nontwisting([3, 4, 5]), t_end=50, integrator=name, events=event, **own, **TURNING)
+    run = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=50, integrator=name, events=event, **own, **TURNING)
     assert run.time.values[-1] == run.t_events.values[-1] == pytest.approx(end, abs=1e-11)
     assert run.attrs["status"] == 0
     assert run.attrs["message"] == f"the event event ended the run at t = {run.time.values[-1]:.12g} s"
@@ -158,8 +148,8 @@ def test_a_terminal_event_ends_the_run(terminal, k, name):
 
 
 def test_means_up_to_the_end_balance():
-    load, event = damping(0.3), with_attributes(lambda t, s: s.material_angular_velocity[1] - 1.2, terminal=True)
-    run = simulate(BODY, t_end=60, step=0.3, load=load, integrator="gauss", events=event, store=3, **TURNING)
+    load, event = nt.damping(0.3), with_attributes(lambda t, s: s.material_angular_velocity[1] - 1.2, terminal=True)
+    run = nt.simulate(BODY, t_end=60, step=0.3, load=load, integrator="gauss", events=event, store=3, **TURNING)
     gained, lengths = np.diff(run.spatial_momentum.values, axis=0), np.diff(run.time.values)
     assert gained == pytest.approx(lengths[:, None] * run.moment.values, abs=1e-13)
     assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, abs=1e-13)
@@ -169,23 +159,23 @@ def test_means_up_to_the_end_balance():
 def test_output_times_and_events_go_together():
     event = with_attributes(level, terminal=2)
     x = [0.1, 0.2, 2.0, 3.0]
-    run = simulate(nontwisting([3, 4, 5]), times=x, step=0.1, integrator="split", events=event, **TURNING)
+    run = nt.simulate(nt.nontwisting([3, 4, 5]), times=x, step=0.1, integrator="split", events=event, **TURNING)
     assert run.time.values == pytest.approx([0.1, 0.2, 2.0, 3 * np.pi / 4], abs=1e-11)
 
 
 def test_a_run_without_step_has_events():
-    run = simulate(BODY, t_end=2, events=level, integrator="gauss", material_angular_velocity=(2, 0, 0))
+    run = nt.simulate(BODY, t_end=2, events=level, integrator="gauss", material_angular_velocity=(2, 0, 0))
     assert run.t_events.values[0] == pytest.approx(np.pi / 4, abs=1e-9)
     assert "step" in run.attrs
 
 
 def test_an_event_before_a_failure_ends_the_run_in_good_order():
-    load = moment(lambda t, d, w: np.array([0.0, 0.0, np.where(t > 1.0, np.nan, 0.0)]), compiled=True)
+    load = nt.moment(lambda t, d, w: np.array([0.0, 0.0, np.where(t > 1.0, np.nan, 0.0)]), compiled=True)
     how = {"t_end": 2, "step": 0.1, "load": load, "integrator": "gauss", **TURNING}
-    run = simulate(BODY, events=with_attributes(level, terminal=True), **how)
+    run = nt.simulate(BODY, events=with_attributes(level, terminal=True), **how)
     assert run.time.values[-1] == pytest.approx(np.pi / 4, abs=1e-9)
     with pytest.raises(SimulationError, match=re.escape("step 10 at t = 1 s: the load")) as info:
-        simulate(BODY, events=level, **how)
+        nt.simulate(BODY, events=level, **how)
     assert len(info.value.partial.t_events[0]) == 1
 
 
@@ -197,11 +187,11 @@ def test_a_run_that_is_stopped_in_an_event_function_keeps_what_is_done():
 
     how = {"step": 0.01, "integrator": "gauss", **TURNING}
     with pytest.raises(SimulationInterrupt, match="interrupted at t = ") as info:
-        simulate(BODY, t_end=2, events=stopping, **how)
+        nt.simulate(BODY, t_end=2, events=stopping, **how)
     part = info.value.partial
     assert part.t_events[0].tolist() == pytest.approx([0.3])
     assert 0.5 < part.time[-1] <= 1.5
-    rest = simulate(BODY, t_end=2, start=part, integrator="gauss", step=0.01 if part.stretches is None else None)
+    rest = nt.simulate(BODY, t_end=2, start=part, integrator="gauss", step=0.01 if part.stretches is None else None)
     assert rest.time.values[0] == part.time[-1]
 
 
@@ -212,79 +202,78 @@ def test_zeros_at_the_start_and_at_nodes():
     def at_node(t, state):
         return t - 0.5
 
-    run = integrate(BODY, t_end=1, step=0.125, events=[at_start, at_node], integrator="gauss", **TURNING)
+    run = nt.integrate(BODY, t_end=1, step=0.125, events=[at_start, at_node], integrator="gauss", **TURNING)
     assert [times.tolist() for times in run.t_events] == [[], [0.5]]
 
 
 def test_no_events_are_an_empty_list():
-    run = simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=[lambda t, state: 1.0], **TURNING)
+    run = nt.simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=[lambda t, state: 1.0], **TURNING)
     assert run.sizes["event"] == 0
-    assert "t_events" not in simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=[], **TURNING)
+    assert "t_events" not in nt.simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=[], **TURNING)
 
 
 def test_events_are_saved(tmp_path):
     for i, event in enumerate([level, lambda t, state: 1.0]):
-        run = simulate(BODY, t_end=3, step=0.1, integrator="gauss", events=event, **TURNING)
-        save_run(run, tmp_path / f"{i}.nc")
-        assert open_run(tmp_path / f"{i}.nc").identical(run)
-        done = CliRunner().invoke(app, ["export", str(tmp_path / f"{i}.nc"), "--to", "json"])
-        found = json.loads(done.stdout)["columns"]
+        run, path = (
+            nt.simulate(BODY, t_end=3, step=0.1, integrator="gauss", events=event, **TURNING),
+            tmp_path / f"{i}.nc",
+        )
+        nt.save_run(run, path)
+        assert nt.open_run(path).identical(run)
+        found = json.loads(CliRunner().invoke(app, ["export", str(path), "--to", "json"]).stdout)["columns"]
         assert found["t_events [s]"] == run.t_events.values.tolist()
         assert found["event_name"] == run.event_name.values.tolist()
-        table = CliRunner().invoke(app, ["export", str(tmp_path / f"{i}.nc"), "--columns", "event_quaternion"])
+        table = CliRunner().invoke(app, ["export", str(path), "--columns", "event_quaternion"])
         header, *lines = csv.reader(table.stdout.splitlines())
         assert header == ["event_name", "t_events [s]", *(f"event_quaternion_{one}" for one in "xyzw")]
         assert [line[0] for line in lines] == run.event_name.values.tolist()
-        assert [float(line[1]) for line in lines] == run.t_events.values.tolist()
-        assert [[float(x) for x in line[2:]] for line in lines] == run.event_quaternion.values.tolist()
+        rows = np.array([line[1:] for line in lines], float).reshape(-1, 5)
+        assert np.array_equal(rows, np.column_stack([run.t_events, run.event_quaternion]))
     both = ["export", str(tmp_path / "0.nc"), "--columns", "kinetic_energy,t_events", "--out", str(tmp_path / "e.csv")]
     refused = CliRunner().invoke(app, both, env={"COLUMNS": "200"})
     assert (refused.exit_code, (tmp_path / "e.csv").exists()) == (2, False)
-    assert refused.stderr.endswith(
-        "Error: Invalid value for --columns: t_events has a line for each event, kinetic_energy has others; export "
-        "them one after the other, or both with --to json or --to npz\n"
-    )
+    assert "t_events has a line for each event, kinetic_energy has others" in refused.stderr
     both[-1] = str(tmp_path / "e.json")
     assert CliRunner().invoke(app, both).exit_code == 0
 
 
-def test_wrong_events_are_named():
-    def bad(t, state):
-        raise ZeroDivisionError("no distance is left")
+def bad(t, state):
+    raise ZeroDivisionError("no distance is left")
 
-    def text(t, state):
-        return "high"
 
-    cases = {
-        "events must be a function of time and state, or a list of them, got 3": 3,
-        "events[1] must be a function of time and state, got None": [level, None],
-        "terminal of the event event must be a whole number >= 0, got -1": with_attributes(level, terminal=-1),
-        "direction of the event event must be an array of numbers, got 'up'": with_attributes(level, direction="up"),
-        "the event bad fails at t = 0 s: ZeroDivisionError: no distance is left": bad,
-        "the event text fails at t = 0 s: its value must": text,
+def text(t, state):
+    return "high"
+
+
+def refused_events(events):
+    return lambda: nt.simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=events, **TURNING)
+
+
+test_wrong_events_are_named = refused_as(
+    {
+        "no function": refused_events(3),
+        "one is none": refused_events([level, None]),
+        "terminal": refused_events(with_attributes(level, terminal=-1)),
+        "direction": refused_events(with_attributes(level, direction="up")),
+        "a function that fails": refused_events(bad),
+        "a function of no number": refused_events(text),
+        "no axis": lambda: nt.axis_crosses((0, 0, 0)),
+        "cosine": lambda: nt.axis_crosses(cosine=1.5),
+        "spin": lambda: nt.spin_below(0),
     }
-    for message, events in cases.items():
-        with pytest.raises(ValueError, match=re.escape(message)):
-            simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=events, **TURNING)
+)
 
 
 def test_named_events():
-    body, how = nontwisting([3, 4, 5]), {"t_end": 4, "step": 0.1, "integrator": "split"}
-    tilted = axis_crosses((0, 0, 2), (0, 0, 3), cosine=0.5, direction=-1, name="tilted")
-    run = simulate(body, events=[tilted, axis_crosses()], **how, **TURNING)
+    body, how = nt.nontwisting([3, 4, 5]), {"t_end": 4, "step": 0.1, "integrator": "split"}
+    tilted = nt.axis_crosses((0, 0, 2), (0, 0, 3), cosine=0.5, direction=-1, name="tilted")
+    run = nt.simulate(body, events=[tilted, nt.axis_crosses()], **how, **TURNING)
     assert run.t_events[run.event_name == "tilted"].values == pytest.approx([np.pi / 6, np.pi / 6 + np.pi], abs=1e-11)
     assert repr(tilted) == "<event tilted>"
-    slow = spin_below(1.0, (0, 5, 0))
-    load = damping(1)
-    slowed = simulate(BODY, t_end=4, step=0.1, load=load, integrator="gauss", events=slow, **TURNING)
+    slow = nt.spin_below(1.0, (0, 5, 0))
+    load = nt.damping(1)
+    slowed = nt.simulate(BODY, t_end=4, step=0.1, load=load, integrator="gauss", events=slow, **TURNING)
     assert slowed.t_events.values == pytest.approx([4 * np.log(2)], abs=1e-9)
-    for call, message in (
-        (lambda: axis_crosses((0, 0, 0)), "axis must not be zero"),
-        (lambda: axis_crosses(cosine=1.5), "cosine must be between -1 and 1, got 1.5"),
-        (lambda: spin_below(0), "value must be positive, got 0"),
-    ):
-        with pytest.raises(ValueError, match=re.escape(message)):
-            call()
 
 
 FILE = """
@@ -318,7 +307,7 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     assert run.event_name.values.tolist() == ["tilted", "axis_crosses", "axis_crosses"]
     assert run.attrs["message"].startswith("the event axis_crosses ended the run at t = 2.3561944")
     assert 'sha256 = "' in file.text()
-    assert simulate(file.problem).equals(run)
+    assert nt.simulate(file.problem).equals(run)
     done = CliRunner().invoke(app, ["run", "run.toml"])
     assert done.exit_code == 0, done.output
     assert "event axis_crosses" in done.output

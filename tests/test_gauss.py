@@ -11,13 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from complex_steps import cross
-from conftest import BODIES, LOADS, PAPER_J
+from conftest import BODIES, LOADS, PAPER_J, cross
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
-from nontwist.runfile import read_run_file
-from nontwist.runfile.document import forecast
 
 ORDERS = Gauss.orders
 MARKED = [pytest.param(k, marks=[] if k in (6, 16) else [pytest.mark.long]) for k in ORDERS]
@@ -143,14 +140,8 @@ def test_a_step_solves_the_equations_of_collocation(name, load, order):
 FAST = {
     "free standard": (lambda: nt.standard(TILTED), None),
     "heavy top": (lambda: nt.with_gravity(nt.standard(TILTED), 2.0, [0.1, 0.2, 0.5]), None),
-    "non-twisting, load in the body": (
-        lambda: nt.nontwisting(PAPER_J),
-        lambda: nt.body_moment(wave),
-    ),
-    "Suslov, load in space": (
-        lambda: nt.suslov(TILTED, [0.3, 0.2, 1]),
-        lambda: nt.space_moment(wave),
-    ),
+    "non-twisting, load in the body": (lambda: nt.nontwisting(PAPER_J), lambda: nt.body_moment(wave)),
+    "Suslov, load in space": (lambda: nt.suslov(TILTED, [0.3, 0.2, 1]), lambda: nt.space_moment(wave)),
 }
 KEYS = "directors", "director_velocities", "multipliers", "moment", "load_work"
 STEPS = {2: (256, 512), 4: (128, 192), 6: (96, 128), 8: (64, 80), 12: (14, 20), 16: (10, 16)}
@@ -257,31 +248,6 @@ def test_a_run_says_that_damped_modes_are_not_resolved():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         nt.simulate(nt.nontwisting([3, 4, 5]), load=nt.damping([1, 1, 600]), **how)
-
-
-DAMPED = """
-[body]
-kind = "standard"
-inertia = [3, 4, 5]
-[start]
-angular_velocity = { body = [1, 0, 0] }
-[[load]]
-kind = "damping"
-coefficient = [60, 1, 1]
-[time]
-t_end = 1
-step = 0.25
-[integrator]
-name = "gauss"
-order = 4
-"""
-
-
-def test_a_check_says_that_damped_modes_are_not_resolved(tmp_path):
-    (tmp_path / "run.toml").write_text(DAMPED, encoding="utf-8")
-    (message,) = forecast(read_run_file(tmp_path / "run.toml")).warnings
-    assert message.startswith("damping slows the body down at a rate of up to 20 1/s, which step = 0.25 s does not")
-    assert forecast(read_run_file(tmp_path / "run.toml", ["time.step=0.125"])).warnings == ()
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nontwist.exact import free_constants, free_kernels, suslov_body
-from nontwist.geometry import frame_kernels, link_kernels, path_kernels, twist_kernels
+from nontwist.exact import free_bodies, free_constants, suslov_body
+from nontwist.geometry import frame_kernels, linking, path_kernels, twist_kernels
 from nontwist.kernels.kernel import Kernel
 
 ROOT = Path(__file__).parents[1] / "src"
@@ -69,10 +69,10 @@ def streams():
 def links():
     """Polygons: two, and one with itself."""
     a, b = (np.cumsum(rng.normal(size=(3, n)), axis=1) for n in (9, 22))
-    b = np.pad(b, ((0, 0), (0, link_kernels.SCRATCH)), mode="edge")
-    same = np.pad(a, ((0, 0), (0, link_kernels.SCRATCH)), mode="edge")
+    b = np.pad(b, ((0, 0), (0, linking.SCRATCH)), mode="edge")
+    same = np.pad(a, ((0, 0), (0, linking.SCRATCH)), mode="edge")
     for y, is_same, closed in ((b, 0, 0), (same, 1, 0), (same, 1, 1)):
-        numbers, work = np.arange(float(y.shape[1])), np.zeros((link_kernels.WORK, y.shape[1]))
+        numbers, work = np.arange(float(y.shape[1])), np.zeros((linking.WORK, y.shape[1]))
         yield a, y, numbers, is_same, closed, 0, 2, work, *np.zeros((2, 9))
 
 
@@ -95,17 +95,17 @@ def exact_cases():
     found, times = {}, np.array([0.0, 0.01, -0.02, 0.3, 2.0, -50.0])
     k = len(times)
     for J, R, W in bodies():
-        found.setdefault(free_kernels.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
+        found.setdefault(free_bodies.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
         for t, is_constrained in product((times, times * 1e15), (0, 1)):
             given = J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3))
-            found.setdefault(free_kernels.free_top, []).append(given)
+            found.setdefault(free_bodies.free_top, []).append(given)
     for is_constrained in (0, 1):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))
         p[:, 0], W[:, 0] = unit(2, 4), rng.normal(size=(2, 3)) * [1.0, 1.0, 0.0]
         for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
             for t in (times, times * 1e15):
                 given = np.stack([J, J + np.eye(3)]), is_constrained, t, 1, 0, 2, p, W
-                found.setdefault(free_kernels.free_members, []).append(given)
+                found.setdefault(free_bodies.free_members, []).append(given)
     for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
         motion = suslov_body._motion(J, [0.0, 0.0, 1.0], [1.0, 2.0, 0.0])
         for t in (np.array([0.0, 0.1, 3.0]), np.array([-0.5]), np.zeros(0)):
@@ -138,12 +138,12 @@ def cases():
         found.setdefault(twist_kernels.angles, []).append((unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n)))
     found[twist_kernels.count] = list(streams())
     found |= exact_cases()
-    found[link_kernels.row_integrals] = list(links())
+    found[linking.row_integrals] = list(links())
     return found
 
 
 CASES = cases()
-IN_LANES = {link_kernels.row_integrals}  # whose sums have another order
+IN_LANES = {linking.row_integrals}  # whose sums have another order
 
 
 def kernels():
@@ -176,5 +176,5 @@ def test_floats_and_machine_code_have_the_same_bits(name):
             np.testing.assert_array_equal(a, b)
         if is_stream:
             arguments[0][...] = copies[0][0]
-    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, twist_kernels.count, free_kernels.free_members):
+    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, twist_kernels.count, free_bodies.free_members):
         assert len(set(results)) > 1  # faults are among the cases

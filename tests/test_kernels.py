@@ -26,7 +26,7 @@ from nontwist import (
 )
 from nontwist.analysis import observables as obs
 from nontwist.driver import starts
-from nontwist.engine import bodies, marching
+from nontwist.engine import marching
 from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.integrators import INTEGRATORS, stack_march
@@ -206,16 +206,6 @@ def test_a_compiled_load_that_fails_says_why_and_when(case):
     assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
-def test_a_load_in_python_warns_once_and_says_what_it_costs():
-    with pytest.warns(UserWarning, match=r"test_kernels.swing runs in Python, .* ms a .*step.*compiled=True") as seen:
-        integrate(standard([1, 1, 1]), t_end=0.1, load=moment(swing))
-    assert len(seen) == 1
-    assert seen[0].filename == __file__
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        integrate(standard([1, 1, 1]), t_end=0.1, load=moment(swing, compiled=True) + damping(1.0))
-
-
 # Failures inside the kernel, blocks
 
 
@@ -315,22 +305,6 @@ def test_what_is_slow_to_import_is_not_imported_before_it_is_needed():
     code = "\n".join([BODY, *lines]).format(names=names)
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert (done.stdout.split("\n"), done.stderr) == ([*RUNS, ""], "")
-
-
-@pytest.mark.parametrize("axis", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0.3, -0.2, -1], [1e-9, 0, 1], [0, 1e-9, -1]])
-def test_the_frame_of_an_axis(axis):
-    n = np.array(axis) / np.linalg.norm(axis)
-    basis = bodies.bases_of(n[None])[0]
-    assert np.array_equal(basis[:, 2], n)
-    assert basis @ basis.T == pytest.approx(np.eye(3), abs=1e-15)
-    assert np.linalg.det(basis) == pytest.approx(1)
-    assert (basis == np.eye(3)).all() == (axis == [0, 0, 1])
-
-
-def test_quaternions_of_rotations():
-    R = np.array([np.diag([-1.0, -1, 1]), *Rotation.random(29, rng=np.random.default_rng(1)).as_matrix()])
-    found = bodies.quaternions(R)
-    assert Rotation.from_quat(found, scalar_first=True).as_matrix() == pytest.approx(R, abs=2e-15)
 
 
 @cache

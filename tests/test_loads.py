@@ -13,7 +13,6 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from conftest import BODIES
 from nontwist import (
@@ -25,22 +24,19 @@ from nontwist import (
     open_sweep,
     pulse,
     rotor,
-    simulate,
     sine,
     space_moment,
     standard,
     sweep,
     view,
 )
-from nontwist.cli import app
-from nontwist.errors import RunFileError
 from nontwist.loads import LOADS, Term
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import json_schema
 from nontwist.spec import Spec
 from nontwist.validation import conserved
-from refusals import refused_as, says
+from refusals import refused_as
 
 ROOT = Path(__file__).parents[1]
 
@@ -113,33 +109,37 @@ def test_a_load_cannot_change_the_state():
     assert q.any()
 
 
+STATE = 0.25, np.eye(3), np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Heat(Term):
+    times: Annotated[float, Spec("")]
+
+
+class Bare(Term):
+    pass
+
+
 test_refused_with_the_time_or_the_value = refused_as(
     {
         "raises": lambda: body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),
         "shape": lambda: body_moment(lambda t: (0, 0)).sample([0.5], "body"),
         "nan": lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
-        "state": lambda: moment(lambda t, d, w: "x").state_moment(0.25, np.eye(3), np.zeros(3)),
-        "remedy": lambda: moment(lambda t, d, w: 1 / 0).state_moment(0.25, np.eye(3), np.zeros(3)),
-        "arguments of a function of the state": lambda: moment(lambda t, w: (0, 0, 1)).state_moment(
-            0.25, np.eye(3), np.zeros(3)
-        ),
+        "of the state": lambda: moment(lambda t, d, w: 1 / 0).state_moment(*STATE),
+        "arguments of a function of the state": lambda: moment(lambda t, w: (0, 0, 1)).state_moment(*STATE),
         "arguments of a function of time": lambda: body_moment(lambda t, w: (0, 0, 1)).sample([1], "body"),
-        "its own error": lambda: body_moment(lambda t: len(t)).sample([1], "body"),
-        "remedy of a shape": lambda: body_moment(lambda t: (1, 2)).sample([1], "body"),
-        "remedy of nan": lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
         "no values": lambda: body_moment([0, 1]),
-        "both": lambda: body_moment(lambda t: (0, 0, 0), [1]),
         "order": lambda: body_moment([0, 2, 1], np.zeros((3, 3))),
-        "doubled": lambda: body_moment([0, 1, 1], np.zeros((3, 3))),
-        "short": lambda: body_moment([0], np.zeros((1, 3))),
-        "table shape": lambda: space_moment([0, 1], [1, 2]),
-        "table nan": lambda: body_moment([0, 1], [[0, 0, 0], [0, np.inf, 0]]),
         "damping": lambda: damping(-1),
         "pulse": lambda: pulse([1, 0, 0], 2, 1),
-        "pulse shape": lambda: pulse([1, 0, 0], shape="square"),
-        "frame": lambda: pulse([1, 0, 0], frame="moving"),
-        "frequency": lambda: sine([1, 0, 0], 0),
-        "factor": lambda: np.nan * damping(1),
+        "no text": lambda: Bare(),
+        "a list": lambda: integrate(BODIES["standard"](), t_end=1, load=[damping(1), damping(2)]),
+        "a key that is taken": lambda: LOADS.update(table=Heat),
+        "a field that is taken": lambda: LOADS.update(heat=Heat),
+        "no field": lambda: LOADS.update(bare=Bare),
+        "no term": lambda: LOADS.update(other=Heat(1.0)),
+        "a kind of run files": lambda: LOADS.update(csv=Heat),
     }
 )
 
@@ -185,13 +185,6 @@ def test_loads_are_values(name):
     assert len(repr(load)) < 120
 
 
-def test_the_repr_of_a_long_load_names_a_few_terms():
-    assert repr(Load()) == "<Load: none>"
-    load = sum((damping(k) for k in range(1, 7)), Load())
-    four = "; ".join(f"damping {k} N m s" for k in range(1, 5))
-    assert repr(load) == f"<Load: {four}; 2 more>"
-
-
 def end_of(load):
     return integrate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load).directors[-1]
 
@@ -231,25 +224,6 @@ step = 0.1
 OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 1, 2] }]\n'
 
 
-@pytest.mark.parametrize(
-    "reason",
-    [
-        "field must not be 0",
-        "it is too weak",
-    ],
-)
-def test_the_message_of_a_load_of_ones_own_names_its_key(reason, magnet, tmp_path, monkeypatch):
-    """The key with which the message begins, else the last one that must be given."""
-
-    def refusing(self):
-        raise ValueError(reason)
-
-    monkeypatch.setattr(magnet, "__post_init__", refusing)
-    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
-    with says(RunFileError):
-        read_run_file(tmp_path / "run.toml")
-
-
 def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     pytest.importorskip("zarr")
     load, path = magnet([0.3, 0, 1.2], [0, 1, -2]).load, tmp_path / "run.toml"
@@ -279,52 +253,6 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     assert conserved.unchecked() == ()
 
 
-def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
-    load = magnet([0.3, 0, 1.2], [0, 1, -2]).load
-    with patch.object(magnet, "sample", Term.sample), patch.object(conserved, "CHECKS", (conserved.balances,)):
-        result = CliRunner().invoke(app, ["validate", "--group", "invariants", "--json"])
-    assert json.loads(result.stdout)["notes"] == [
-        "the load 'magnet' is not checked: add a classmethod sample to its class Magnet, which returns a term to check"
-    ]
-    assert (result.exit_code, "work of the load 'magnet'" in result.stdout) == (0, False)
-    run = simulate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load)
-    del LOADS["magnet"]
-    with pytest.raises(ValueError, match=r"nontwist\.loads\.LOADS has no entry for the class Magnet: add it .*Magnet$"):
-        2 * load
-    with pytest.raises(ValueError, match=r"^the load of the run holds dipole, whose module is not imported; import it"):
-        load_of(load.description)
-    assert repr(load) == "<Load: dipole (its module is not imported)>"
-    assert "dipole (its module is not imported)" in view(run).html  # a result of another package can be seen
-    path = tmp_path / "run.toml"
-    path.write_text(FILE, encoding="utf-8")
-    with pytest.raises(ValueError, match=r'load\.0\.kind: "magnet" -> one of "constant", "csv", "damping"'):
-        read_run_file(path)
-
-
-def test_a_load_is_refused_where_it_is_registered(magnet):
-    """Of a kind that another class has; one whose first field another has; the same class again is accepted."""
-
-    @dataclass(frozen=True, eq=False)
-    class Heat(Term):
-        times: Annotated[float, Spec("")]
-
-    class Bare(Term):
-        pass
-
-    for key, value, message in (
-        ("table", Heat, "'table' is already the key of the class Table of nontwist.loads.terms: give the load another"),
-        ("heat", Heat, "Heat and Table both begin with the field 'times': rename that of your class"),
-        ("bare", Bare, "Bare has no field of its own: add one, and @dataclass(frozen=True, eq=False) above "),
-        ("magnet", magnet([0, 0, 1], [1, 0, 0]), "LOADS['magnet'] must be a subclass of Term, got Magnet(scale=1.0"),
-        ("csv", magnet, "LOADS['csv'] is a kind of run files: give the load another kind"),
-        ("other", magnet, "Magnet and Magnet both begin with the field 'dipole': rename that of your class"),
-    ):
-        with pytest.raises(ValueError, match="^" + re.escape(message)):
-            LOADS[key] = value
-    assert (LOADS["table"].__name__, "heat" in LOADS) == ("Table", False)
-    LOADS["magnet"] = LOADS["magnet"]
-
-
 def test_the_page_for_contributors_names_every_line():
     page = (ROOT / "docs" / "contributing" / "load.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(\w+)` in\s+`([\w./]+)`", page))
@@ -343,17 +271,6 @@ def test_a_load_knows_when_it_may_act():
     assert (table + pulse([1, 0, 0], 3, 6)).acting.tolist() == [[1, 7]]
     assert (table + sine([1, 0, 0], 2)).acting.tolist() == [[-np.inf, np.inf]]
     assert (Load().acting.size, Load().end, table.end) == (0, -np.inf, 7)
-
-
-def test_a_term_without_a_text_and_a_list_of_loads_are_refused():
-    class Other(Term):
-        pass
-
-    with says():
-        Other()
-    push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])
-    with pytest.raises(ValueError, match=re.escape("add the loads of the list with +, as in load=a + b")):
-        simulate(BODIES["standard"](), t_end=1, load=[push, push])
 
 
 @pytest.mark.parametrize(

@@ -6,21 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import (
-    DirectorSystem,
-    body_moment,
-    damping,
-    heavy_top,
-    lyapunov,
-    lyapunov_ensemble,
-    nontwisting,
-    sensitivities,
-    simulate,
-    simulate_ensemble,
-    standard,
-    suslov,
-)
-from nontwist.engine import chained
+import nontwist as nt
+from nontwist.engine import linearised
 from nontwist.kernels.memory import view_of
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
@@ -32,7 +19,7 @@ W0 = (0.4, -1.1, 0.7)
 def test_the_middle_axis_is_left_at_the_known_rate(scheme):
     """Neighbours of a rotation about the middle axis leave it like ``exp(σt)``, σ² = W² (J3-J2)(J2-J1)/(J1 J3)."""
     how = {"t_end": 400, "step": 0.02, "material_angular_velocity": (0, 2, 0), "integrator": scheme}
-    found = lyapunov(standard([3, 4, 5]), **how).lyapunov_exponent
+    found = nt.lyapunov(nt.standard([3, 4, 5]), **how).lyapunov_exponent
     rate = 2 / np.sqrt(15)
     growth = (found * found.time).values
     late = (growth[-1] - growth[len(growth) // 2]) / (found.time.values[-1] - found.time.values[len(growth) // 2])
@@ -47,37 +34,37 @@ HIDDEN = "energy-momentum hides exponents below zero; use gauss or lie-midpoint 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
 def test_sums_are_the_growth_of_volumes(scheme):
     how = {"t_end": 20, "step": 0.05, "material_angular_velocity": W0, "integrator": scheme}
-    damped = lyapunov(standard(J), load=damping(C), **how).lyapunov_exponent.values[-1].sum()
+    damped = nt.lyapunov(nt.standard(J), load=nt.damping(C), **how).lyapunov_exponent.values[-1].sum()
     assert abs(damped + np.trace(np.linalg.solve(J, C))) < (1e-12 if scheme == "gauss" else 1e-3)
-    heavy = lyapunov(heavy_top(J, 1, (0.1, 0.2, 0.5)), **how).lyapunov_exponent.values
+    heavy = nt.lyapunov(nt.heavy_top(J, 1, (0.1, 0.2, 0.5)), **how).lyapunov_exponent.values
     if scheme != "energy-momentum":  # of whose twelve directions these are six
-        d = sensitivities(heavy_top(J, 1, (0.1, 0.2, 0.5)), wrt=["rotation", "material_angular_velocity"], **how)
+        d = nt.sensitivities(nt.heavy_top(J, 1, (0.1, 0.2, 0.5)), wrt=["rotation", "material_angular_velocity"], **how)
         X = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
         assert abs(20 * heavy[-1].sum() - np.log(abs(np.linalg.det(X)))) < 1e-11
 
 
 def test_chaos_of_a_heavy_top_and_order_without_weight():
     start = {"t_end": 300, "step": 0.05, "material_angular_velocity": (1, 2, 1)}
-    chaotic = lyapunov(heavy_top([3, 2.5, 1], 1, (0.1, 0.2, 1)), **start).lyapunov_exponent.values
+    chaotic = nt.lyapunov(nt.heavy_top([3, 2.5, 1], 1, (0.1, 0.2, 1)), **start).lyapunov_exponent.values
     assert chaotic[-1, 0] > 0.3
     assert abs(chaotic[-1] + chaotic[-1, ::-1]).max() < 0.05  # pairs
     assert chaotic.shape[1] == 6
     start["material_angular_velocity"] = (1, 0.5, 2)  # (1, 2, 1) is on the separatrix of the free body
-    regular = lyapunov(standard([3, 2.5, 1]), **start).lyapunov_exponent.values[-1]
+    regular = nt.lyapunov(nt.standard([3, 2.5, 1]), **start).lyapunov_exponent.values[-1]
     assert abs(regular).max() < 0.05
 
 
 def test_the_director_scheme_says_that_it_hides_exponents_below_zero():
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": W0, "integrator": "energy-momentum"}
-    for function in (lyapunov, lyapunov_ensemble):
+    for function in (nt.lyapunov, nt.lyapunov_ensemble):
         with pytest.warns(UserWarning, match=f"^{HIDDEN}$") as told:
-            function(standard(J), **how)
+            function(nt.standard(J), **how)
         assert (len(told), told[0].filename) == (1, __file__)
 
 
 def test_a_constrained_body_has_five():
     """Without load a non-twisting body goes on along its circle: nothing grows but linearly."""
-    found = lyapunov(nontwisting([3, 4, 5]), t_end=300, step=0.05, material_angular_velocity=(1, 2, 0))
+    found = nt.lyapunov(nt.nontwisting([3, 4, 5]), t_end=300, step=0.05, material_angular_velocity=(1, 2, 0))
     assert found.sizes["exponent"] == 5
     assert abs(found.lyapunov_exponent.values[-1]).max() < 0.05
     assert found.lyapunov_exponent.units == "s-1"
@@ -90,10 +77,10 @@ def test_volumes_of_a_suslov_body_shrink_at_the_rate_of_its_equations(scheme):
     how = {"t_end": 400, "step": 0.02, "material_angular_velocity": (1, 0.8, -0.6), "integrator": scheme}
     across = np.linalg.svd(n[None])[2][1:].T
     S = across @ np.linalg.inv(across.T @ inertia @ across) @ across.T
-    W = simulate(suslov(inertia, n), **how).material_angular_velocity.values
+    W = nt.simulate(nt.suslov(inertia, n), **how).material_angular_velocity.values
     terms = [np.cross(inertia @ e, W) + np.cross(W @ inertia, e) for e in across.T]
     divergence = sum(term @ S @ e for term, e in zip(terms, across.T, strict=True))
-    found = lyapunov(suslov(inertia, n), **how).lyapunov_exponent
+    found = nt.lyapunov(nt.suslov(inertia, n), **how).lyapunov_exponent
     assert divergence.mean() < -0.2
     for k in (100, 312, 625):  # orthonormalisations, each after 32 steps
         expected = np.trapezoid(divergence[: 32 * k + 1], dx=0.02) / (0.64 * k)
@@ -101,7 +88,7 @@ def test_volumes_of_a_suslov_body_shrink_at_the_rate_of_its_equations(scheme):
         assert found.values[k - 1].sum() == pytest.approx(expected, rel=1e-5)
 
 
-KICK = body_moment([0, 1, 2, 3], np.array([[0, 0, 0], [0.3, 0, 0.1], [0, 0.4, 0], [0, 0, 0]]))
+KICK = nt.body_moment([0, 1, 2, 3], np.array([[0, 0, 0], [0.3, 0, 0.1], [0, 0.4, 0], [0, 0, 0]]))
 STARTS = np.random.default_rng(4).normal(size=(9, 3))
 
 
@@ -109,39 +96,39 @@ STARTS = np.random.default_rng(4).normal(size=(9, 3))
 @pytest.mark.parametrize(
     ("bodies", "W", "how"),
     [
-        (heavy_top(J, 1, (0.1, 0.2, 0.5)), STARTS, {"integrator": "lie-midpoint"}),
-        ([standard(k * J) for k in range(1, 10)], STARTS, {"integrator": "gauss", "order": 4, "load": KICK}),
-        ([suslov(J, n) for n in STARTS], (0, 0, 0), {"integrator": "lie-midpoint", "load": KICK}),
-        (standard(J), STARTS, {"integrator": "energy-momentum", "load": damping(C), "load_scale": np.arange(9)}),
+        (nt.heavy_top(J, 1, (0.1, 0.2, 0.5)), STARTS, {"integrator": "lie-midpoint"}),
+        ([nt.standard(k * J) for k in range(1, 10)], STARTS, {"integrator": "gauss", "order": 4, "load": KICK}),
+        ([nt.suslov(J, n) for n in STARTS], (0, 0, 0), {"integrator": "lie-midpoint", "load": KICK}),
+        (nt.standard(J), STARTS, {"integrator": "energy-momentum", "load": nt.damping(C), "load_scale": np.arange(9)}),
     ],
 )
 def test_members_have_the_numbers_of_lyapunov(bodies, W, how):
     """Bit for bit, however many threads there are: of one body or many, and under factors of a load."""
     how = {"t_end": 5, "step": 0.05, "rotation": Rotation.random(9, rng=1), **how}
-    systems = DirectorSystem.stack(bodies) if isinstance(bodies, list) else bodies
-    found = lyapunov_ensemble(systems, material_angular_velocity=W, threads=2, **how)
+    systems = nt.DirectorSystem.stack(bodies) if isinstance(bodies, list) else bodies
+    found = nt.lyapunov_ensemble(systems, material_angular_velocity=W, threads=2, **how)
     assert found.lyapunov_exponent.dims == ("member", "exponent")
     turned, scale, load = how.pop("rotation"), how.pop("load_scale", np.ones(9)), how.pop("load", None)
     for i in range(9):
         body = bodies[i] if isinstance(bodies, list) else bodies
         start = {"rotation": turned[i], "material_angular_velocity": np.broadcast_to(W, (9, 3))[i]}
-        one = lyapunov(body, load=None if load is None else scale[i].item() * load, **start, **how)
+        one = nt.lyapunov(body, load=None if load is None else scale[i].item() * load, **start, **how)
         assert (one.lyapunov_exponent.values[-1] == found.lyapunov_exponent.values[i]).all()
 
 
 def test_members_leave_the_middle_axis_at_the_known_rates():
     """``log(X) = σt`` and a constant for each speed and body; about the other axes ``X`` grows like t."""
     speeds, moments = np.array([2.0, 3, 4]), [(3, 4, 5), (2, 3.5, 4), (1, 4, 4.5)]
-    bodies = DirectorSystem.stack([standard(each) for each in moments])
+    bodies = nt.DirectorSystem.stack([nt.standard(each) for each in moments])
     short, long_ = (
-        t * lyapunov_ensemble(bodies, t_end=t, step=0.01, material_angular_velocity=speeds[:, None] * [[0, 1, 0]])
+        t * nt.lyapunov_ensemble(bodies, t_end=t, step=0.01, material_angular_velocity=speeds[:, None] * [[0, 1, 0]])
         for t in (50, 100)
     )
     late = (long_ - short).lyapunov_exponent.values[:, 0] / 50
     J1, J2, J3 = np.array(moments).T
     assert abs(late - speeds * np.sqrt((J3 - J2) * (J2 - J1) / (J1 * J3))).max() < 1e-9
     how = {"step": 0.05, "material_angular_velocity": np.eye(3)[[0, 2]], "integrator": "lie-midpoint"}
-    short, long_ = (t * lyapunov_ensemble(bodies[0], t_end=t, **how).lyapunov_exponent[:, 0] for t in (500, 1000))
+    short, long_ = (t * nt.lyapunov_ensemble(bodies[0], t_end=t, **how).lyapunov_exponent[:, 0] for t in (500, 1000))
     assert abs((long_ - short).values - np.log(2)).max() < 0.02
 
 
@@ -150,7 +137,7 @@ def test_members_that_fail_have_no_exponents():
     W[4] *= 1e3
     how = {"t_end": 1, "step": 0.01, "material_angular_velocity": W, "integrator": "lie-midpoint"}
     with pytest.warns(UserWarning, match="^1 of 20 members have failed, the first is 4: step 0 at t = 0 s: the body"):
-        found = lyapunov_ensemble(standard(J), **how)
+        found = nt.lyapunov_ensemble(nt.standard(J), **how)
     assert np.isnan(found.lyapunov_exponent.values).any(axis=1).nonzero()[0].tolist() == [4]
     assert found.status.values.nonzero()[0].tolist() == [4]
     assert found.message.values[4].startswith("step 0 at t = 0 s: the body turns")
@@ -158,29 +145,29 @@ def test_members_that_fail_have_no_exponents():
 
 def test_ensembles_choose_steps_as_runs_do():
     how = {"t_end": 3, "material_angular_velocity": STARTS}
-    many = simulate_ensemble(standard(J), tolerance=1e-6, **how)
-    found = lyapunov_ensemble(standard(J), tolerance=1e-6, **how)
+    many = nt.simulate_ensemble(nt.standard(J), tolerance=1e-6, **how)
+    found = nt.lyapunov_ensemble(nt.standard(J), tolerance=1e-6, **how)
     assert found.step == many.step
-    again = lyapunov_ensemble(standard(J), step=many.step, order=json.loads(many.integrator)["order"], **how)
+    again = nt.lyapunov_ensemble(nt.standard(J), step=many.step, order=json.loads(many.integrator)["order"], **how)
     assert (again.lyapunov_exponent.values == found.lyapunov_exponent.values).all()
 
 
 def test_what_has_no_derivatives_has_no_exponents():
     with pytest.raises(ValueError, match=r"^exact has no derivatives; those that have them are gauss, "):
-        lyapunov_ensemble(standard(J), t_end=1, material_angular_velocity=STARTS, integrator="exact")
+        nt.lyapunov_ensemble(nt.standard(J), t_end=1, material_angular_velocity=STARTS, integrator="exact")
 
 
 @pytest.mark.parametrize(("rows", "count"), [(6, 6), (6, 5), (12, 3)])
 def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
     rng, steps = np.random.default_rng(rows + count), 5
     M, n = rng.normal(size=(rows, rows + 2, steps)), rng.normal(size=rows)
-    start, found = rng.normal(size=(rows, chained.LANES)), []
+    start, found = rng.normal(size=(rows, linearised.LANES)), []
     for how in ("__call__", "on_floats"):
-        block, x, lengths = view_of(chained.Growth), start.copy(), np.zeros((3, count))
+        block, x, lengths = view_of(linearised.Growth), start.copy(), np.zeros((3, count))
         block.steps, block.width, block.stride, block.changes, block.every = steps, rows + 2, steps, count, 2
         block.matrices, block.weights, block.normal = M, np.linspace(1, 2, rows), n / np.linalg.norm(n)
         block.state, block.lengths = x, lengths
-        getattr(chained.grow(rows), how)(block.address)
+        getattr(linearised.grow(rows), how)(block.address)
         found.append((x, lengths))
     assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])
     assert np.array_equal(found[0][1], found[1][1])

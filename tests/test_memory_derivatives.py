@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
+from test_derivatives import derivative, last
 
 J = np.diag([3.0, 4.0, 5.0])
 W0 = np.array([0.3, 0.1, 0.35])
@@ -54,16 +55,6 @@ def loaded(beside="wheels", speed=3.0, torque=0.1, viscous=0.05):
     return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 
-def ends(body, how, **changed):
-    """The changes of attitude and W at the end of a run by a number, from four runs, to the fourth power of 4e-4."""
-    near, weights = 4e-4 * np.array([-2, -1, 1, 2]), np.array([1, -8, 8, -1]) / (12 * 4e-4)
-    ((name, make),) = changed.items()
-    runs = [nt.integrate(body, **(how | {name: make(e)})) for e in near]
-    first = nt.integrate(body, **how).rotation[-1].inv()
-    turn = sum(w * (first * run.rotation[-1]).as_rotvec() for w, run in zip(weights, runs, strict=True))
-    return turn, sum(w * run.material_angular_velocity[-1] for w, run in zip(weights, runs, strict=True))
-
-
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
 @pytest.mark.parametrize(
     ("beside", "body", "order"),
@@ -79,12 +70,14 @@ def test_derivatives_are_those_of_differences(beside, body, order):
     how = {"t_end": 2, "step": 0.1, "order": order, "load": loaded(beside), "material_angular_velocity": W0}
     how |= {"project": True, "integrator": "gauss"}
     found = nt.sensitivities(body, wrt=[*START, *(f"load[0].{name}" for name in FIELDS)], **how)
-    rows = [ends(body, how, material_angular_velocity=lambda e, v=v: W0 + e * v) for v in np.eye(3)]
-    rows += [ends(body, how, rotation=lambda e, v=v: Rotation.from_rotvec(e * v)) for v in np.eye(3)]
-    rows += [ends(body, how, load=lambda e, n=n, x=x: loaded(beside, **{n: x + e})) for n, x in FIELDS.items()]
-    turns, velocities = (np.array(each).T for each in zip(*rows, strict=True))
-    assert found.d_rotation.values[-1] == pytest.approx(turns, abs=5e-9)
-    assert found.d_material_angular_velocity.values[-1] == pytest.approx(velocities, abs=5e-9)
+
+    def by(name, make):
+        return derivative(lambda e: nt.integrate(body, **how | {name: make(e)}), 4e-4)
+
+    rows = [by("material_angular_velocity", lambda e, v=v: W0 + e * v) for v in np.eye(3)]
+    rows += [by("rotation", lambda e, v=v: Rotation.from_rotvec(e * v)) for v in np.eye(3)]
+    rows += [by("load", lambda e, n=n, x=x: loaded(beside, **{n: x + e})) for n, x in FIELDS.items()]
+    assert last(found) == pytest.approx(np.array(rows).T, abs=5e-9)
 
 
 def test_adjoint_propagator_and_continued_sums_agree():

@@ -1,8 +1,6 @@
 """Loads of one's own: one class each, with fields and a text, from which all else follows."""
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass
 from typing import Annotated
 from unittest.mock import patch
@@ -17,43 +15,11 @@ from nontwist.geometry.arrays import Array
 from nontwist.loads import LOADS, DirectorForces, Potential, Term
 from nontwist.loads.kinds import load_of
 from nontwist.spec import Spec
-from refusals import refused_as
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 DIPOLE, FIELD = np.array([0.3, -0.5, 1.2]), np.array([0.6, 1.0, -2.0])
 START = {"rotation": Rotation.from_euler("XYZ", [0.3, 0.5, -0.2]), "material_angular_velocity": (0.4, -1.1, 0.7)}
 NAMES = ("d_rotation", "d_material_angular_velocity")
-WRITTEN = '''
-from dataclasses import dataclass
-from typing import Annotated
-
-import numpy as np
-
-from nontwist.geometry.arrays import Array
-from nontwist.loads import LOADS, Term
-from nontwist.spec import Spec
-
-
-@dataclass(frozen=True, eq=False)
-class Flap(Term):
-    """A flap that turns with the body and pushes against its own velocity."""
-
-    area: Annotated[float, Spec("of the flap", unit="m²", rule="positive")]
-    normal: Annotated[Array, Spec("of the flap", shape=(3,), rule="direction in the body")] = (0.0, 0.0, 1.0)
-
-    def moment(self, t, directors, angular_velocity):
-        n = self.normal @ directors
-        return -self.area * np.sqrt(0.1 + angular_velocity @ angular_velocity) * (angular_velocity @ n) * n
-
-
-LOADS["flap"] = Flap
-'''
-FILE = """
-body = { kind = "standard", inertia = [3, 4, 5] }
-load = [{ kind = "flap", area = 0.3, scale = 2 }]
-start.angular_velocity.body = [0.5, 0.3, 2]
-time = { t_end = 1, step = 0.1 }
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,44 +159,3 @@ def test_other_ways_to_run():
     data = nt.compare(body, t_end=1, load=load, steps=[0.1], integrators=["gauss", "split"], repeats=1, **START)
     assert (data.status == 0).all()
     assert "needle: needle (0.3, −0.5, 1.2) A m², field (0.6, 1, −2) T" in nt.view(run).html
-
-
-test_fields_are_checked = refused_as(
-    [
-        lambda: Needle((0, 1), FIELD),
-        lambda: Cord(-1, (0, 0, 1)),
-        lambda: Cord(1, (0, 0, 1), -2),
-    ]
-)
-
-
-def test_a_file_in_a_folder_of_its_own(tmp_path):
-    """One file with one class: a run file, its messages, derivatives and the result, in processes that import it."""
-    (tmp_path / "own_flap.py").write_text(WRITTEN, encoding="utf-8")
-    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
-
-    def command(*words):
-        done = [sys.executable, "-m", "nontwist", *words, "--import", "own_flap"]
-        return subprocess.run(done, capture_output=True, text=True, check=False, cwd=tmp_path)
-
-    made = command("run", "run.toml", "--quiet")
-    assert made.returncode == 0, made.stderr
-    wrong = command("check", "run.toml", "--set", "load.0.area=-1")
-    assert "load.0.area: -1 -> a positive number, m²: of the flap" in wrong.stderr
-    wrong = command("check", "run.toml", "--set", "load.0.normal=[0, 0, 0]")
-    assert 'or "x", "y", "z", "-x", "-y", "-z": of the flap' in wrong.stderr
-    assert "2 × flap: area 0.3 m², normal (0, 0, 1)" in command("info", "run.nc").stdout
-    script = (
-        "import json, own_flap, nontwist as nt; from nontwist.loads.kinds import load_of\n"
-        "run = nt.open_run('run.nc'); load = load_of(json.loads(run.attrs['load']))\n"
-        "assert load == 2 * own_flap.Flap(0.3)\n"
-        "how = dict(t_end=1, step=0.1, material_angular_velocity=(0.5, 0.3, 2), load=load)\n"
-        "d = nt.sensitivities(nt.standard([3, 4, 5]), wrt=['area', 'normal'], **how)\n"
-        "assert abs(d.directors - run.directors).max() == 0\n"
-        "print(*d.parameter.values, *d.parameter_unit.values, d.d_rotation.values[-1].tolist(), sep='|')\n"
-    )
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert told.returncode == 0, told.stderr
-    *names, slopes = told.stdout.split("|")
-    assert names == [f"load[0].{one}" for one in ("area", "normal[1]", "normal[2]", "normal[3]")] + ["m2", *"111"]
-    assert abs(np.array(json.loads(slopes))).max() > 1e-3

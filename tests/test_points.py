@@ -4,25 +4,19 @@ import numpy as np
 import pytest
 import xarray
 
+import nontwist as nt
 from conftest import BODIES, PAPER_J
-from nontwist import (
-    inertia,
-    integrate,
-    nontwisting,
-    point_position,
-    point_velocity,
-    pulse,
-    rotation,
-    simulate,
-    simulate_ensemble,
-    standard,
-)
 from refusals import says
 
 RNG = np.random.default_rng(3)
 X = RNG.normal(size=(5, 3))
 EM = {"integrator": "energy-momentum", "order": 2}
-PUSHED = {"t_end": 1, "step": 0.05, "load": pulse((-61.8125, -26.875, 0)), "material_angular_velocity": (1.5, 4.5, 0)}
+PUSHED = {
+    "t_end": 1,
+    "step": 0.05,
+    "load": nt.pulse((-61.8125, -26.875, 0)),
+    "material_angular_velocity": (1.5, 4.5, 0),
+}
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -31,23 +25,23 @@ def test_positions_are_those_of_scipy_and_velocities_their_derivative(name):
     t, e = 0.6, 1e-3
     times = [0.0, *(t + e * np.array([-2, -1, 0, 1, 2]))]
     start = {"angular_velocity": (1, -2, 0.5), "project": True}
-    run = simulate(BODIES[name](), times=times, step=times[-1] / 600, integrator="gauss", **start)
-    x, v = point_position(run, X), point_velocity(run, X)
-    turned = np.stack([rotation(run).apply(one) for one in X], axis=1)
+    run = nt.simulate(BODIES[name](), times=times, step=times[-1] / 600, integrator="gauss", **start)
+    x, v = nt.point_position(run, X), nt.point_velocity(run, X)
+    turned = np.stack([nt.rotation(run).apply(one) for one in X], axis=1)
     np.testing.assert_allclose(x, turned, rtol=0, atol=1e-14)
     slope = np.einsum("k,kpx->px", [1, -8, 0, 8, -1], x.values[1:]) / (12 * e)
     np.testing.assert_allclose(v[3], slope, rtol=0, atol=1e-9)
     np.testing.assert_allclose(v, np.cross(run.angular_velocity.values[:, None], x), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("body", [standard, nontwisting])
+@pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])
 def test_energy_and_momentum_of_a_body_are_those_of_its_points(body):
     """K = Σ ½ m |x'|² and π = Σ m x × x' at every node, where the velocities are not tangent too (eq-director-K)."""
     masses, points = RNG.uniform(0.5, 2, 6), RNG.normal(size=(3, 3))
     points = np.concatenate([points, points * [-1, -1, 1]])  # E3 is principal
     masses[3:] = masses[:3]
-    run = simulate(body(inertia.of_points(masses, points)), **PUSHED, **EM)
-    x, v = point_position(run, points).values, point_velocity(run, points).values
+    run = nt.simulate(body(nt.inertia.of_points(masses, points)), **PUSHED, **EM)
+    x, v = nt.point_position(run, points).values, nt.point_velocity(run, points).values
     np.testing.assert_allclose(np.einsum("p,kpx,kpx->k", masses, v, v) / 2, run.kinetic_energy, rtol=1e-13)
     momentum = np.einsum("p,kpx->kx", masses, np.cross(x, v))
     np.testing.assert_allclose(momentum, run.spatial_momentum, rtol=0, atol=1e-12 * abs(momentum).max())
@@ -55,8 +49,8 @@ def test_energy_and_momentum_of_a_body_are_those_of_its_points(body):
 
 def test_the_director_scheme_stretches_velocities_under_load():
     """Erratum 7: x' ≠ w × x at its nodes, and the difference is no round-off."""
-    run = simulate(nontwisting(PAPER_J), **PUSHED, **EM)
-    x, v = point_position(run, X), point_velocity(run, X)
+    run = nt.simulate(nt.nontwisting(PAPER_J), **PUSHED, **EM)
+    x, v = nt.point_position(run, X), nt.point_velocity(run, X)
     gap = abs(v.values - np.cross(run.angular_velocity.values[:, None], x)).max()
     assert gap > 1e-3
     np.testing.assert_allclose(v[:, 2], np.einsum("i,kix->kx", X[2], run.director_velocities), rtol=0, atol=1e-13)
@@ -64,9 +58,11 @@ def test_the_director_scheme_stretches_velocities_under_load():
 
 def test_results_are_laid_out_as_runs_are():
     how = PUSHED | {"integrator": "lie-midpoint"}
-    run, plain = simulate(standard(PAPER_J), **how), integrate(standard(PAPER_J), **how)
-    many = simulate_ensemble(standard(PAPER_J), **how | {"material_angular_velocity": np.eye(3), "variables": "all"})
-    for function, name, units in ((point_position, "position", "m"), (point_velocity, "velocity", "m s-1")):
+    run, plain = nt.simulate(nt.standard(PAPER_J), **how), nt.integrate(nt.standard(PAPER_J), **how)
+    many = nt.simulate_ensemble(
+        nt.standard(PAPER_J), **how | {"material_angular_velocity": np.eye(3), "variables": "all"}
+    )
+    for function, name, units in ((nt.point_position, "position", "m"), (nt.point_velocity, "velocity", "m s-1")):
         one, all_of_them = function(run, X[0]), function(run, X)
         assert one.dims == ("time", "axis")
         assert all_of_them.dims == ("time", "point", "axis")
@@ -83,10 +79,10 @@ def test_results_are_laid_out_as_runs_are():
         np.testing.assert_allclose(function(swapped, X).transpose(*all_of_them.dims), all_of_them, atol=1e-14)
 
 
-@pytest.mark.parametrize("function", [point_position, point_velocity])
+@pytest.mark.parametrize("function", [nt.point_position, nt.point_velocity])
 def test_what_is_refused(function):
-    run = simulate(standard(PAPER_J), **PUSHED)
-    name = {point_position: "directors", point_velocity: "director_velocities"}[function]
+    run = nt.simulate(nt.standard(PAPER_J), **PUSHED)
+    name = {nt.point_position: "directors", nt.point_velocity: "director_velocities"}[function]
     with pytest.raises(ValueError, match=r"^expected a Trajectory, or a run of nontwist.simulate as a Dataset, got 3$"):
         function(3, X)
     with says():

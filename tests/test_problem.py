@@ -61,6 +61,7 @@ def test_what_a_function_does_not_take_is_refused(change):
     with pytest.raises(ValueError, match=f"lyapunov does not take {name}"):
         nt.lyapunov(PROBLEM.replace(**change))
     nt.lyapunov(PROBLEM.replace(**change).replace(**{name: None}))
+    nt.lyapunov(PROBLEM.replace(**change), **{name: None})
 
 
 @pytest.mark.parametrize("function", [nt.simulate, nt.lyapunov, nt.propagator, nt.simulate_ensemble, Problem])

@@ -3,10 +3,11 @@
 import json
 import re
 
-import mpmath
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+import exact_reference as reference
 from nontwist import (
     damping,
     heavy_top,
@@ -26,8 +27,7 @@ from nontwist.errors import RunFileError, SimulationError
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
-from nontwist.sweeps import sweep
-from refusals import said, says
+from refusals import refused_as, says
 
 J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
 W0 = np.array([0.4, -1.1, 0.7])
@@ -73,29 +73,13 @@ def test_a_symmetric_body_precesses_steadily_while_its_wheel_spins_up(scheme, or
     assert abs(d3 - exact).max() < bound
 
 
-def test_a_gyrostat_agrees_with_thirty_digits():
-    mpmath.mp.dps = 30
-    body, h = [mpmath.mpf(x) for x in (3, 4, 5)], [mpmath.mpf(x) for x in (1, -2, 1.5)]
-
-    def rates(_, y):
-        q, W = y[:4], y[4:]
-        P = [body[i] * W[i] + h[i] for i in range(3)]
-        turn = [
-            -q[1] * W[0] - q[2] * W[1] - q[3] * W[2],
-            q[0] * W[0] + q[2] * W[2] - q[3] * W[1],
-            q[0] * W[1] + q[3] * W[0] - q[1] * W[2],
-            q[0] * W[2] + q[1] * W[1] - q[2] * W[0],
-        ]
-        cross = [P[1] * W[2] - P[2] * W[1], P[2] * W[0] - P[0] * W[2], P[0] * W[1] - P[1] * W[0]]
-        return [x / 2 for x in turn] + [cross[i] / body[i] for i in range(3)]
-
-    start = [mpmath.mpf(x) for x in (1, 0, 0, 0, 0.5, 2, -0.25)]
-    exact = [float(x) for x in mpmath.odefun(rates, 0, start)(2)]
+def test_a_gyrostat_agrees_with_fifty_digits():
+    R, W = reference.taylor_top([3, 4, 5], (0.5, 2, -0.25), 2.0, rotor=(1, -2, 1.5))
     load = rotor((1, 0, 0), 1) + rotor((0, 1, 0), -2) + rotor((0, 0, 1), 1.5)
     run = simulate(standard([3, 4, 5]), t_end=2, material_angular_velocity=(0.5, 2, -0.25), load=load)
-    p = run.quaternion.values[-1][[3, 0, 1, 2]]
-    assert abs(p * np.sign(p @ exact[:4]) - exact[:4]).max() < 2e-13
-    assert abs(run.material_angular_velocity.values[-1] - exact[4:]).max() < 2e-13
+    p, exact = run.quaternion.values[-1], Rotation.from_matrix(R).as_quat()
+    assert abs(p * np.sign(p @ exact) - exact).max() < 2e-13
+    assert abs(run.material_angular_velocity.values[-1] - W).max() < 2e-13
 
 
 @pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2)])
@@ -155,27 +139,6 @@ def test_what_is_kept_and_what_is_recorded(tmp_path):
     assert repr(rotor((1, 0, 0), 2)) == "<Load: rotor of 2 kg m² s⁻¹ about (1, 0, 0)>"
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ((0, 0, 0), 1.0),
-        ((0, 0, 1), [0, 1]),
-        ((0, 0, 1), [0], [1.0]),
-        ((0, 0, 1), [0, 0], [1.0, 2.0]),
-        ((0, 0, 1), np.nan),
-    ],
-)
-def test_wrong_rotors_are_refused(arguments):
-    with says():
-        rotor(*arguments)
-
-
-def test_an_integrator_without_rotors_says_so():
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
-        simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split")
-    said(str(caught.value))
-
-
 def test_the_good_part_of_a_run_that_fails_is_kept():
     load = rotor((0, 0, 1), [0.5, 1.0], [0.0, 400.0])
     with pytest.raises(SimulationError) as caught:
@@ -185,50 +148,13 @@ def test_the_good_part_of_a_run_that_fails_is_kept():
     assert abs(good.total_momentum.values).max() < 1e-12
 
 
-FILE = """
-body = { kind = "standard", inertia = [3, 4, 5] }
-start.angular_velocity.body = [0.4, -1.1, 0.7]
-time = { t_end = 1, step = 0.1 }
-load = [{ kind = "rotor", axis = [0, 1, 1], ROTOR }]
-"""
-
-
-def test_rotors_in_run_files_and_sweeps(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("ROTOR", "times = [0, 0.5], values = [0, 2], scale = 1.5"), encoding="utf-8")
-    run = read_run_file(path).simulate()
-    assert abs(run.rotor_momentum.values[-1] - np.array([0, 3, 3]) / np.sqrt(2)).max() < 1e-15
-    for key in ("load.0.momentum", "load.0.scale"):
-        over = f'sweep.over = [{{ key = "{key}", kind = "grid", start = 1, end = 3, count = 3 }}]\n'
-        path.write_text(
-            FILE.replace("ROTOR", "momentum = 1, scale = 1.0")
-            + over
-            + 'sweep.variables = ["total_momentum", "rotor_momentum", "material_angular_velocity"]\n',
-            encoding="utf-8",
-        )
-        found = sweep(path, tmp_path / f"{key}.zarr")
-        assert abs(found.rotor_momentum.values[:, 1] - np.array([1, 2, 3]) / np.sqrt(2)).max() < 1e-15
-        for h, W in zip((1, 2, 3), found.material_angular_velocity.values, strict=True):
-            alone = simulate(
-                standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=W0, load=rotor((0, 1, 1), h)
-            )
-            assert abs(alone.material_angular_velocity.values[-1] - W).max() < 1e-14
-
-
-@pytest.mark.parametrize(
-    "keys",
+test_refusals = refused_as(
     [
-        "momentum = 1, times = [0, 1]",
-        "scale = 2",
-        "momentum = [1, 2]",
-        "times = [0, 1], values = [1]",
-    ],
+        lambda: rotor((0, 0, 1), [0, 1]),
+        lambda: rotor((0, 0, 1), [0], [1.0]),
+        lambda: simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split"),
+    ]
 )
-def test_wrong_rotors_in_run_files(tmp_path, keys):
-    path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("ROTOR", keys), encoding="utf-8")
-    with says():
-        read_run_file(path)
 
 
 @pytest.mark.parametrize("scheme", [LieMidpoint, EnergyMomentum])
@@ -267,34 +193,6 @@ def test_the_momentum_of_a_rotor_is_read_from_a_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        (
-            "load.0.file=",
-            "load.0.momentum: missing (a rotor has a momentum, or times and values, or a file) -> a number, ",
-        ),
-        ("load.0.momentum=1", 'load.0.file: "wheel.csv" (a rotor has a momentum, or times and values, or a file) -> '),
-        ('load.0.file="none.csv"', 'load.0.file: "none.csv" (it cannot be read: No such file or directory) -> '),
-        (
-            'load.0.columns=["t (s)", "speed (rpm)"]',
-            "load.0.file: \"wheel.csv\" (the column 'speed (rpm)' states rpm; times are in s, momenta in kg m² s⁻¹: "
-            "convert it) -> ",
-        ),
-        (
-            "load.0.scale=1",
-            'load.0.file: "wheel.csv" (it has 3 columns (t (s), h, speed (rpm)); columns = [...] must name 2 of them) ',
-        ),
-    ],
-)
-def test_a_file_that_is_no_momentum_is_named(change, told, tmp_path):
-    (tmp_path / "wheel.csv").write_text("t (s),h,speed (rpm)\n0,0,0\n5,2,9\n", encoding="utf-8")
-    (tmp_path / "run.toml").write_text(WHEEL, encoding="utf-8")
-    with pytest.raises(RunFileError) as caught:
-        read_run_file(tmp_path / "run.toml", [change])
-    assert str(caught.value).removeprefix(f"{tmp_path / 'run.toml'}: ").startswith(told)
-
-
-@pytest.mark.parametrize(
     ("header", "is_accepted"),
     [(f"h ({unit})", True) for unit in ("N m s", "kg m² s⁻¹", "kg m2/s", "Nms", "kg·m²/s", "kg m^2 s^-1")]
     + [(f"h ({unit})", False) for unit in ("N mm s", "g cm²/s", "rad/s", "RPM", "Hz", "lb ft s", "mN m s")]
@@ -310,11 +208,9 @@ def test_units_of_momenta(header, is_accepted, tmp_path):
             read_run_file(tmp_path / "run.toml")
 
 
-def test_columns_of_a_rotor_need_a_file(tmp_path):
-    text = WHEEL.replace('file = "wheel.csv"', 'momentum = 1\ncolumns = ["a", "b"]')
-    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
-    message = (
-        r"load\.0\.columns: \[\"a\", \"b\"\] \(columns and sha256 are of a file\) -> 2 headers: the time \(s\) and "
-    )
-    with pytest.raises(RunFileError, match=message):
-        read_run_file(tmp_path / "run.toml")
+@pytest.mark.parametrize("change", ["load.0.file=", "load.0.momentum=1", 'load.0.file="none.csv"', "load.0.scale=1"])
+def test_a_file_that_is_no_momentum_is_named(change, tmp_path):
+    (tmp_path / "wheel.csv").write_text("t (s),h,speed (rpm)\n0,0,0\n5,2,9\n", encoding="utf-8")
+    (tmp_path / "run.toml").write_text(WHEEL, encoding="utf-8")
+    with says(RunFileError):
+        read_run_file(tmp_path / "run.toml", [change])

@@ -5,7 +5,7 @@ import numpy as np
 
 from nontwist.kernels.dual import Dual
 from nontwist.kernels.kernel import kernel
-from nontwist.kernels.series import Constant, Recurrence
+from nontwist.kernels.series import Recurrence
 
 ORDER = 12
 
@@ -13,7 +13,7 @@ ORDER = 12
 def exponential(out):
     """Write the coefficients of the solution of ``x' = k (x - x²)``, x(0) = 2, k = 3, and what x(0) and k change."""
     recurrence = Recurrence(ORDER, 2)
-    x, k = recurrence.unknown(), Constant(Dual(3.0, [0.0, 1.0]))
+    x, k = recurrence.unknown(), Dual(3.0, [0.0, 1.0])
     x.put(0, Dual(out[0], [1.0, 0.0]))
     recurrence.solve([x], [k * (x - x * x)])
     for n in range(ORDER + 1):

@@ -105,22 +105,6 @@ def test_no_drift_over_many_steps(n):
     assert abs(data.material_momentum - data.material_momentum[0]).max() < 1e-12 * 76
 
 
-def test_case_3_is_more_accurate_than_the_director_scheme():
-    kick = {
-        "t_end": 5,
-        "step": 0.005,
-        "material_angular_velocity": [1.5, 4.5, 0],
-        "load": nt.pulse((-61.8125, -26.875, 0)),
-    }
-    ends = {
-        name: nt.integrate(nt.nontwisting(PAPER_J), integrator=name, order=2, **kick)
-        for name in ("split", "energy-momentum")
-    }
-    fine = nt.integrate(nt.nontwisting(PAPER_J), integrator=FINE, **kick).directors[-1]
-    errors = {name: np.linalg.norm(run.directors[-1] - fine) for name, run in ends.items()}
-    assert errors["split"] < errors["energy-momentum"] / 50
-
-
 def test_an_axis_that_is_not_principal_is_refused():
     with pytest.raises(ValueError, match=re.escape("split needs a constrained axis that is principal")):
         nt.simulate(BODIES["suslov"](), t_end=1, step=0.1, integrator="split")

@@ -10,6 +10,7 @@ from conftest import BODIES, PAPER_J, random_inertia
 from nontwist import nontwisting, simulate, sphere, split_form, standard
 from nontwist.models.equations import split_rates as rates_of_one_state
 from nontwist.split_form import split_inertia
+from refusals import refused_as
 
 E3 = np.array([0.0, 0, 1])
 GRAVITY_FREE = [name for name in BODIES if name != "heavy_top"]
@@ -128,17 +129,11 @@ def test_leading_axes_broadcast_and_may_be_empty():
     assert split_form.velocity(body, q[:0], perp[:0], par[:0]).shape == (0, 3)
 
 
-def test_what_is_refused():
-    body, q = standard(PAPER_J), np.stack([np.eye(3), np.diag([1, 1, -1.0])])
-    with pytest.raises(ValueError, match=r"^directors\[1\] is not an orthonormal, right-handed triad of rows$"):
-        split_form.momentum(body, q, np.zeros(3))
-    with pytest.raises(
-        ValueError, match=r"^momentum_perp\[1\] is not tangent at the director of the axis; split_form.mom"
-    ):
-        split_form.rates(body, np.eye(3), [[1, 0, 0], [1, 0, 1e-8]], 0)
-    with pytest.raises(ValueError, match=r"^the leading axes must .* got directors \(2, 3, 3\), angular"):
-        split_form.energy(body, q[[0, 0]], np.zeros((3, 3)))
-    with pytest.raises(ValueError, match=r"^system must be a body"):
-        split_form.velocity(PAPER_J, np.eye(3), np.zeros(3), 0)
-    with pytest.raises(ValueError, match=r"^moment\[2\] = nan is not finite$"):
-        split_form.rates(body, np.eye(3), np.zeros(3), 0, (0, 0, np.nan))
+LEFT = np.stack([np.eye(3), np.diag([1, 1, -1.0])])
+test_refusals = refused_as(
+    [
+        lambda: split_form.momentum(standard(PAPER_J), LEFT, np.zeros(3)),
+        lambda: split_form.rates(standard(PAPER_J), np.eye(3), [[1, 0, 0], [1, 0, 1e-8]], 0),
+        lambda: split_form.energy(standard(PAPER_J), LEFT[[0, 0]], np.zeros((3, 3))),
+    ]
+)

@@ -17,13 +17,7 @@ from refusals import said, says
 H, N = 1 / 64, 64  # so that t_end / N is the step, and all nodes are the same floats
 M, m = (9.0, -4.0, 7.0), (3.0, 5.0, -2.0)
 START = {"rotation": Rotation.from_rotvec([0.4, -0.3, 0.8]), "material_angular_velocity": (1.1, -0.7, 0.4)}
-SCHEMES = [
-    ("lie-midpoint", 2),
-    ("gauss", 2),
-    ("gauss", 4),
-    ("gauss", 8),
-    ("energy-momentum", 2),
-]
+SCHEMES = [("lie-midpoint", 2), ("gauss", 2), ("gauss", 4), ("gauss", 8), ("energy-momentum", 2)]
 FREE = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 TOP = nt.heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
 
@@ -254,13 +248,11 @@ def late_compiled(t, directors, angular_velocity):
     return np.where(t < 0.5, 0.1, np.nan), 0.0, 0.0
 
 
-LATE = "the load late raised ZeroDivisionError at t = 0.5078125 s: no more"
-LATE_COMPILED = "the load late_compiled is not finite at t = 0.5078125 s: [nan, 0.0, 0.0]"
-FAILING = [(nt.body_moment, late, LATE), (nt.moment, late, LATE), (compiled_load, late_compiled, LATE_COMPILED)]
+FAILING = [(nt.body_moment, late), (nt.moment, late), (compiled_load, late_compiled)]
 
 
-@pytest.mark.parametrize(("make", "function", "reason"), FAILING)
-def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, function, reason):
+@pytest.mark.parametrize(("make", "function"), FAILING)
+def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, function):
     load = make(function)
     loop = nt.stepper(FREE, H, load=load)
     with pytest.raises(SimulationError) as failed:

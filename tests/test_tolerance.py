@@ -10,27 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
+import nontwist as nt
 from conftest import compiled_load
-from nontwist import (
-    Load,
-    body_moment,
-    damping,
-    heavy_top,
-    inertia,
-    integrate,
-    moment,
-    nontwisting,
-    propagator,
-    pulse,
-    rotation,
-    rotations,
-    simulate,
-    simulate_ensemble,
-    sine,
-    space_moment,
-    spring,
-    standard,
-)
 from nontwist.driver import completion, tolerance
 from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
@@ -40,9 +21,9 @@ from nontwist.models.stack import stacked
 from refusals import says
 from tolerance_problems import Motion, Task, error_of, generated, truth
 
-BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
+BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 W = {"material_angular_velocity": (1.3, -0.7, 2.1)}
-LOAD = pulse((3, 1, 0.5), start=0.1234, end=0.777) + sine((0.1, 0, 0.2), 0.7)
+LOAD = nt.pulse((3, 1, 0.5), start=0.1234, end=0.777) + nt.sine((0.1, 0, 0.2), 0.7)
 GAUSS = {"integrator": "gauss"}
 SWITCH = 0.3456789  # on no grid of few steps
 
@@ -54,7 +35,7 @@ def ratios(seeds):
         task = generated(seed)
         how = {"load": task.load, "tolerance": task.tolerance, **GAUSS, **task.start}
         try:
-            run = integrate(task.body, t_end=task.t_end, store="end" if task.store == "end" else 1, **how)
+            run = nt.integrate(task.body, t_end=task.t_end, store="end" if task.store == "end" else 1, **how)
         except ValueError as error:
             least = r"cannot be reached: (the motion amplifies errors: )?a change of the start by two units of"
             if not re.search(least, str(error)):
@@ -75,7 +56,9 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
     monkeypatch.setattr(tolerance.completion, "march", failing)
     with pytest.raises(SimulationError, match="Newton's iteration stalled"):
-        simulate(standard([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 3), integrator="gauss", tolerance=1e-6)
+        nt.simulate(
+            nt.standard([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 3), integrator="gauss", tolerance=1e-6
+        )
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
@@ -106,7 +89,7 @@ def test_the_truth_is_that_of_34_digits(seed):
 
 
 def test_the_truth_is_that_of_a_steady_rotation():
-    task = Task(nontwisting([3, 4, 5]), body_moment(lambda t: (0, 0, 0)), {}, 2.0, 1e-12, "end")
+    task = Task(nt.nontwisting([3, 4, 5]), nt.body_moment(lambda t: (0, 0, 0)), {}, 2.0, 1e-12, "end")
     start = {"material_angular_velocity": (1.0, -2.0, 0.0), "rotation": np.eye(3)}
     R, velocity, _ = truth(task._replace(start=start), [2.0])
     angle, n = 2 * np.sqrt(5), np.array([1, -2, 0]) / np.sqrt(5)
@@ -119,7 +102,7 @@ def test_the_truth_is_that_of_a_steady_rotation():
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-9, 1e-12])
 def test_the_choice_is_recorded(tolerance):
-    run = simulate(BODY, t_end=5, load=LOAD, tolerance=tolerance, **GAUSS, **W)
+    run = nt.simulate(BODY, t_end=5, load=LOAD, tolerance=tolerance, **GAUSS, **W)
     attributes = run.attrs
     assert attributes["tolerance"] == tolerance
     assert 0 <= attributes["error_estimate"] <= tolerance
@@ -130,53 +113,32 @@ def test_the_choice_is_recorded(tolerance):
 
 def test_the_order_may_be_fixed():
     for how in ({"integrator": "gauss", "order": 6}, {"integrator": Gauss(order=6)}):
-        run = integrate(BODY, t_end=5, tolerance=1e-7, **how, **W)
+        run = nt.integrate(BODY, t_end=5, tolerance=1e-7, **how, **W)
         assert run.integrator == Gauss(order=6)
-    assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="split", load=LOAD, **W).integrator.order in (4, 6)
-    assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="lie-midpoint", **W).integrator.order == 2
-
-
-def test_a_tolerance_without_an_integrator_takes_gauss():
-    run = integrate(BODY, t_end=5, load=LOAD, tolerance=1e-7, **W)
-    named = integrate(BODY, t_end=5, load=LOAD, tolerance=1e-7, **GAUSS, **W)
-    assert run.integrator == named.integrator
-    assert np.array_equal(run.quaternion, named.quaternion)
+    assert nt.integrate(BODY, t_end=2, tolerance=1e-6, integrator="split", load=LOAD, **W).integrator.order in (4, 6)
+    assert nt.integrate(BODY, t_end=2, tolerance=1e-6, integrator="lie-midpoint", **W).integrator.order == 2
+    old = nt.integrate(BODY, t_end=5, order=2, **GAUSS, **W)
+    assert old.tolerance is None
+    assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
 
 
 def test_states_are_close_where_nobody_has_chosen_a_step():
     """At most 0.05 rad and a hundredth of the run apart, however long the steps are; not where a tolerance is given."""
-    shown = integrate(BODY, t_end=5, **W)
+    shown = nt.integrate(BODY, t_end=5, **W)
     fastest = np.linalg.norm(shown.material_angular_velocity, axis=1).max()
     apart = np.diff(shown.time).max()
     assert apart * fastest <= 0.05
     assert shown.step > 5 * apart
     assert (shown.tolerance, shown.error_estimate <= 1e-8) == (1e-8, True)
-    assert len(integrate(BODY, t_end=5).time) > 100  # at rest
-    run = integrate(BODY, t_end=5, tolerance=1e-8, **W)
+    assert len(nt.integrate(BODY, t_end=5).time) > 100  # at rest
+    run = nt.integrate(BODY, t_end=5, tolerance=1e-8, **W)
     assert np.diff(run.time).max() == pytest.approx(run.step)
     assert run.step > 5 * apart
 
 
-def test_the_step_left_open_is_a_tolerance():
-    run = integrate(BODY, t_end=5, load=LOAD, **GAUSS, **W)
-    assert (run.tolerance, run.error_estimate <= 1e-8) == (1e-8, True)
-    old = integrate(BODY, t_end=5, order=2, **GAUSS, **W)
-    assert old.tolerance is None
-    assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
-
-
-def test_a_propagator_has_the_runs_of_integrate():
-    run = propagator(BODY, t_end=5, load=LOAD, tolerance=1e-9, **GAUSS)
-    for velocity in ((1, 2, 3), (0, 0.1, 0)):
-        start = {"material_angular_velocity": velocity}
-        one, two = run(**start), integrate(BODY, t_end=5, load=LOAD, tolerance=1e-9, store="end", **GAUSS, **start)
-        assert np.array_equal(one.quaternion, two.quaternion)
-        assert one.error_estimate == two.error_estimate
-
-
 def test_the_worst_member_decides():
     velocities = [(0.1, 0.0, 0.1), (1.3, -0.7, 2.1), (5, -4, 9)]
-    many = simulate_ensemble(
+    many = nt.simulate_ensemble(
         BODY, t_end=5, load=LOAD, tolerance=1e-9, material_angular_velocity=velocities, store=1, **GAUSS
     )
     assert many.attrs["tolerance"] == 1e-9
@@ -191,8 +153,8 @@ def test_the_worst_member_decides():
 def test_members_within_one_grid_have_bits_of_their_own():
     slow, fast = (0.1, 0.0, 0.1), (5, -4, 9)
     how = {"t_end": 5, "load": LOAD, "tolerance": 1e-9, "store": 1, **GAUSS}
-    many = simulate_ensemble(BODY, material_angular_velocity=[slow, fast, fast], **how)
-    one = simulate(BODY, material_angular_velocity=fast, **how)
+    many = nt.simulate_ensemble(BODY, material_angular_velocity=[slow, fast, fast], **how)
+    one = nt.simulate(BODY, material_angular_velocity=fast, **how)
     assert np.array_equal(many.quaternion[1], many.quaternion[2])
     assert np.array_equal(many.time, one.time)
     assert np.array_equal(many.quaternion[1], one.quaternion)
@@ -210,69 +172,61 @@ WRONG = [
 @pytest.mark.parametrize("how", WRONG)
 def test_what_is_refused(how):
     with says():
-        integrate(BODY, t_end=1, **{**GAUSS, **how}, **W)
+        nt.integrate(BODY, t_end=1, **{**GAUSS, **how}, **W)
 
 
 def test_a_tolerance_below_ten_floors_is_refused():
-    """Two units of round-off in W move the attitude by 2 eps t |W| and more."""
-    message = (
-        r"^tolerance = 1e-15 cannot be reached: a change of the start by two units of round-off moves the end by "
-        r"(\S+); use tolerance >= (\S+)$"
-    )
+    """Two units of round-off in W move the attitude by 2 eps t |W| and more; far smaller ones take no longer."""
+    message = r"^tolerance = 1e-15 cannot be reached: .* moves the end by (\S+); use tolerance >= (\S+)$"
     with pytest.raises(ValueError, match=message) as info:
-        integrate(BODY, t_end=5, tolerance=1e-15, store="end", **GAUSS, **W)
-    text = str(info.value)
-    floor, least = float(text.split("the end by ")[1].split(";")[0]), float(text.split(">= ")[1])
+        nt.integrate(BODY, t_end=5, tolerance=1e-15, store="end", **GAUSS, **W)
+    floor, least = map(float, re.match(message, str(info.value)).groups())
     assert 1e-15 < floor < 1e-13
     assert 10 * floor <= least <= 11.5 * floor
-    run = integrate(BODY, t_end=5, tolerance=least, store="end", **GAUSS, **W)
-    truth_of = integrate(BODY, times=[5], integrator=Continuous(rtol=1e-13, atol=1e-15), **W)
+    run = nt.integrate(BODY, t_end=5, tolerance=least, store="end", **GAUSS, **W)
+    truth_of = nt.integrate(BODY, times=[5], integrator=Continuous(rtol=1e-13, atol=1e-15), **W)
     assert abs(run.directors[-1] - truth_of.directors[-1]).max() <= 1e-11
+    with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
+        nt.integrate(BODY, t_end=1, tolerance=1e-101, **W)
 
 
 def test_a_default_run_that_amplifies_round_off_says_so():
-    """A metre stick that swings about its middle axis, at 90°."""
-    J = inertia.shift(inertia.of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
-    stick = heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
+    """A metre stick that swings about its middle axis: it is known to ten times what two units move its end by."""
+    J = nt.inertia.shift(nt.inertia.of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
+    stick = nt.heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
     start = Rotation.from_euler("x", np.pi / 2)
-    known = r"it is known to (\S+) rad at best; a shorter run is known better$"
-    message = (
-        r"^the motion amplifies errors: a change of the start by two units of round-off moves the end by (\S+) rad, so "
-    )
+    told = r"the motion amplifies errors: .* moves the end by (\S+) rad, so it is known to (\S+) rad at best"
     for t_end in (9, 12):
-        with pytest.warns(UserWarning, match=message) as told:
-            run = integrate(stick, t_end=t_end, rotation=start)
-        moved, at_best = map(float, re.match(message + known, str(told[0].message)).groups())
-        assert len(told) == 1
+        with pytest.warns(UserWarning, match=told) as seen:
+            run = nt.integrate(stick, t_end=t_end, rotation=start)
+        moved, at_best = map(float, re.search(told, str(seen[0].message)).groups())
+        assert len(seen) == 1
         assert 1e-4 < moved < 1
-        assert at_best == pytest.approx(10 * moved, rel=0.06)
-        assert run.tolerance == pytest.approx(10 * moved, rel=0.06)
+        assert (at_best, run.tolerance) == pytest.approx((10 * moved, 10 * moved), rel=0.06)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert integrate(stick, t_end=5, rotation=start).tolerance < 1e-3
-    refusal = message.replace("^", r"^tolerance = 0\.01 cannot be reached: ")
-    with pytest.raises(ValueError, match=refusal) as refused:
-        integrate(stick, t_end=12, rotation=start, tolerance=0.01)
-    pattern = refusal + known.removesuffix("$") + r"; use tolerance >= (\S+)$"
-    texts = re.match(pattern, str(refused.value)).groups()
-    moved, at_best, least = map(float, texts)
-    assert "e" not in "".join(texts)
-    assert at_best == pytest.approx(10 * moved, rel=0.06)
-    assert least == pytest.approx(10.5 * moved, rel=0.06)
+        assert nt.integrate(stick, t_end=5, rotation=start).tolerance < 1e-3
+    told = "tolerance = 0.01 cannot be reached: " + told + r".*; use tolerance >= (\S+)$"
+    with pytest.raises(ValueError, match=told) as refused:
+        nt.integrate(stick, t_end=12, rotation=start, tolerance=0.01)
+    moved, at_best, least = map(float, re.search(told, str(refused.value)).groups())
+    assert (at_best, least) == pytest.approx((10 * moved, 10.5 * moved), rel=0.06)
 
 
 def test_an_undeclared_kink_is_told():
-    jump = body_moment(lambda t: (1.0 if t < SWITCH else -1.0, 0, 0))
+    jump = nt.body_moment(lambda t: (1.0 if t < SWITCH else -1.0, 0, 0))
     with pytest.raises(ValueError, match=r"^tolerance = 1e-12 is not reached: with \d+ steps of order 16 the error is"):
-        integrate(nontwisting([3, 4, 5]), t_end=1, load=jump, tolerance=1e-12, order=16, **GAUSS)
+        nt.integrate(nt.nontwisting([3, 4, 5]), t_end=1, load=jump, tolerance=1e-12, order=16, **GAUSS)
 
     def coarse(t):  # whose jumps no refinement meets
         return (np.sign(np.sin(4321 * t)), 0, 0)
 
     with says():
-        integrate(standard([3e-4, 4e-4, 5e-4]), t_end=1, load=body_moment(coarse), tolerance=0.002, order=16, **GAUSS)
-    declared = body_moment(jump.terms[0].function, breakpoints=[SWITCH])
-    run = integrate(nontwisting([3, 4, 5]), t_end=1, load=declared, tolerance=1e-12, **GAUSS)
+        nt.integrate(
+            nt.standard([3e-4, 4e-4, 5e-4]), t_end=1, load=nt.body_moment(coarse), tolerance=0.002, order=16, **GAUSS
+        )
+    declared = nt.body_moment(jump.terms[0].function, breakpoints=[SWITCH])
+    run = nt.integrate(nt.nontwisting([3, 4, 5]), t_end=1, load=declared, tolerance=1e-12, **GAUSS)
     assert run.material_angular_velocity[-1, 0] == pytest.approx((2 * SWITCH - 1) / 3, abs=1e-13)
 
 
@@ -290,24 +244,9 @@ def test_what_saturates_with_the_state_is_told_and_is_within_its_tolerance_once_
         r"the load jumps or has kinks with breakpoints=, ask for less, or give step=$"
     )
     with pytest.raises(ValueError, match=message):
-        integrate(BODY, load=compiled_load(clipped), tolerance=1e-12, **how)
-    run = integrate(BODY, load=compiled_load(smooth), tolerance=1e-12, **how)
+        nt.integrate(BODY, load=compiled_load(clipped), tolerance=1e-12, **how)
+    run = nt.integrate(BODY, load=compiled_load(smooth), tolerance=1e-12, **how)
     assert run.error_estimate <= 1e-12
-
-
-def test_a_run_whose_end_hangs_on_its_start_is_told_the_tolerance_it_can_have():
-    """A top upright and slow: step=None takes ten floors instead of 1e-8, and says which tolerance that is."""
-    top = heavy_top([2.0, 2.0, 0.5], 1.0, [0, 0, 1.0])
-    run = integrate(top, t_end=10, angular_velocity=(1e-9, 0, 0.1), **GAUSS)
-    assert run.tolerance >= 1e-8
-    assert run.error_estimate <= run.tolerance
-
-
-def test_steps_do_not_shrink_with_tolerances_below_round_off():
-    """They are refused after a run, which was as long as they were small."""
-    body = standard([3, 4, 5])
-    with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
-        simulate(body, t_end=1, tolerance=1e-101, material_angular_velocity=(1, 2, 3))
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
@@ -315,12 +254,12 @@ def test_steps_do_not_shrink_with_tolerances_below_round_off():
 def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
     """The first steps miss the swing, since they follow from the angular velocity; ``θ = 2 arcsin(k sn(K - ωt))``."""
     omega, k, t = 2.7, np.sin(angle / 2), 60.0
-    body = heavy_top([4, 6, 4], mass=4 * omega**2 / 9.81, centre_of_mass=(0, 0, -1))
+    body = nt.heavy_top([4, 6, 4], mass=4 * omega**2 / 9.81, centre_of_mass=(0, 0, -1))
     start = Rotation.from_euler("x", angle)
-    run = simulate(body, t_end=t, store="end", rotation=start, tolerance=tolerance)
+    run = nt.simulate(body, t_end=t, store="end", rotation=start, tolerance=tolerance)
     sn = ellipj(ellipk(k**2) - omega * t, k**2)[0]
     expected = Rotation.from_euler("x", 2 * np.arcsin(k * sn))
-    assert (rotation(run)[-1].inv() * expected).magnitude() < tolerance
+    assert (nt.rotation(run)[-1].inv() * expected).magnitude() < tolerance
     assert run.error_estimate <= tolerance
     assert round(t / run.step) < 1000
 
@@ -328,18 +267,23 @@ def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
 def test_steps_that_miss_a_swing_are_refined():
     """Of a moment that is a function the rate is not known; the same pendulum, and the first distances do not fall."""
     omega, angle, t = 2.7, 1e-3, 20.0
-    load = moment(lambda t, directors, w: 4 * omega**2 * np.cross(-directors[2], (0, 0, -1)))
-    run = simulate(
-        standard([4, 6, 4]), t_end=t, store="end", rotation=Rotation.from_euler("x", angle), load=load, tolerance=1e-8
+    load = nt.moment(lambda t, directors, w: 4 * omega**2 * np.cross(-directors[2], (0, 0, -1)))
+    run = nt.simulate(
+        nt.standard([4, 6, 4]),
+        t_end=t,
+        store="end",
+        rotation=Rotation.from_euler("x", angle),
+        load=load,
+        tolerance=1e-8,
     )
     sn = ellipj(ellipk(np.sin(angle / 2) ** 2) - omega * t, np.sin(angle / 2) ** 2)[0]
     expected = Rotation.from_euler("x", 2 * np.arcsin(np.sin(angle / 2) * sn))
-    assert (rotation(run)[-1].inv() * expected).magnitude() < 1e-8
+    assert (nt.rotation(run)[-1].inv() * expected).magnitude() < 1e-8
 
 
 def test_a_swing_is_shown_by_thirty_steps():
-    body = heavy_top([4, 6, 4], mass=4 * 2.7**2 / 9.81, centre_of_mass=(0, 0, -1))
-    run = simulate(body, t_end=20, rotation=Rotation.from_euler("x", 1e-3))
+    body = nt.heavy_top([4, 6, 4], mass=4 * 2.7**2 / 9.81, centre_of_mass=(0, 0, -1))
+    run = nt.simulate(body, t_end=20, rotation=Rotation.from_euler("x", 1e-3))
     assert 2 * np.pi / 2.7 / np.diff(run.time).max() > 30
 
 
@@ -347,20 +291,20 @@ def test_a_swing_is_shown_by_thirty_steps():
 @pytest.mark.parametrize("tolerance", [1e-10, None])
 def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
     """Its angular velocity is round-off, relative to which nothing can be computed."""
-    load = spring(20.0, (0, 0, 1), (0, 0, 1.5))
+    load = nt.spring(20.0, (0, 0, 1), (0, 0, 1.5))
     start = {"rotation": Rotation.from_rotvec([angle, 0, 0]), "load": load}
-    run = simulate(standard([0.9, 3.4, 3.9]), t_end=20, tolerance=tolerance, **start)
+    run = nt.simulate(nt.standard([0.9, 3.4, 3.9]), t_end=20, tolerance=tolerance, **start)
     assert run.attrs["tolerance"] == (tolerance or 1e-8)
-    assert rotation(run).magnitude().max() <= angle + 1e-10
+    assert nt.rotation(run).magnitude().max() <= angle + 1e-10
 
 
 @pytest.mark.parametrize("radius", [1e-2, 1e-4, 1e-6])
 def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radius):
     """It swings by 150°; a quarter period is K(sin 75°)/ω, where it hangs straight."""
-    rod = heavy_top([1 / 3 + radius**2 / 4] * 2 + [radius**2 / 2], 1.0, [0, 0, 0.5])
+    rod = nt.heavy_top([1 / 3 + radius**2 / 4] * 2 + [radius**2 / 2], 1.0, [0, 0, 0.5])
     omega, start = np.sqrt(9.81 * 0.5 / rod.convected_inertia[0, 0]), np.radians(150)
     quarter = ellipk(np.sin(start / 2) ** 2) / omega
-    run = integrate(rod, t_end=quarter, rotation=rotations.exp([np.pi - start, 0, 0]))
+    run = nt.integrate(rod, t_end=quarter, rotation=nt.rotations.exp([np.pi - start, 0, 0]))
     assert run.time.size < 200
     assert run.directors[-1, 2] == pytest.approx([0, 0, -1], abs=1e-8)
 
@@ -371,13 +315,13 @@ def test_no_body_is_faster_than_its_bound(seed):
     r = np.random.default_rng(seed)
     turn = Rotation.random(rng=r).as_matrix()
     centre, t_end = r.normal(size=3) * 0.3, r.choice([0.05, 0.3, 2.0])
-    J = inertia.shift(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
-    body = heavy_top(J, 1.0, centre) if seed % 3 else standard(J)
-    load = space_moment([0, t_end / 2, t_end], r.normal(size=(3, 3)) * 0.1) if seed % 2 else Load()
+    J = nt.inertia.shift(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
+    body = nt.heavy_top(J, 1.0, centre) if seed % 3 else nt.standard(J)
+    load = nt.space_moment([0, t_end / 2, t_end], r.normal(size=(3, 3)) * 0.1) if seed % 2 else nt.Load()
     if seed % 4 > 1:
         root = r.normal(size=(3, 3)) * r.choice([0.01, 0.1])
-        load += damping(root @ root.T)
-    run = integrate(body, t_end=t_end, load=load, material_angular_velocity=r.normal(size=3) * r.choice([0.1, 3]))
+        load += nt.damping(root @ root.T)
+    run = nt.integrate(body, t_end=t_end, load=load, material_angular_velocity=r.normal(size=3) * r.choice([0.1, 3]))
     W = run.material_angular_velocity
     bound = largest_velocity(stacked(body), W[:1], load, 0.0, t_end, is_bound=True)
     assert np.linalg.norm(W, axis=1).max() <= bound * (1 + 1e-12)
@@ -387,10 +331,10 @@ def test_no_body_is_faster_than_its_bound(seed):
 def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
     """A start across its axis, J3 a thousandth of J1 and J2: without the coupling each of them exceeds the bound."""
     r = np.random.default_rng(seed)
-    body, root = standard([1.0, 1.0, 1e-3]), r.normal(size=(3, 3)) * 0.1
-    run = integrate(body, t_end=0.01, load=damping(root @ root.T), material_angular_velocity=(1, 0.5, 0))
+    body, root = nt.standard([1.0, 1.0, 1e-3]), r.normal(size=(3, 3)) * 0.1
+    run = nt.integrate(body, t_end=0.01, load=nt.damping(root @ root.T), material_angular_velocity=(1, 0.5, 0))
     W = run.material_angular_velocity
-    bound = largest_velocity(stacked(body), W[:1], damping(root @ root.T), 0.0, 0.01, is_bound=True)
+    bound = largest_velocity(stacked(body), W[:1], nt.damping(root @ root.T), 0.0, 0.01, is_bound=True)
     assert np.linalg.norm(W, axis=1).max() <= bound * (1 + 1e-12)
 
 
@@ -399,6 +343,6 @@ def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
 def test_low_orders_take_no_more_steps_than_they_need(name, tolerance):
     """A tenth of the tolerance is accepted; their first steps, by the local estimate, were ten times finer."""
     order = {"gauss": 4, "split": 4}.get(name, 2)
-    how = {"t_end": 10, "material_angular_velocity": (0.3, 2, 0.1), "load": sine((1, 0.3, 0), 1.0, frame="body")}
-    run = integrate(standard([3, 4, 5]), tolerance=tolerance, integrator=name, order=order, **how)
+    how = {"t_end": 10, "material_angular_velocity": (0.3, 2, 0.1), "load": nt.sine((1, 0.3, 0), 1.0, frame="body")}
+    run = nt.integrate(nt.standard([3, 4, 5]), tolerance=tolerance, integrator=name, order=order, **how)
     assert tolerance / 20 < run.error_estimate <= tolerance / 10

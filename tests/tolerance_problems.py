@@ -8,22 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from complex_steps import cross
-from conftest import compiled_load
-from nontwist import (
-    Load,
-    body_moment,
-    damping,
-    heavy_top,
-    nontwisting,
-    pulse,
-    rotation,
-    sine,
-    space_moment,
-    standard,
-    suslov,
-    with_gravity,
-)
+import nontwist as nt
+from conftest import compiled_load, cross
 from nontwist.geometry import rotations
 from nontwist.inertia import convected_inertia
 
@@ -36,7 +22,7 @@ class Task(NamedTuple):
     """A problem with its tolerance."""
 
     body: object
-    load: Load
+    load: nt.Load
     start: dict
     t_end: float
     tolerance: float
@@ -64,17 +50,17 @@ def generated(seed):
     size = float(np.trace(J) * turn / t_end**2)
     pull = 10 ** rng.uniform(-1, 0.5) * size * rng.uniform(-1, 1, 3)
     if kind == "standard":
-        body = standard(J)
+        body = nt.standard(J)
     elif kind == "nontwisting":
-        body = nontwisting(J)
+        body = nt.nontwisting(J)
     elif kind == "suslov":
-        body = suslov(J, rng.normal(size=3))
+        body = nt.suslov(J, rng.normal(size=3))
     elif kind == "heavy_top":
-        body = heavy_top(J, 1.0, pull / 9.81) if moments_fit(J, pull / 9.81) else standard(J)
+        body = nt.heavy_top(J, 1.0, pull / 9.81) if moments_fit(J, pull / 9.81) else nt.standard(J)
     else:
         at = np.array([0, 0, 0.5 * np.sqrt(euler.min())])
-        body = with_gravity(nontwisting(J), 1.0, at)
-    load = Load()
+        body = nt.with_gravity(nt.nontwisting(J), 1.0, at)
+    load = nt.Load()
     for _ in range(rng.integers(0, 4)):
         load += term(rng, t_end, size)
     start = {
@@ -93,18 +79,18 @@ def moments_fit(J, at):
 
 def term(rng, t_end, size):
     m, frame = 10 ** rng.uniform(-1, 1) * size * rng.uniform(-1, 1, 3), rng.choice(["body", "space"])
-    along = body_moment if frame == "body" else space_moment
+    along = nt.body_moment if frame == "body" else nt.space_moment
     kind = rng.choice(["table", "pulse", "sine", "damping", "state", "switched"])
     if kind == "table":
         times = np.sort(rng.uniform(0, 1.2 * t_end, rng.integers(3, 8)))
         return along(times, rng.uniform(-1, 1, (len(times), 1)) * m)
     if kind == "pulse":
         begin, shape = rng.uniform(-0.2, 1) * t_end, rng.choice(["triangle", "rectangle", "half-sine"])
-        return pulse(m, begin, begin + 10 ** rng.uniform(-2, 0) * t_end, shape=shape, frame=frame)
+        return nt.pulse(m, begin, begin + 10 ** rng.uniform(-2, 0) * t_end, shape=shape, frame=frame)
     if kind == "sine":
-        return sine(m, 10 ** rng.uniform(-1, 1.3) / t_end, phase=rng.uniform(0, 6), frame=frame)
+        return nt.sine(m, 10 ** rng.uniform(-1, 1.3) / t_end, phase=rng.uniform(0, 6), frame=frame)
     if kind == "damping":
-        return damping(size * t_end * 10 ** rng.uniform(-2, 0.5))
+        return nt.damping(size * t_end * 10 ** rng.uniform(-2, 0.5))
     if kind == "state":
         function = (spring, turning_drag)[rng.integers(2)]
         return (size * (t_end if function is turning_drag else 1)) * compiled_load(function)
@@ -187,7 +173,7 @@ def truth(task, times, number=np.longdouble, accuracy=None, speed=0.0):
     W = np.array(task.start["material_angular_velocity"])
     if body.axis is not None:
         W = W - (body.axis @ W) * body.axis
-    R = exact_rotation(motion.typed(rotation(task.start["rotation"]).as_quat()))
+    R = exact_rotation(motion.typed(nt.rotation(task.start["rotation"]).as_quat()))
     y, t, found, largest = np.concatenate([motion.typed(W), R.ravel()]), 0.0, [], 0.0
     borders = sorted({*(b for b in task.load.breakpoints if 0 < b < task.t_end), task.t_end, *times})
     for border in borders:

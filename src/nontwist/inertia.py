@@ -1,8 +1,7 @@
 """Inertia of boxes, cylinders, ellipsoids, points and meshes; shifted, in principal axes, convected and Euler's."""
 
-from .models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
+from .models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, principal_frame, shift
 from .models.mesh import MassProperties, of_mesh
-from .models.principal import principal_frame
 from .models.system import convected_inertia, euler_inertia
 
 __all__ = [

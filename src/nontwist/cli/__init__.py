@@ -14,7 +14,6 @@ import typer
 
 from . import (
     check_commands,
-    compare_commands,
     evidence_commands,
     fit_commands,
     result_commands,
@@ -93,7 +92,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "twist": twist_commands.twist_command,
     "fit": fit_commands.fit_command,
     "precision": check_commands.precision_command,
-    "compare": compare_commands.compare_command,
+    "compare": check_commands.compare_command,
     "sweep": sweep_commands.sweep_command,
     "sweep-show": sweep_commands.show_command,
     "sweep-verify": sweep_commands.verify_command,

@@ -1,19 +1,34 @@
-"""`nontwist check` and `nontwist precision`: whether the file is right, and how right its numbers are."""
+"""`nontwist check`, `precision`, `compare`: whether a file is right, how right its numbers are, by which integrator."""
 
 from __future__ import annotations
 
+import math
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from warnings import catch_warnings, simplefilter
 
+import numpy as np
 import typer
 
-from .options import Json, OneRunFile, Opt, Overrides, Quiet, RunFiles
-from .outcomes import BAD_DATA, DIFFERS, CommandError, about, printed_warnings, say, show
+from ..errors import RunFileError
+from ..geometry.values import number_text
+from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse
+from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, about, printed_warnings, say, show
 from .run_commands import read_all, read_one
-from .summaries import estimate_words, forecast_rows, hint, in_words, print_rows, print_table, set_again, typed
+from .summaries import (
+    estimate_words,
+    forecast_rows,
+    hint,
+    in_words,
+    print_fitting,
+    print_rows,
+    print_table,
+    say_written,
+    set_again,
+    typed,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -33,7 +48,6 @@ def check_command(files: RunFiles, overrides: Overrides = None, as_json: Json = 
 
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
     """
-    from ..errors import RunFileError
     from ..runfile.document import forecast
 
     wrong = False
@@ -72,6 +86,7 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
+    from ..integrators import INTEGRATORS
 
     given = list(overrides or ())
     if target is not None:
@@ -79,7 +94,9 @@ def precision_command(
     whole = read_all([file], [*given, "sweep="])[file].prepared
     prepared = whole.on_grid
     if prepared.plan.scheme.any_times:
-        refuse_any_times(file, prepared.plan.scheme.name)
+        known = ", ".join(f'"{name}"' for name, scheme in INTEGRATORS.items() if scheme.orders)
+        name = prepared.plan.scheme.name
+        raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
     if target is not None:
         print_target(file, whole, target, given, as_json, quiet)
         return
@@ -110,7 +127,6 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
     from ..comparison.reference import shortest_times
-    from ..geometry.values import number_text
     from ..runfile.toml_data import document
 
     prepared = whole.on_grid
@@ -157,18 +173,8 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
             say(hint(" ".join(["nontwist run", typed(file), *set_again(given)])))
 
 
-def refuse_any_times(file: Path, name: str) -> NoReturn:
-    """Refuse an integrator that has no order."""
-    from ..integrators import INTEGRATORS
-
-    known = ", ".join(f'"{name}"' for name, scheme in INTEGRATORS.items() if scheme.orders)
-    raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
-
-
 def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
     """Return quotients and orders at five times, their median, and what they say of the error of the first run."""
-    import numpy as np
-
     from ..analysis.precision import second_quotient
 
     quotient = second_quotient(*runs)
@@ -209,3 +215,91 @@ def print_precision(numbers: dict[str, Any]) -> None:
     verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
     show(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}")
     show(f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad")
+
+
+# `nontwist compare`: every integrator on the problem of a run file.
+
+
+CHOSEN = Opt(
+    "An integrator to compare. Repeatable.", "NAME[:ORDER]", "--integrator", default="all that can solve the problem"
+)
+AGAINST = Opt("What --figure draws the errors over: run times, which are overhead where runs are short, or steps.")
+NUMBERS = ("attitude_error_max", "attitude_order", "momentum_error_max", "momentum_order", "twist_defect", "run_time")
+
+
+def compare_command(
+    file: OneRunFile,
+    overrides: Overrides = None,
+    integrators: Annotated[list[str] | None, CHOSEN] = None,
+    steps: Annotated[
+        list[float] | None,
+        Opt("A step to compare. Repeatable.", "SECONDS", "--step", default="seven, from coarse to fine"),
+    ] = None,
+    every: Annotated[bool, Opt("Print every run, not only the summary.")] = False,
+    figure: Annotated[
+        Path | None, Opt("Draw the work-precision diagram to this file (.pdf, .png, .svg).", "PATH")
+    ] = None,
+    against: Annotated[Literal["seconds", "steps"], AGAINST] = "seconds",
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare integrators on the problem of FILE: errors, measured orders, drifts, run times.
+
+    Ignores the tables [integrator] and [[event]] of FILE, and all of [time] except its span.
+    """
+    from .. import comparison, plot
+    from ..comparison import compare
+    from ..plot.journals import require_places
+
+    refuse((against != "seconds" and figure is None, "--against", "applies to --figure only; add --figure PATH"))
+    problem = read_one(file, overrides).problem.replace(times=None, events=None)
+    chosen = [_choice(name) for name in integrators] if integrators else None
+    if figure is not None:
+        require_places(figure, force=force)
+    with about(str(file), ValueError), printed_warnings(file):
+        bar = not quiet and sys.stderr.isatty()
+        found = compare(problem, integrators=chosen, steps=steps, progress=bar)
+    is_read = in_words(
+        {"file": str(file), "reference": found.attrs["reference"], "runs": _rows_of(found)}, as_json, quiet
+    )
+    if is_read:
+        if every:
+            print_fitting(comparison.table(found))
+        print_fitting(comparison.summary(found))
+    if (found["status"] != 0).all():
+        refused = bool((found["status"] < 0).all())
+        raise CommandError(
+            f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
+        )
+    if is_read:
+        again = " ".join([typed(file), *set_again(overrides)])
+        say(hint(f"nontwist precision {again}", f"nontwist run {again}"))
+    if figure is not None:
+        plot.save(plot.work_precision(found, against=against), figure, force=force)
+        say_written([figure])
+
+
+def _choice(text: str) -> str | tuple[str, int]:
+    name, sign, order = text.partition(":")
+    if not sign:
+        return name
+    refuse((not order.isdecimal(), "--integrator", f"{text!r} is not NAME:ORDER, for example gauss:8"))
+    return name, int(order)
+
+
+def _rows_of(found: xarray.Dataset) -> list[dict[str, Any]]:
+    """Return every run as plain data; what it does not have is null."""
+    rows = []
+    for name in found["integrator"].values:
+        group = found.sel(integrator=name)
+        stepping = bool(group["takes_steps"])
+        for h in group["step"].values[: None if stepping else 1]:
+            run = group.sel(step=h)
+            numbers = {key: float(run[key]) for key in NUMBERS if key in run}
+            row = {key: number if math.isfinite(number) else None for key, number in numbers.items()}
+            drift = dict(zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True))
+            row |= {f"drift_{key}": value if math.isfinite(value) else None for key, value in drift.items()}
+            status = {"status": int(run["status"]), "message": str(run["message"].values)}
+            rows.append({"integrator": str(name), "step": float(h) if stepping else None, **row, **status})
+    return rows

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Force, Json, Opt, Quiet, Reading, argument
+from .options import Force, Json, Opt, Quiet, Reading, argument, refuse
 from .outcomes import BAD_DATA, require_readable, say
 from .summaries import in_words, print_rows, say_written
 
@@ -100,12 +100,11 @@ def fit_command(
     from ..fitting import fit_inertia
     from ..io.whole import require_free
 
-    if everything and (first is not None or last is not None):
-        raise typer.BadParameter("--from and --to name a part", param_hint="--all")
-    if (first is None) != (last is None):
-        raise typer.BadParameter("--from and --to go together", param_hint="--from" if last is None else "--to")
-    if len(data) > 1 and "-" in data:
-        raise typer.BadParameter("standard input is read once, and alone", param_hint="FILE...")
+    refuse(
+        (everything and (first is not None or last is not None), "--all", "--from and --to name a part"),
+        ((first is None) != (last is None), "--from" if last is None else "--to", "--from and --to go together"),
+        (len(data) > 1 and "-" in data, "FILE...", "standard input is read once, and alone"),
+    )
     for one in data:
         require_readable(Path(one), "a recording")
     if out is not None:
@@ -155,12 +154,10 @@ def settings(text: str | None, name: str) -> Any:
         return _value(text.split(","), option)
     for part in text.split(","):
         setting, is_set, value = part.rpartition("=")
-        if not is_set and not key:
-            raise typer.BadParameter(f"{part.strip()!r} is before the first NAME=", param_hint=option)
+        refuse((not is_set and not key, option, f"{part.strip()!r} is before the first NAME="))
         if is_set:
             key = setting.strip()
-            if key in found:
-                raise typer.BadParameter(f"{key} is set twice", param_hint=option)
+            refuse((key in found, option, f"{key} is set twice"))
         found.setdefault(key, []).append(value.strip() if is_set else part.strip())
     return {key: _value(values, f"{key} of {option}") for key, values in found.items()}
 

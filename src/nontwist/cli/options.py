@@ -251,7 +251,6 @@ Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no results and no progress; warnings and --json are still printed.")
 ]
 DecimalComma = Annotated[bool, Opt("Write CSV with decimal commas, and semicolons between columns.")]
-File = Path | None
 
 
 def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
@@ -266,6 +265,24 @@ def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
             else:
                 words += [option.opts[0], shlex.quote(str(value))]
     return words
+
+
+def refuse(*cases: tuple[object, str, str]) -> None:
+    """Raise a BadParameter for the first case that is one: whether it is, the option, and why it is refused."""
+    for is_wrong, option, why in cases:
+        if is_wrong:
+            raise BadParameter(why, param_hint=option)
+
+
+def numbers_of(text: str, wanted: str, option: str | None = None, count: int = 2) -> Any:
+    """Return numbers that are separated by commas; a BadParameter where these are not so many."""
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count:
+        raise BadParameter(f"{text!r} is not {wanted}", param_hint=option)
+    return numbers
 
 
 def require_suffix(path: Path, *suffixes: str, option: str = "--out", instead: str = "") -> None:

@@ -27,6 +27,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
 from typer.core import TyperGroup
 
@@ -262,8 +263,6 @@ def smooth(
 
     A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.
     """
-    import numpy as np
-
     from ..driver import resample
 
     time = run["time"].values

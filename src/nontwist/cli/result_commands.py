@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
-import typer
+import numpy as np
 
-from .options import DecimalComma, Force, Json, Opt, argument, require_suffix
+from ..geometry.values import number_text
+from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
 from .outcomes import printed_warnings, require_readable, say
 from .summaries import (
     hint,
@@ -74,17 +75,17 @@ def export_command(
     with its name. NPZ and JSON contain states along time,
     quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
-    from ..geometry.euler import require_sequence
+    from ..geometry.attitudes import require_sequence
     from ..io.exports import in_degrees, with_euler, write_csv, write_json, write_npz
     from ..io.whole import require_free, written
 
     if out is not None:
         require_suffix(out, *((".csv", ".npz", ".json") if to is None else (f".{to}",)))
     kind = to or (out.suffix.lower()[1:] if out is not None else "csv")
-    if out is None and kind == "npz":
-        raise typer.BadParameter("NPZ is binary: name a file, --out FILE.npz", param_hint="--out")
-    if decimal_comma and kind != "csv":
-        raise typer.BadParameter("applies to CSV only; omit it, or add --to csv", param_hint="--decimal-comma")
+    refuse(
+        (out is None and kind == "npz", "--out", "NPZ is binary: name a file, --out FILE.npz"),
+        (decimal_comma and kind != "csv", "--decimal-comma", "applies to CSV only; omit it, or add --to csv"),
+    )
     csv = partial(write_csv, decimal_comma=decimal_comma)
     if euler is not None:
         require_sequence(euler)
@@ -96,9 +97,8 @@ def export_command(
         run = _chosen(whole, names, kind)
         if euler is not None:
             missing = {"quaternion", "material_angular_velocity"} - set(whole.data_vars)
-            if missing or not {"time", "member"} & set(run.dims):
-                lacks = f"{result} has no {min(missing)}" if missing else "columns of events have no states"
-                raise typer.BadParameter(lacks, param_hint="--euler")
+            lacks = f"{result} has no {min(missing)}" if missing else "columns of events have no states"
+            refuse((missing or not {"time", "member"} & set(run.dims), "--euler", lacks))
             with printed_warnings(result):
                 angles = with_euler(whole, euler)
             run = run.assign({name: angles[name] for name in ("euler_angles", "euler_rates")})
@@ -158,17 +158,13 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
     always, known = [name for name in ("time", "member") if name in run.coords], [str(name) for name in run.data_vars]
     chosen = [name for name in map(str.strip, names.split(",")) if name not in always]
     for name in chosen:
-        if name not in known:
-            raise typer.BadParameter(f"there is no variable {name!r}; {nearest(name, known)}", param_hint="--columns")
+        refuse((name not in known, "--columns", f"there is no variable {name!r}; {nearest(name, known)}"))
     events = [name for name in chosen if EVENTS in run[name].dims]
     if kind == "csv" and events and STATES in run.dims:
         other = [name for name in chosen if name not in events]
-        if other:
-            raise typer.BadParameter(
-                f"{events[0]} has a line for each event, {other[0]} has others; export them one after the other, or "
-                "both with --to json or --to npz",
-                param_hint="--columns",
-            )
+        for name in other[:1]:
+            why = f"{events[0]} has a line for each event, {name} has others; export them one after the other, or "
+            refuse((True, "--columns", f"{why}both with --to json or --to npz"))
         return run[list(dict.fromkeys(["t_events", *events]))]
     return run[chosen].assign_coords({name: run[name] for name in always})
 
@@ -221,8 +217,6 @@ def _print(facts: dict[str, Any]) -> None:
 
 def _rows(facts: dict[str, Any]) -> dict[str, str]:
     """Return the facts in words."""
-    from ..geometry.values import number_text
-
     rows = {"file": f"{facts['file']}, {number_text(facts['bytes'] / 1e6, '.3g')} MB, checksum verified"}
     if "system" in facts:
         rows |= _body_rows(facts)
@@ -252,8 +246,6 @@ def _exact(number: float) -> str:
 
 
 def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
-    import numpy as np
-
     from ..analysis.joining import loads_in_words
 
     system = facts["system"]
@@ -270,15 +262,11 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def _vector(values: Any) -> str:
-    import numpy as np
-
     return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
 
 
 def _words(name: str, value: str | float) -> str:
     """Return an attribute in words: of a text its first line."""
-    from ..geometry.values import number_text
-
     if name in ANGLES:
         return f"{number_text(float(value), '.4g')} rad ({number_text(math.degrees(float(value)), '.4g')}°)"
     text = str(value)

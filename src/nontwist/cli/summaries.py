@@ -9,6 +9,7 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from ..geometry.values import number_text
 from .outcomes import for_terminals, say, stdout
 
 if TYPE_CHECKING:
@@ -260,8 +261,6 @@ def times_of_events(run: xarray.Dataset) -> dict[str, list[float]]:
 
 def estimate_words(error: float) -> str:
     """Return the estimate of a truncation error in words; one below round-off is not given as a number."""
-    from ..geometry.values import number_text
-
     return f"estimated as {number_text(error, '.1e')} rad" if error > ROUND_OFF else "below round-off"
 
 
@@ -270,7 +269,6 @@ def rows_of_run(
 ) -> dict[str, str]:
     """Return in words what is known of how a run was made and how right it is; of events so many times at most."""
     from ..analysis.invariants import in_words
-    from ..geometry.values import number_text
 
     rows = {}
     if "integrator" in numbers:
@@ -293,13 +291,9 @@ def rows_of_run(
 
 def run_rows(numbers: Mapping[str, Any]) -> dict[str, str]:
     """Return the numbers of a run that has just been made in words."""
-    from ..geometry.values import number_text
-
-    span = f"{numbers['t_start']:g} s to {numbers['t_end']:g} s"
-    rows = {
-        "time": f"{span}, {numbers['states']} states",
-        **rows_of_run(numbers, numbers.get("events", {}), MOST_TIMES),
-    }
+    rows = rows_of_run(numbers, numbers.get("events", {}), MOST_TIMES)
+    rows["time"] = f"{numbers['t_start']:g} s to {numbers['t_end']:g} s"
+    rows["states"] = str(numbers["states"])
     if "warning" in numbers:
         rows["warning"] = numbers["warning"]
     if numbers["newton_iterations"]:

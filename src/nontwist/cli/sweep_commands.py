@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, require_suffix
+from ..geometry.values import number_text
+from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
 from .outcomes import DIFFERS, about, printed_warnings, say
 from .run_commands import read_one
 from .summaries import (
@@ -108,8 +109,6 @@ def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
 
 def print_sweep(facts: dict[str, Any]) -> None:
     """Print what a store holds."""
-    from ..geometry.values import number_text
-
     rows = {
         "members": f"{facts['members_done']} of {facts['members']} are done, {facts['failed']} failed",
         "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {number_text(facts['seconds'], '.3g')} s of work",
@@ -178,7 +177,6 @@ def sweep_command(
     run_file = read_one(file, overrides)
     if dry_run:
         return _print_plan(run_file, file, store, workers, block, as_json, dask, set_again(overrides))
-    from ..geometry.values import number_text
     from ..sweeps import sweep
 
     begin = perf_counter()
@@ -245,8 +243,8 @@ def show_command(
     Components are named by their number: body.axis.0, material_angular_velocity.2. For a vector, --plot draws its
     length. The last state of --member equals that in the store, bit for bit.
     """
-    if bool(plotted) != plot or (plotted and len(plotted) not in (2, 3)):
-        raise typer.BadParameter("give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY", param_hint="--plot")
+    wrong = bool(plotted) != plot or (plotted and len(plotted) not in (2, 3))
+    refuse((wrong, "--plot", "give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY"))
     if plotted:
         _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png"), force)
     elif member is not None:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import SimulationError
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Force, Opt, Reading, argument, given_again, require_suffix
-from .outcomes import about, largest_turn, printed_warnings, require_readable, say, smooth
+from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
+from .outcomes import about, largest_turn, require_readable, say, smooth
 from .summaries import typed
 
 if TYPE_CHECKING:
@@ -27,11 +28,7 @@ Show = Annotated[bool, Opt("Open the page in the browser.", option="--open/--no-
 
 
 def _camera(text: str) -> Any:
-    try:
-        azimuth, elevation = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is not two angles like 35,20") from error
-    return azimuth, elevation
+    return numbers_of(text, "two angles like 35,20")
 
 
 LENGTH = Opt(
@@ -108,17 +105,16 @@ def view_command(
         kind = out.suffix.lower()
         hint = f"; {kind.replace('.', '--')} {out} writes that" if kind in (".gif", ".mp4", ".png") else ""
         require_suffix(out, ".html", instead=hint)
-    films = {gif: ".gif", mp4: ".mp4", png: ".png"}
-    films.pop(None, None)
+    given_films = {".gif": gif, ".mp4": mp4, ".png": png}
+    films = {path: kind for kind, path in given_films.items() if path is not None}
     for path, kind in films.items():
-        if path is not None and path.suffix.lower() != kind:
-            raise typer.BadParameter(f"{path} does not end in {kind}", param_hint=f"--{kind[1:]}")
-    if mp4 is not None and shutil.which("ffmpeg") is None:
-        raise typer.BadParameter(NO_FFMPEG, param_hint="--mp4")
-    if first is not None and last is not None and first >= last:
-        raise typer.BadParameter(f"must be after --from, {first:g}, got {last:g}", param_hint="--to")
-    if at is not None and png is None:
-        raise typer.BadParameter("applies to --png only; add --png PATH", param_hint="--at")
+        require_suffix(path, kind, option=f"--{kind[1:]}")
+    is_empty = first is not None and last is not None and first >= last
+    refuse(
+        (mp4 is not None and shutil.which("ffmpeg") is None, "--mp4", NO_FFMPEG),
+        (is_empty, "--to", f"must be after --from, {first}, got {last}"),
+        (at is not None and png is None, "--at", "applies to --png only; add --png PATH"),
+    )
     moving = [path for path in (gif, mp4) if path is not None]
     for option, value, where in (
         ("--dark", dark or None, films),
@@ -127,40 +123,32 @@ def view_command(
         ("--seconds", seconds, moving),
         ("--fps", fps, moving),
     ):
-        if value is not None and not where:
-            kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
-            other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
-            raise typer.BadParameter(f"applies to {kinds} only; add one of them{other_way}", param_hint=option)
+        kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
+        other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
+        is_lost = value is not None and not where
+        refuse((is_lost, option, f"applies to {kinds} only; add one of them{other_way}"))
     names = None
     if labels is not None:  # one run alone may have a comma in its label
         names = [labels] if other is None else [label.strip() for label in labels.split(",")]
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
     inputs = [run] if other is None else [run, other]
-    if names is not None and len(names) != len(inputs):
-        raise typer.BadParameter(f"{labels!r} is not two labels, A,B, without other commas", param_hint="--labels")
+    is_odd = names is not None and len(names) != len(inputs)
+    refuse((is_odd, "--labels", f"{labels!r} is not two labels, A,B, without other commas"))
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
     given = given_again(ctx, specs(ReadOptions))
     if given and all(map(_is_result, inputs)):
-        raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=given[0])
-    require_free(*(path for path in (target, *films) if path is not None), force=force)
-    with printed_warnings():
-        runs = [_read(path, reading, slice(first, last), given) for path in inputs]
-        page = view(*runs, title=title, labels=names) if target is not None else None
-        look: dict[str, Any] = {
-            "width": width,
-            "labels": names,
-            "title": title,
-            "camera": camera,
-            "dark": dark,
-            "force": force,
-        }
-        for path in moving:
-            save_film(runs, path, seconds=seconds, rate=fps, **look)
-        if png is not None:
-            save_still(runs, png, at, **look)
-    for path in filter(None, (gif, mp4, png)):
+        refuse((True, given[0], f"applies to recordings only; {run} is a result"))
+    require_free(*films, *([] if target is None else [target]), force=force)
+    runs = [_read(path, reading, slice(first, last), given) for path in inputs]
+    page = view(*runs, title=title, labels=names) if target is not None else None
+    look: dict[str, Any] = {"width": width, "labels": names, "title": title, "camera": camera, "dark": dark}
+    for path in moving:
+        save_film(runs, path, seconds=seconds, rate=fps, force=force, **look)
+    if png is not None:
+        save_still(runs, png, at, force=force, **look)
+    for path in films:
         say(f"written: {path} ({path.stat().st_size / 1e3:.0f} kB)")
     if page is not None and target is not None:
         _deliver(page, target, show, force)
@@ -208,7 +196,6 @@ def _part(data: Any, span: slice) -> xarray.Dataset:
 
 def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset:
     """Return a part of a run, its states completed where they are far apart; or warn that they are."""
-    from ..integrators import SimulationError
     from ..viewer.content import FAR, NEEDED, STATES
 
     if "member" in run.dims or not {"quaternion", "material_angular_velocity", *NEEDED} <= {*run.data_vars}:

@@ -15,7 +15,7 @@ from ..geometry.values import shown
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
-from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
+from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector
 from ..integrators.wheels import places
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body

@@ -57,11 +57,11 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         outcome = _march(scheme, problem, threads)
     reasons = dict(outcome.reasons)
     for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
-        from . import jumps
+        from . import contacts
 
         stall = outcome.failure(i)
         assert stall is not None
-        failure = jumps.named(scheme, problem.member(i), stall)
+        failure = contacts.named_jump(scheme, problem.member(i), stall)
         if failure is not stall:
             outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):

@@ -21,7 +21,7 @@ from ..models.system import DirectorSystem
 from . import completion
 from .coarseness import coarseness
 from .costs import cores, members_cost
-from .grid import SMALL, automatic_grid, free_memory
+from .grid import SMALL, free_memory
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .problem import OfEnsemble, Problem, every_stored, plan_of, posed, starts_of, takes
 from .tolerance import controlled, first_grid
@@ -130,8 +130,7 @@ def simulate_ensemble(
     if plan.is_controlled and grid is None:
         scheme, grid = first_grid(plan, begin)
     if grid is None:
-        how = (systems, begin.velocity, plan.paced, t0, t1, begin.load_scale)
-        grid = automatic_grid(*how, is_bound=True, is_a_stable=scheme.is_a_stable)
+        grid = plan.automatic(begin, is_bound=True)
     problem = replace(plan.problem(begin, grid), observed=bool(requested))
     count = len(problem.output)
     _require_memory(names, m, count)

@@ -25,7 +25,6 @@ from . import completion
 from .costs import cores, members_cost
 from .derivatives import differentiable, solved_with
 from .ensembles import with_messages
-from .grid import automatic_grid
 from .notices import announce, progress_bar, warn_of_grid, warn_of_step
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
@@ -170,8 +169,7 @@ def lyapunov_ensemble(
         scheme, problem, *_ = controlled(plan, begin, workers)
         grid = problem.grid
     if grid is None:
-        how = (systems, begin.velocity, plan.paced, plan.t_start, plan.t_end, begin.load_scale)
-        grid = automatic_grid(*how, is_bound=True, is_a_stable=scheme.is_a_stable)
+        grid = plan.automatic(begin, is_bound=True)
     problem = plan._replace(scheme=scheme).problem(begin._replace(grid=None), grid)
     warn_of_grid(plan.load, systems, plan.t_start, plan.t_end, grid)
     warn_of_step(scheme, problem)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -59,6 +59,13 @@ class Parameter(NamedTuple):
     field: str = ""  # of its record
 
 
+class Effect(NamedTuple):
+    """What a parameter does to some of the inputs of steps."""
+
+    inputs: tuple[str, ...]
+    entries: Callable[[Nodes], Iterable[Entries]]
+
+
 class Parameters:
     """The parameters that are asked for, of a problem of one body.
 
@@ -104,6 +111,8 @@ class Parameters:
                 "principal axes that its equations are written in; use principal_inertia"
             )
         self._scale = float(problem.load_scale[0])
+        self.changes = list[Changes]()  # of the numbers of terms that depend on the state, for each of "terms"
+        self._effects = [effect for one in self.all for effect in self._effects_of(one)]
 
     def _known(self) -> dict[str, list[tuple[str, Any, str, int | None, str]]]:
         """Return what each name stands for: names, labels, units, terms of the load and fields of these."""
@@ -156,51 +165,6 @@ class Parameters:
         """The unit of each number."""
         return [one.unit for one in self.all for _ in one.labels]
 
-    @property
-    def inputs(self) -> set[str]:
-        """The inputs of the steps that the parameters act on."""
-        found = set[str]()
-        for one in self.all:
-            found |= self._inputs_of(one)
-        return found
-
-    def _inputs_of(self, one: Parameter) -> set[str]:
-        plain = {"inertia": {"inertia"}, "principal_inertia": {"inertia"}, "axis": {"axis"}, "dead_force": {"dead"}}
-        if one.field in plain and one.term is None:
-            return plain[one.field] | ({"terms"} if one.field.endswith("inertia") and self._drawn else set())
-        if one.field in ("material_angular_velocity", "rotation"):
-            return {"rotor"} if self._wheels and one.field != "rotation" else set()
-        if one.field == "spin":
-            return {"spin"}
-        terms = self.terms if one.term is None else (self.terms[one.term],)
-        found = {"step"} if one.field == "duration" else set()
-        for term in terms:
-            if isinstance(term, Rotor | Wheel):
-                found |= {"rotor", "rate"}
-            elif term.kind in ("body", "space"):
-                found.add("moving" if term.kind == "body" else "space")
-            elif is_called(term):
-                found |= self._inputs_of_called(one, term)
-            elif one.field != "duration":
-                found.add("damping" if term.kind == "state" else "dead")
-        if one.field == "duration" and self.problem.systems.spin is not None:
-            found.add("spin")
-        return found
-
-    def _inputs_of_called(self, one: Parameter, term: Term) -> set[str]:
-        if one.field == "load_scale":
-            return {"factor"}
-        if isinstance(term, ForceTable):
-            return {"forces"}
-        if one.field == "duration":
-            return {"time"}
-        return {"terms", "orbit"} if self._orbits and one.field == "mean_motion" else {"terms"}
-
-    @property
-    def changes(self) -> list[Changes]:
-        """What the numbers of terms that depend on the state change by, for each number of the input "terms"."""
-        return [change for one in self.all for change in self._changes_of(one)]
-
     def _changes_of(self, one: Parameter) -> list[Changes]:
         """Return what each number of a parameter does to the numbers of terms."""
         if one.term is None:
@@ -222,7 +186,7 @@ class Parameters:
     @property
     def needs_velocity(self) -> bool:
         """Whether the change of the first state depends on its velocity."""
-        return any(one.field == "axis" and one.term is None for one in self.all)
+        return any(one.name == "axis" for one in self.all)
 
     @property
     def are_scaled(self) -> bool:
@@ -241,6 +205,8 @@ class Parameters:
         across = np.eye(3) if n is None else np.eye(3) - np.outer(n, n)
         for one in self.all:
             at = slice(one.first, one.first + len(one.labels))
+            if one.term is not None:
+                continue
             if one.field == "rotation":
                 found[:3, at] = np.eye(3)
             elif one.field == "material_angular_velocity":
@@ -252,37 +218,15 @@ class Parameters:
                 found[3:6, at] = np.outer(n, self._spin_weights(np.array([self.problem.t_start]))[0])
         return found
 
+    @property
+    def inputs(self) -> set[str]:
+        """The inputs of the steps that the parameters act on."""
+        return {name for effect in self._effects for name in effect.inputs}
+
     def entries(self, nodes: Nodes) -> Iterator[Entries]:
         """Yield what the parameters do to the inputs of some steps."""
-        place = 0
-        for one in self.all:
-            if changes := self._changes_of(one):
-                k = np.arange(len(changes))
-                yield Entries("terms", place + k, one.first + k, np.ones(len(k)))
-                place += len(k)
-            if one.field in ("inertia", "principal_inertia") and one.term is None:
-                columns = np.array([[dJ[e] for dJ in self._inertias(one.field)] for e in ENTRIES])
-                entry, parameter = np.nonzero(columns)
-                yield Entries("inertia", entry, one.first + parameter, columns[entry, parameter])
-            elif one.field == "axis" and one.term is None:
-                yield from self._of_axis(one.first)
-            elif one.field == "dead_force":
-                k = np.arange(9)
-                yield Entries("dead", k, one.first + k, np.ones(9))
-            elif one.field == "spin":
-                yield self._of_spin(one.first, nodes)
-            elif one.field == "duration":
-                yield from self._of_duration(one.first, nodes)
-            elif one.field == "material_angular_velocity" and one.term is None and self._wheels:
-                yield from self._of_velocity(one.first, nodes)
-            elif one.field == "load_scale":
-                if any(map(is_called, self.terms)):
-                    yield _at_all("factor", one.first)
-                for term in self.terms:
-                    if not is_called(term):
-                        yield from self._of_term(term, "scale", one.first, nodes, term.scale)
-            elif one.term is not None:
-                yield from self._of_term(self.terms[one.term], one.field, one.first, nodes, self._scale)
+        for effect in self._effects:
+            yield from effect.entries(nodes)
 
     def entries_along(self, directions: Array, nodes: Nodes) -> Iterator[Entries]:
         """Yield what a change of all parameters at once does, along each of the `directions`, (count, d)."""
@@ -292,32 +236,72 @@ class Parameters:
             which = np.tile(np.arange(d), len(value))
             yield Entries(name, np.repeat(component, d), which, along, None if step is None else np.repeat(step, d))
 
+    # ---- what each parameter does
+
+    def _effects_of(self, one: Parameter) -> Iterator[Effect]:
+        """Yield what a parameter does; `changes` are those of the parameters before it, and become its own too."""
+        systems, first, n = self.problem.systems, one.first, self.problem.systems.axis
+        if changes := self._changes_of(one):
+            k = np.arange(len(changes))
+            yield _always("terms", len(self.changes) + k, first + k, np.ones(len(k)))
+            self.changes += changes
+        if one.term is not None:
+            yield from self._effects_of_term(self.terms[one.term], one.field, first, self._scale)
+        elif one.field in ("inertia", "principal_inertia"):
+            columns = np.array([[dJ[e] for dJ in self._inertias(one.field)] for e in ENTRIES])
+            entry, parameter = np.nonzero(columns)
+            yield _always("inertia", entry, first + parameter, columns[entry, parameter])
+        elif one.field == "axis" and n is not None:
+            yield _matrix("axis", np.eye(3) - np.outer(n[0], n[0]), first)
+        elif one.field == "dead_force":
+            yield _always("dead", np.arange(9), first + np.arange(9), np.ones(9))
+        elif one.field == "spin":
+            yield Effect(("spin",), partial(self._of_spin, first))
+        elif one.field == "material_angular_velocity" and self.problem.load.wheels:
+            across = np.eye(3) if n is None else np.eye(3) - np.outer(n[0], n[0])
+            locked = sum((wheel.locked for wheel in self.problem.load.wheels), np.zeros((3, 3))) @ across
+            yield Effect(("rotor",), partial(_at_middles, _matrix("rotor", locked, first)))
+        elif one.field == "load_scale":
+            if any(map(is_called, self.terms)):
+                yield _always("factor", [0], [first], [1.0])
+            for term in self.terms:
+                if not is_called(term):
+                    yield from self._effects_of_term(term, "scale", first, term.scale)
+        elif one.field == "duration":
+            own = ("spin",) if systems.spin is not None else ()
+            yield Effect(("step", *own), partial(self._longer, first))
+            if any(is_called(term) and not isinstance(term, ForceTable) for term in self.terms):
+                yield Effect(("time",), partial(self._later, first))
+            for term in self.terms:
+                if isinstance(term, Rotor):
+                    yield Effect(("rotor", "rate"), partial(self._later_rotor, term, first))
+                elif isinstance(term, ForceTable) or (term.kind in ("body", "space") and not is_called(term)):
+                    yield Effect((_input_of(term),), partial(self._later_moment, term, first))
+
+    def _effects_of_term(self, term: Term, field: str, first: int, factor: float) -> Iterator[Effect]:
+        """Yield what a parameter of a term does, times a factor."""
+        name = _input_of(term)
+        if isinstance(term, Rotor | Wheel):
+            yield Effect(("rotor", "rate"), partial(self._of_rotor, term, field, first, factor))
+        elif isinstance(term, ForceTable):
+            yield Effect((name,), lambda nodes: [_nodal(name, table_slopes(term, field, nodes.times), first, nodes)])
+        elif is_called(term):
+            if self._orbits and field == "mean_motion":
+                yield _always("orbit", [0], [first], [1.0])
+        elif term.kind in ("body", "space"):
+            yield Effect(
+                (name,), lambda nodes: [_nodal(name, moment_slopes(term, field, nodes.times), first, nodes, factor)]
+            )
+        else:
+            fixed = fixed_slopes(term, field)
+            yield _always(name, fixed.component, first + fixed.parameter, factor * fixed.value)
+
     def _inertias(self, field: str) -> Array:
         """Return the changes of the inertia by the numbers of a parameter, (count, 3, 3)."""
         if field == "inertia":
             return BASIS
         Q = principal_axes(self.problem.systems.convected_inertia[0])
         return np.array([np.outer(q, q) for q in Q.T])
-
-    @property
-    def _wheels(self) -> tuple[Wheel, ...]:
-        return self.problem.load.wheels
-
-    def _of_velocity(self, first: int, nodes: Nodes) -> Iterator[Entries]:
-        """Yield what the first velocity does to the axial momenta of wheels, whose first speeds are given."""
-        n = self.problem.systems.axis
-        across = np.eye(3) if n is None else np.eye(3) - np.outer(n[0], n[0])
-        locked = sum((one.locked for one in self._wheels), np.zeros((3, 3))) @ across
-        component, parameter = np.indices((3, 3)).reshape(2, -1)
-        for j in range(len(nodes.middles)):
-            yield Entries("rotor", 3 * j + component, first + parameter, locked.ravel())
-
-    def _of_axis(self, first: int) -> Iterator[Entries]:
-        if self.problem.systems.axis is None:
-            return
-        n = self.problem.systems.axis[0]
-        component, parameter = np.indices((3, 3)).reshape(2, -1)
-        yield Entries("axis", component, first + parameter, (np.eye(3) - np.outer(n, n)).ravel())
 
     def _spin_weights(self, times: Array) -> Array:
         """Return the derivatives of the spin at (n,) times by the values of its table, (n, k).
@@ -328,79 +312,77 @@ class Parameters:
         assert spin is not None
         return np.stack([np.interp(times, spin.times, row) for row in np.eye(len(spin.values))], axis=1)
 
-    def _of_spin(self, first: int, nodes: Nodes) -> Entries:
+    def _of_spin(self, first: int, nodes: Nodes) -> Iterator[Entries]:
         change = self._spin_weights(nodes.end) - self._spin_weights(nodes.begin)
         step, k = np.nonzero(change)
-        return Entries("spin", 0 * k, first + k, change[step, k], nodes.first + step)
+        yield Entries("spin", 0 * k, first + k, change[step, k], nodes.first + step)
 
-    def _of_term(self, term: Term, field: str, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:
-        """Yield what a parameter of a term does, times a factor."""
+    def _of_rotor(self, term: Rotor | Wheel, field: str, first: int, factor: float, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum."""
+        t0, ends = self.problem.t_start, (nodes.begin, nodes.end)
         if isinstance(term, Wheel):
-            t0 = self.problem.t_start
-            rows = (term.slopes_of_momentum(field, t - t0)[:, None] * term.direction for t in (nodes.begin, nodes.end))
+            rows = (term.slopes_of_momentum(field, t - t0)[:, None] * term.direction for t in ends)
             begin, end = (Slopes(*_rows(one)) for one in rows)
-            yield from _rotor(begin, end, first, nodes, factor)
-        elif isinstance(term, Rotor):
-            begin, end = (rotor_slopes(term, field, t) for t in (nodes.begin, nodes.end))
-            yield from _rotor(begin, end, first, nodes, factor)
-        elif isinstance(term, ForceTable):
-            yield _nodal("forces", table_slopes(term, field, nodes.times), first, nodes, 1.0)
-        elif is_called(term):
-            if self._orbits and field == "mean_motion":
-                yield _at_all("orbit", first)
-        elif term.kind in ("body", "space"):
-            slopes = moment_slopes(term, field, nodes.times)
-            yield _nodal("moving" if term.kind == "body" else "space", slopes, first, nodes, factor)
         else:
-            fixed = fixed_slopes(term, field)
-            name = "damping" if term.kind == "state" else "dead"
-            yield Entries(name, fixed.component, first + fixed.parameter, factor * fixed.value)
+            begin, end = (rotor_slopes(term, field, t) for t in ends)
+        yield from _rotor(begin, end, first, nodes, factor)
 
-    def _of_duration(self, first: int, nodes: Nodes) -> Iterator[Entries]:
-        """Yield what a longer last stretch, with as many steps, does: longer steps, and later nodes."""
-        problem, scale = self.problem, self._scale
-        if self._wheels:
+    # ---- a longer last stretch, with as many steps: longer steps, and later nodes
+
+    def _later_by(self, nodes: Nodes) -> tuple[Array, Array, int]:
+        """Return by how much later steps begin, and the last one ends, and nodes are; the first step that is longer."""
+        begin = max(self.problem.grid.numbers[-2], 0)
+        share = 1.0 / (self.problem.steps - begin)
+        at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share
+        later = np.maximum(nodes.of_nodes - begin + np.tile(nodes.middles, nodes.last - nodes.first), 0.0) * share
+        later[nodes.of_nodes < begin] = 0.0
+        return at, later, begin
+
+    def _longer(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what it does to the sizes of steps, and to a spin."""
+        if self.problem.load.wheels:
             raise ValueError("runs with wheels have no derivatives by the duration")
-        begin = max(problem.grid.numbers[-2], 0)
-        share = 1.0 / (problem.steps - begin)
+        at, _, begin = self._later_by(nodes)
         steps = np.arange(max(nodes.first, begin), nodes.last)
         if not len(steps):
             return
         every = np.zeros(1, dtype=np.int64) if begin == 0 else 0 * steps
-        yield Entries("step", every, first + every, np.full(len(every), share), None if begin == 0 else steps)
-        later = np.maximum(nodes.of_nodes - begin + np.tile(nodes.middles, nodes.last - nodes.first), 0.0) * share
-        later[nodes.of_nodes < begin] = 0.0
-        at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share
-        if "time" in self._inputs_of(next(one for one in self.all if one.field == "duration")):
-            k = np.arange(nodes.first, nodes.last)
-            yield Entries("time", 0 * k, first + 0 * k, at[:-1], k)
-        for term in self.terms:
-            if isinstance(term, ForceTable):
-                drift = term.scale * forces_rates(term, nodes.times) * later[:, None]
-                yield _nodal("forces", Slopes(*_rows(drift)), first, nodes, 1.0)
-            elif isinstance(term, Rotor):
-                chords = [term.scale * chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
-                moved = [
-                    Slopes(*_rows((rate * by)[:, None] * term.rotor))
-                    for rate, by in zip(chords, (at[:-1], at[1:]), strict=True)
-                ]
-                yield from _rotor(moved[0], moved[1], first, nodes, scale)
-                change = term.scale * (term.momentum(nodes.end) - term.momentum(nodes.begin))
-                change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
-                row, component, _, value = _rows(change)
-                yield Entries("rate", component, first + 0 * component, scale * value, nodes.first + row)
-            elif term.kind in ("body", "space"):
-                drift = moment_rates(term, nodes.times) * later[:, None]
-                name = "moving" if term.kind == "body" else "space"
-                yield _nodal(name, Slopes(*_rows(drift)), first, nodes, scale)
-        spin, factor = problem.systems.spin, problem.systems.spin_factor
+        share = np.full(len(every), 1.0 / (self.problem.steps - begin))
+        yield Entries("step", every, first + every, share, None if begin == 0 else steps)
+        spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
         if spin is not None and factor is not None:
-            change = factor[0] * (
-                chord(spin.times, spin.values, nodes.end) * at[1:]
-                - chord(spin.times, spin.values, nodes.begin) * at[:-1]
-            )
+            rates = [chord(spin.times, spin.values, t) for t in (nodes.begin, nodes.end)]
+            change = factor[0] * (rates[1] * at[1:] - rates[0] * at[:-1])
             k = np.arange(len(change))
             yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
+
+    def _later(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what it does to the time of functions of the state."""
+        k = np.arange(nodes.first, nodes.last)
+        yield Entries("time", 0 * k, first + 0 * k, self._later_by(nodes)[0][:-1], k)
+
+    def _later_moment(self, term: Term, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what it does to a moment of the time."""
+        later = self._later_by(nodes)[1]
+        if isinstance(term, ForceTable):
+            rates, factor = term.scale * forces_rates(term, nodes.times), 1.0
+        else:
+            rates, factor = moment_rates(term, nodes.times), self._scale
+        yield _nodal(_input_of(term), Slopes(*_rows(rates * later[:, None])), first, nodes, factor)
+
+    def _later_rotor(self, term: Rotor, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what it does to the momentum of a rotor, and to its rate."""
+        at = self._later_by(nodes)[0]
+        chords = [term.scale * chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
+        moved = [
+            Slopes(*_rows((rate * by)[:, None] * term.rotor))
+            for rate, by in zip(chords, (at[:-1], at[1:]), strict=True)
+        ]
+        yield from _rotor(moved[0], moved[1], first, nodes, self._scale)
+        change = term.scale * (term.momentum(nodes.end) - term.momentum(nodes.begin))
+        change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
+        row, component, _, value = _rows(change)
+        yield Entries("rate", component, first + 0 * component, self._scale * value, nodes.first + row)
 
 
 def principal_axes(J: Array) -> Array:
@@ -415,9 +397,31 @@ def changed(make: Callable[[Array], Term], value: Array, unit: Array, size: floa
     return found
 
 
-def _at_all(name: str, parameter: int) -> Entries:
-    """Return that a parameter is an input of all steps."""
-    return Entries(name, np.zeros(1, dtype=np.int64), np.array([parameter]), np.ones(1))
+def _input_of(term: Term) -> str:
+    """Return the input of steps that a term is, or adds to."""
+    inputs = {"body": "moving", "state": "damping"}
+    return (
+        "forces" if isinstance(term, ForceTable) else inputs.get(term.kind, "space" if term.kind == "space" else "dead")
+    )
+
+
+def _always(name: str, component: Any, parameter: Any, value: Any) -> Effect:
+    """Return the effect of parameters on an input of all steps."""
+    entries = Entries(name, np.asarray(component), np.asarray(parameter), np.asarray(value))
+    return Effect((name,), lambda nodes: [entries])
+
+
+def _matrix(name: str, change: Array, first: int) -> Effect:
+    """Return the effect of three parameters on a vector that is an input of all steps."""
+    component, parameter = np.indices((3, 3)).reshape(2, -1)
+    return _always(name, component, first + parameter, change.ravel())
+
+
+def _at_middles(effect: Effect, nodes: Nodes) -> Iterator[Entries]:
+    """Yield an effect on a vector, at every node of a step."""
+    (one,) = effect.entries(nodes)
+    for j in range(len(nodes.middles)):
+        yield one._replace(component=3 * j + one.component)
 
 
 def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
@@ -425,7 +429,7 @@ def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
     return row, component, 0 * row, rows.ravel()
 
 
-def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float) -> Entries:
+def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float = 1.0) -> Entries:
     place = INPUTS[name] * (slopes.row % len(nodes.middles)) + slopes.component
     return Entries(name, place, first + slopes.parameter, factor * slopes.value, nodes.of_nodes[slopes.row])
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
+from ..integrators.costs import largest_velocity
 from ..integrators.time_grid import Stretches, stretched
 from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
@@ -18,7 +19,7 @@ from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .grid import as_store, asked_times, count_steps, joined, paced, stored_steps
+from .grid import as_store, asked_times, automatic_grid, count_steps, joined, paced, stored_steps
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
@@ -72,6 +73,16 @@ class Plan(NamedTuple):
     def off_grid(self) -> bool:
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.asked is not None and self.scheme.any_times
+
+    def fastest(self, begin: Starts, is_bound: bool = False) -> float:
+        """Return the largest |w| of its runs from a start, rad/s: about, or a bound."""
+        ends = self.t_start, self.t_end
+        return float(largest_velocity(self.systems, begin.velocity, self.load, *ends, begin.load_scale, is_bound))
+
+    def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
+        """Return a grid for at most 0.05 rad a step, as `automatic_grid`."""
+        known = (self.systems, begin.velocity, self.paced, self.t_start, self.t_end, begin.load_scale, is_bound)
+        return automatic_grid(*known, is_a_stable=self.scheme.is_a_stable, longest=longest)
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""

@@ -12,13 +12,12 @@ import numpy as np
 from ..analysis.trajectory import Trajectory
 from ..integrators import Integrator
 from ..integrators.compiled import Compiled
-from ..integrators.costs import largest_velocity
 from ..integrators.time_grid import Stretches, stretched
 from . import costs
 from .coarseness import coarseness, phase_error
 from .contacts import refusal
 from .events import Event
-from .grid import automatic_grid, even_step, load_messages, stored_count
+from .grid import even_step, load_messages, stored_count
 from .planning import Plan
 from .single_run import first_run, run_of
 from .starts import Starts
@@ -39,8 +38,7 @@ class Prepared:
         plan = self.plan
         if plan.is_controlled:
             return self.first[1]
-        how = (plan.systems, self.begin.velocity, plan.paced, plan.t_start, plan.t_end)
-        return plan.grid or automatic_grid(*how, is_a_stable=plan.scheme.is_a_stable)
+        return plan.grid or plan.automatic(self.begin)
 
     @cached_property
     def first(self) -> tuple[Integrator, Stretches, int]:
@@ -121,7 +119,7 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
     """Return what a run will be like, and a sweep of so many; problems are pairs of a keyword and the reason."""
     plan, begin, grid, states = prepared.plan, prepared.begin, prepared.grid, prepared.states
     scheme, load, N, h = prepared.scheme, plan.load, grid.steps, grid.longest
-    fastest = largest_velocity(plan.systems, begin.velocity, load, plan.t_start, plan.t_end)
+    fastest = plan.fastest(begin)
     degrees, phase = math.degrees(h * fastest), None
     task = plan.problem(begin, grid, np.array([0, N]))
     cost, problems = costs.run_cost(scheme, task, states), []

@@ -405,11 +405,15 @@ def posed(
     ValueError
         The problem has what the function does not take, and does not leave `aside`.
     """
-    refuse_unknown(function, keywords, group)
+    own = keywords
+    if isinstance(system, Problem):  # None takes away what it has, and the function does not take
+        own = {name: x for name, x in keywords.items() if x is not None or name not in OfProblem.__annotations__}
+    refuse_unknown(function, own, group)
     if not isinstance(system, Problem):
         return problem_with(system, {**defaults, **keywords})
-    found = changed(system, keywords)
-    for name in found.keys() - group.__annotations__.keys():
-        if name not in aside and found[name] is not None:
+    found, known = changed(system, keywords), group.__annotations__.keys()
+    found = {name: value for name, value in found.items() if name in known or value is not None}
+    for name in found.keys() - known:
+        if name not in aside:
             raise ValueError(f"{function} does not take {name}; problem.replace({name}=None) is without")
     return problem_with(system.system, {**defaults, **found}) if keywords or defaults else system

@@ -22,6 +22,7 @@ from ..analysis.trajectory import state_dataset, stretches_from
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError
+from ..integrators.problem import started
 from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
@@ -100,49 +101,35 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
         as_dataset(run, RUN, ("internal_state",))
         stored = stored._replace(internal=run["internal_state"].transpose("time", ...).values)
     wanted, place = np.unique(x, return_inverse=True)
-    found = stored.part(np.zeros(len(wanted), dtype=np.int64))
     of = np.searchsorted(t, wanted, side="right") - 1
-    is_stored = t[of] == wanted
-    _put(found, is_stored, stored, of[is_stored])
-    rest = np.flatnonzero(~is_stored)
+    found, rest = stored.part(of), np.flatnonzero(t[of] != wanted)
+    body, whole = stacked(system), stretched(t, np.ones(len(t) - 1))
+
+    def problem(k: int, grid: Stretches, asked: Array) -> IVP:
+        """Return the problem that starts with the stored state number `k`."""
+        n, own = grid.steps, started(stored.part(k))
+        ends = load, grid.borders[0], grid.borders[-1], n, np.array([0, n])
+        return IVP(body, own.pop("quaternion"), own.pop("velocity"), *ends, asked=asked, stretches=grid, **own)
+
     if len(rest) and wanted[-1] < t[-1]:
-        one = stored.part(slice(0, 1))
-        grid = stretched(t, np.ones(len(t) - 1))
-        body, n = stacked(system), grid.steps
-        start = IVP(body, one.quaternion, one.velocity, load, t[0], t[-1], n, np.arange(n + 1), stretches=grid)
-        start = replace(start, internal=one.internal)
-        inner = completion.between(scheme, replace(start, asked=wanted[rest]), stored)
+        one = replace(problem(0, whole, wanted[rest]), stored=np.arange(len(t)))
+        inner = completion.between(scheme, one, stored)
         if inner is not None:
-            _put(found, rest, inner, slice(None))
+            _put(found, rest, inner)
             rest = rest[:0]
+    groups = [(int(k), rest[of[rest] == k]) for k in np.unique(of[rest])]
     if scheme.any_times:
         groups = [(0, rest)] if len(rest) else []
-    else:
-        groups = [(int(k), rest[of[rest] == k]) for k in np.unique(of[rest])]
-    pace = paced(load, stacked(system))
+    pace = paced(load, body)
     for k, here in groups:
-        own, asked = stored.part(slice(k, k + 1)), wanted[here]
+        asked = wanted[here]
         grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])
-        problem = IVP(
-            stacked(system),
-            own.quaternion,
-            own.velocity,
-            load,
-            grid.borders[0],
-            grid.borders[-1],
-            grid.steps,
-            np.array([0, grid.steps]),
-            asked=asked,
-            off_grid=scheme.any_times,
-            normal=own.normal,
-            stretches=grid,
-            internal=own.internal,
-        )
-        outcome = completion.march(scheme, problem)
+        one = replace(problem(k, grid, asked), off_grid=scheme.any_times)
+        outcome = completion.march(scheme, one)
         if (failure := outcome.failure()) is not None:
-            message = failure_message(problem, failure)
+            message = failure_message(one, failure)
             raise SimulationError(message, int(failure.status), float(t[k]), grid.longest, failure.residual)
-        _put(found, here, outcome.states.part(0), slice(None))
+        _put(found, here, outcome.states.part(0))
     states = found.part(place)
     states = states._replace(quaternion=without_jumps(states.quaternion))
     return state_dataset(system, load, x, states).assign_attrs(run.attrs | {"resampled": "between stored states"})
@@ -184,10 +171,10 @@ def _resampled_parts(
     return whole.assign_attrs(run.attrs | {"resampled": found[0][1].attrs["resampled"]})
 
 
-def _put(found: States, at: Any, states: States, of: Any) -> None:
+def _put(found: States, at: Any, states: States) -> None:
     for target, source in zip(found, states, strict=True):
         if target is not None and source is not None:
-            target[at] = source[of]
+            target[at] = source
 
 
 def _grid(run: Any, load: Load, a: float, b: float) -> Stretches:

@@ -36,12 +36,11 @@ from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
 from ..integrators.base import IVP, Integrator
 from ..loads import Load, moment
-from ..loads.base import moment_at
 from ..loads.friction import ROUND_OFF
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping, Table
 from ..models.system import DirectorSystem
-from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
+from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase, torque
 from .events import XTOL, Piece
 from .starts import body_state
 
@@ -382,10 +381,3 @@ def against(limit: float) -> Load:
         return -limit * w / np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
 
     return moment(friction, compiled=True)
-
-
-def torque(body: DirectorSystem, load: Load, t: float, q: Array, W: Array) -> Array:
-    """Return J W' of a body without constraint under a load: M + J W × W; q: directors as rows."""
-    m = moment_at(load, t, q, W @ q) + cross(q, body.dead_force).sum(axis=0)
-    found: Array = q @ m + cross(body.convected_inertia @ W, W)
-    return found

@@ -16,14 +16,14 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..integrators import IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
-from ..integrators.costs import largest_velocity, swing_rate
+from ..integrators.costs import swing_rate
 from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
 from . import completion, costs
 from .coarseness import coarseness, unremarkable
 from .events import Ended, Event, march_to_events
-from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
+from .grid import TURN, require_resolution, rest_of, stored_count, stretches_of
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
@@ -156,12 +156,7 @@ def run_of(
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.paced, plan.t_start, plan.t_end
     grid = rest_of(begin.grid, load, t0, t1) or estimate
-    automatic = partial(
-        automatic_grid,
-        *(plan.systems, begin.velocity, load, t0, t1, begin.load_scale),
-        is_a_stable=plan.scheme.is_a_stable,
-    )
-    grid = grid or automatic()
+    grid = grid or plan.automatic(begin)
     check_cost(plan, begin, grid)
     while True:
         try:
@@ -169,14 +164,14 @@ def run_of(
         except SimulationError as error:
             if error.status not in (Status.TURN, Status.STALLED):
                 raise
-            grid = automatic(longest=grid.longest / 4)
+            grid = plan.automatic(begin, grid.longest / 4)
             continue
         fastest = float(np.sqrt(np.square(run.material_angular_velocity).sum(axis=1)).max())
         turn = fastest * grid.longest
         if turn <= TURN * (1 + 1e-9):
             warn_of_grid(plan.load, plan.systems, t0, t1, grid)
             return with_warning(plan, run)
-        grid = automatic(longest=grid.longest * TURN / (1.02 * turn))
+        grid = plan.automatic(begin, grid.longest * TURN / (1.02 * turn))
 
 
 def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None, known: float = 0.0) -> Trajectory:
@@ -219,7 +214,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
 
 def first_run(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches, int]:
     """Return the integrator and the steps that the run of a plan with a tolerance begins with, and how many states."""
-    fastest = largest_velocity(plan.systems, begin.velocity, plan.load, plan.t_start, plan.t_end, begin.load_scale)
+    fastest = plan.fastest(begin)
     is_long = plan.is_between or (plan.asked is not None and plan.scheme.has_series(plan.systems, plan.load))
     scheme, grid = first_grid(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
     if plan.asked is not None:
@@ -309,27 +304,21 @@ def trajectory(plan: Plan, problem: IVP, outcome: Outcome, ended: Ended | None =
     if known is None:
         unknown = np.broadcast_to(np.nan, (1, problem.output.size - 1, 3))
         known = Intervals(unknown[:, :, :0], unknown, unknown[:, :, 0], None)
-    multipliers, moment, work, iterations, dead, turned, taken = known
-    means = slice(max(good - 1, 0))
+    own = problem.member(0)
+    means: Any = {name: None if x is None else x[: max(good - 1, 0)] for name, x in known.of_one.items()}
     run = Trajectory(
-        problem.system,
-        plan.scheme,
-        None if problem.off_grid else problem.grid,
-        problem.member(0).load.description,
-        time,
-        outcome.states.part(0, slice(good)),
-        multipliers[0, means],
-        moment[0, means],
-        work[0, means],
-        None if iterations is None else iterations[0, means],
-        int(failure.status) if failure else 0,
-        message,
-        None if outcome.memory is None else outcome.memory[0],
-        dead_moment=None if dead is None else dead[0, means],
-        twist=None if turned is None else turned[0, means],
-        dissipated_energy=None if taken is None else taken[0, means],
+        system=problem.system,
+        integrator=plan.scheme,
+        stretches=None if problem.off_grid else problem.grid,
+        load=own.load.description,
+        time=time,
+        states=outcome.states.part(0, slice(good)),
+        status=int(failure.status) if failure else 0,
+        message=message,
+        memory=None if outcome.memory is None else outcome.memory[0],
         events=ended and ended.events,
-        potentials=held_by(problem.member(0).load),
+        potentials=held_by(own.load),
+        **means,
     )
     if failure is None:
         return run

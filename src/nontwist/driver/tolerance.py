@@ -48,7 +48,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import damping_rate, largest_velocity, swing_rate
+from ..integrators.costs import damping_rate, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
@@ -182,8 +182,7 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
     span, scale = plan.t_end - plan.t_start, begin.load_scale
     swing = swing_rate(plan.systems, plan.load, scale)
     if fastest is None:
-        W = begin.velocity
-        fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
+        fastest = plan.fastest(begin)
     rate = max(HARMONICS * fastest, swing, 1e-3 / span)
     if not plan.scheme.is_a_stable:
         rate = max(rate, damping_rate(plan.systems, plan.load, scale))

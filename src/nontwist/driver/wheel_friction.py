@@ -30,9 +30,8 @@ from ..loads import Load
 from ..loads.calls import checked
 from ..loads.memory import MOMENTS
 from ..loads.wheels import Slipping, Standing, Wheel
-from .contacts import Contacts, Phase
+from .contacts import Contacts, Phase, torque
 from .events import Piece
-from .rubbing import torque
 
 
 class Bearings(Contacts):

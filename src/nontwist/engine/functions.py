@@ -12,12 +12,10 @@ from ..errors import warn
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import state_moment_at
-from ..loads.c_functions import Moment, address_of
 from ..loads.calls import REMEDY
-from ..loads.compiled import c_function, response_of
-from ..loads.derivatives import differenced
+from ..loads.compiled import Moment, address_of, c_function, response_of
+from ..loads.derivatives import differenced, slopes_of, value_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
-from ..loads.state_derivatives import slopes_of, value_of
 from ..loads.terms import ForceTerm, Term
 from ..spec import specs
 from .generalised import FUNCTION, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised

@@ -11,7 +11,7 @@ directors do the work ``Σ f^j·Δd_j = -∂̄V·Δγ = -ΔV`` and have no momen
 With b the half turn of the step, γ_n and γ_{n+1} are γ_m ∓ δ, δ = -b × γ_m. The discrete gradients, each of order 2:
 
 - quadratic V = l·γ + ½ γ·Qγ: the average vector field (AVF) l + Qγ_m, exact;
-- the same with a vector a on an orbit (`loads.orbits`), taken at the time of the evaluation;
+- the same with a vector a on an orbit (`loads.potentials`), taken at the time of the evaluation;
 - a spring of stiffness k and rest length L between the point ρ of the body and a, ``V = ½ k (ℓ - L)²`` with
   ℓ² = |ρ|² + |a|² - 2 ρ·γ: V depends on one number ρ·γ, so the quotient of the differences is the AVF. By
   Δℓ (ℓ_0 + ℓ_1) = -2 ρ·Δγ it is ``-k (1 - 2 L/(ℓ_0 + ℓ_1)) ρ``, without a difference;
@@ -42,7 +42,7 @@ from ..kernels.elements import Whole, cos, larger, logical_not, remade, select, 
 from ..kernels.kernel import kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
-from ..loads.orbits import on_orbit
+from ..loads.potentials import on_orbit
 from ..loads.terms import MOST_NUMBERS
 from .records import FORCES, StateCall, places
 

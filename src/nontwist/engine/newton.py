@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, jacobian, seeded, tangent
 from ..kernels.elements import any_of, fma, logical_not, select, without
-from ..kernels.parts import part
+from ..kernels.kernel import part
 from ..kernels.vectors import Matrix, Vector, inverse_of, sum_of
 
 EPS = 2.0**-52

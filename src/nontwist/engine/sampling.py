@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain, tangents_of
 from ..kernels.elements import any_of, select
+from ..kernels.kernel import part
 from ..kernels.memory import View, call, doubles, fields, vector_at
-from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross, first_moment, sum_of, taxicab
 from .records import FORCES, Body, Found, Parts, StateCall, Work
 from .workspace import internal, turned_into

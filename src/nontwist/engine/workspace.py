@@ -14,9 +14,8 @@ from typing import Any
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, real, select, smaller, without
-from ..kernels.kernel import kernel
+from ..kernels.kernel import kernel, part
 from ..kernels.memory import View, doubles, fields, put, size_of, vector_at
-from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, compensated, first_moment
 from .records import NODAL, QUANTITIES, Block, Body, Failure, Observed, Parts, State, Sums, Work
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_array, as_floats
 from ..models.catalogue import D3
-from ..models.system import convected_inertia, euler_inertia, require_principal
+from ..models.system import checked_inertia, require_principal
 
 SPIN = 1e-9
 Motion = tuple[Array, Array]
@@ -24,11 +24,6 @@ def checked_attitude(rotation: Any) -> Array:
     if not rotations.is_rotation(R):
         raise ValueError("rotation is not a rotation (orthonormal, right-handed)")
     return R
-
-
-def checked_inertia(inertia: ArrayLike, physical: bool, axis: Array | None = None) -> Array:
-    """Return the convected inertia J (3, 3), kg m²; errors as in `nontwist.inertia.euler_inertia`."""
-    return convected_inertia(euler_inertia(inertia, physical=physical, axis=axis))
 
 
 def checked_velocity(value: ArrayLike) -> Array:

@@ -24,7 +24,7 @@ from ..geometry.stacks import norm, ratio
 from ..geometry.values import as_whole
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, planar
-from .free_kernels import turns
+from .free_bodies import turns
 
 MOST = 10_000_000  # states, 1 GB
 

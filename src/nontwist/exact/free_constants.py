@@ -16,8 +16,8 @@ from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, when, whilst
 from ..kernels.elements import any_of, copysign, cos, exp, floor, larger, log, logical_not, select, sin, sqrt
+from ..kernels.kernel import part
 from ..kernels.memory import View, size_of, view_in
-from ..kernels.parts import part
 from ..kernels.vectors import AXES, Matrix, Vector
 
 OK, BAD_TIME = range(2)

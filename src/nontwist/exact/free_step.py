@@ -38,15 +38,15 @@ from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, when
 from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, sinh, smaller, sqrt
+from ..kernels.kernel import part
 from ..kernels.memory import View
-from ..kernels.parts import part
 from ..kernels.vectors import Vector
 from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, harmonics, phase, set_constants, thetas, unit
 
 SMALL, STEADY = 0.5, 1e-150
 
 
-class Motion(NamedTuple):
+class FreeMotion(NamedTuple):
     """A free motion: the unit momentum along x, y, z, the signs of these axes, whether they are in descending order."""
 
     M: Vector
@@ -66,7 +66,7 @@ def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector,
     return free_until(motion, h, c)
 
 
-def free_motion(moments: Vector, P: Vector, c: View) -> Motion:
+def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
     """Set the constants of a free motion from the momentum P on, those of `set_origin` left out."""
     (I1, I2, I3), (M, m) = moments, unit(P)
     is_swapped, rx, rz = circled(I1, I2, I3, M[0], M[2])
@@ -76,16 +76,16 @@ def free_motion(moments: Vector, P: Vector, c: View) -> Motion:
     M = signs * Vector(x, M[1], z)
     c.momentum, c.ix, c.iy, c.iz = m, select(is_swapped, I3, I1), I2, select(is_swapped, I1, I3)
     set_constants(M, rx, rz, c)
-    return Motion(M, signs, is_swapped)
+    return FreeMotion(M, signs, is_swapped)
 
 
-def set_origin(motion: Motion, c: View) -> None:
+def set_origin(motion: FreeMotion, c: View) -> None:
     """Set the constants that long increments of a motion need beside the others."""
     c.u0 = beginning(motion.M, c)
     c.start, c.x0, c.y0, c.extra0 = _at(0.0 * c.pace, c)
 
 
-def free_until(motion: Motion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
+def free_until(motion: FreeMotion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
     """Return what `free_step` does."""
     m, zero = c.momentum, 0.0 * c.momentum
     v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))

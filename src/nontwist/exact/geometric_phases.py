@@ -22,9 +22,10 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array
 from ..geometry.stacks import principal_angle, unit
-from .border import checked_inertia, checked_velocity
+from ..models.system import checked_inertia
+from .border import checked_velocity
+from .free_bodies import prepare
 from .free_constants import CONSTANTS, period
-from .free_kernels import prepare
 
 _SHORT = 1e-12
 

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..engine.turning import exponential, magnus
+from ..engine.marching import exponential, magnus
 from ..geometry.arrays import Array, as_direction
 from ..geometry.stacks import EPS
 from ..kernels.control import Variables, loop, when
@@ -39,7 +39,8 @@ from ..kernels.elements import cosh, real, select, sqrt, tanh
 from ..kernels.kernel import kernel
 from ..kernels.memory import matrix_at, put, vector_at
 from ..kernels.vectors import Matrix, Quaternion, attitude
-from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, without_spin
+from ..models.system import checked_inertia
+from .border import Motion, checked_attitude, checked_times, checked_velocity, without_spin
 from .free_bodies import TOO_FAR
 from .free_constants import FARTHEST
 

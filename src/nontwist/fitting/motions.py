@@ -34,10 +34,10 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual
-from ..kernels.elements import larger, logical_not, mapped, power, smaller
+from ..kernels.elements import larger, logical_not, power, smaller
 from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, doubles, view_of
-from ..kernels.series import Constant, Recurrence, Stored
+from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .bodies import Kind, Model
@@ -227,8 +227,7 @@ def follow(kind: Kind, run: View) -> None:
         place += 1
     if kind.damping:
         drag = Vector(*(x + seeded(0.0, place + k * (kind.damping == 3)) for k, x in enumerate(drag)))
-    found = Parameters.of(J.matrix, arm, drag, wheel, axis, kind.is_constrained)
-    p = mapped(Constant, found)
+    p = Parameters.of(J.matrix, arm, drag, wheel, axis, kind.is_constrained)
     unknowns = [recurrence.unknown() for _ in range(d)]
     changes = rates(kind, p, State.of(kind, unknowns))
     changing, size = unknowns[: len(changes)], d * recurrence.size

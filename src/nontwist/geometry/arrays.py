@@ -107,7 +107,7 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
     array = as_floats(value, name)
     tail = shape[1:] if shape[:1] == (...,) else shape
     given = array.shape if tail == shape else array.shape[max(0, array.ndim - len(tail)) :]
-    if len(given) != len(tail) or any(n not in (None, m) for n, m in zip(tail, given, strict=True)):
+    if given != tail and (len(given) != len(tail) or any(n not in (None, m) for n, m in zip(tail, given, strict=True))):
         words = ("n" if n is None else "..." if n is ... else str(n) for n in shape)
         expected = "(" + ", ".join(words) + (",)" if len(shape) == 1 else ")")
         raise ValueError(f"{name} must have the shape {expected}, got {array.shape}")

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array, as_floats, as_positive, require_finite
-from .directors import TOLERANCE, first_d1, in_range, places, transported, unit_directors, vectors
+from .frames import TOLERANCE, first_d1, in_range, places, transported, unit_directors, vectors
 from .values import as_function
 
 _PIECES = 32  # at least, at the start

@@ -10,9 +10,8 @@ from typing import Any
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import arctan2, cos, logical_not, select, sin, sqrt
-from ..kernels.kernel import kernel
+from ..kernels.kernel import kernel, part
 from ..kernels.memory import put, vector_at
-from ..kernels.parts import part
 from ..kernels.vectors import Quaternion, Vector, cross
 
 # A chord below this fraction of its neighbour carries no curvature: noise of the samples divided by the chord.

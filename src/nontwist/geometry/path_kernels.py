@@ -12,9 +12,8 @@ from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, logical_not, select, smaller, sqrt
-from ..kernels.kernel import kernel
+from ..kernels.kernel import kernel, part
 from ..kernels.memory import View, size_of, vector_at, view_in
-from ..kernels.parts import part
 from ..kernels.vectors import Vector
 from .frame_kernels import ANTIPODAL, NO_CHORD, SHORT, curvature, inner_roll, length, outer_roll, transported
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import arctan2, floor, larger, logical_not, select, sqrt
-from ..kernels.kernel import kernel
+from ..kernels.kernel import kernel, part
 from ..kernels.memory import View, matrix_at, put, size_of, vector_at, view_in
-from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from .arrays import Array
 from .frame_kernels import length, transported

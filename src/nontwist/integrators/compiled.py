@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan
 from typing import Any, ClassVar, NamedTuple
 
@@ -123,10 +123,10 @@ class Compiled(Integrator):
         from .stack_march import StackMarch
 
         self.require(problem)
-        if (dense := dense_of(problem, self)) is not None:
+        if (dense := dense_of(replace(problem, intervals=False), self)) is not None:
             from .dense import PreparedDense
 
-            return PreparedDense(dense)
+            return PreparedDense(problem, dense)
         return PreparedMarch(StackMarch(problem, self))
 
 

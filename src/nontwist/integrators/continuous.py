@@ -34,7 +34,7 @@ from ..loads.terms import Damping
 from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
 from .base import IVP, Failure, Integrator, March, Status
-from .costs import Cost, largest_velocity
+from .costs import Cost, damping_rate, largest_velocity
 
 MOST = 1e6  # steps of the solver in a run, half an hour
 CHECK_EVERY, PATIENCE = 1000, 1e5  # steps between checks of the progress; steps by which a fast start is over
@@ -131,12 +131,12 @@ class Continuous(Integrator):
         size, c = len(state), form.multipliers
         y = np.concatenate([state, np.zeros(4 + c + TURNED * problem.load.drives)])
         how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
-        if self.method in STABLE and 0 < (rate := _damping_rate(problem)) < np.inf:
+        if self.method in STABLE and 0 < (rate := damping_rate(problem.systems, problem.load)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
         taken, kept = count(1), [y] if problem.output[0] == problem.t_start else []
 
         def failure_of(status: Status, reason: str) -> Failure:
-            return Failure(status, _steps(problem, len(kept) - 1), np.nan, np.nan, reason)
+            return problem.failed(len(kept), status, reason)
 
         @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
         def failure_between(a: float, b: float) -> Failure | None:
@@ -194,7 +194,7 @@ def expected_steps(scheme: Continuous, problem: IVP) -> float:
     fastest = largest_velocity(problem.systems, problem.velocity, known, *span, by_energy=True)
     rate = max(fastest, RESOLVED / problem.load.resolution) / (a * scheme.rtol ** (1 / p))
     if scheme.method in STABLE:
-        rate = max(rate, _damping_rate(problem) / STABLE[scheme.method])
+        rate = max(rate, damping_rate(problem.systems, problem.load) / STABLE[scheme.method])
     return float(rate * (problem.t_end - problem.t_start) + STARTS * (len(_limits(problem)) - 1))
 
 
@@ -334,20 +334,6 @@ def _sizes(problem: IVP, form: Any) -> Array:
     moving = [momentum] * 4 if type(form) is _Split else [speed] * (form.size - 9)
     turned = ([1.0] * 3 + [max(abs(problem.t_start), abs(problem.t_end))] * 3) * problem.load.drives
     return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + turned)
-
-
-def _damping_rate(problem: IVP) -> float:
-    """Return the largest eigenvalue of J⁻¹C, 1/s, in the plane that a constraint leaves."""
-    J, C, n = problem.system.convected_inertia, problem.load.damping, problem.system.axis
-    if n is not None:
-        plane = np.linalg.svd(n[None])[2][1:]
-        J, C = plane @ J @ plane.T, plane @ C @ plane.T
-    return float(abs(np.linalg.eigvals(np.linalg.solve(J, C))).max())
-
-
-def _steps(problem: IVP, count: int) -> int:
-    """Return the number of steps, or of asked times, that lie before the stored state of number `count`."""
-    return count if problem.asked is not None else int(problem.stored[max(count, 0)])
 
 
 def _limits(problem: IVP) -> Array:

@@ -6,7 +6,7 @@ Loads that depend on time are polynomials in a step: those through their values 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -144,16 +144,25 @@ def between(scheme: Compiled, problem: IVP, states: States) -> States | None:
 
 
 class PreparedDense:
-    """A march of one body whose start is left open, with outputs between its nodes."""
+    """A march of one body whose start is left open, with outputs between its nodes.
 
-    def __init__(self, dense: Dense) -> None:
-        self._dense, self._march = dense, PreparedMarch(dense.march)
+    A call finds the states alone. What is summed over intervals takes as long again: it comes from a second march from
+    the same start, once it is asked for.
+    """
+
+    def __init__(self, problem: IVP, dense: Dense) -> None:
+        self._problem, self._dense, self._march = problem, dense, PreparedMarch(dense.march)
         self._unit, self._spans = float(dense.march.bodies[0, BODY.unit]), spans(dense.shapes)
         self._threads = PerThread(self._workspace)
 
     @cached_property
     def _substeps(self) -> PreparedMarch:
-        return PreparedMarch(StackMarch(self._dense.problem, self._dense.march.scheme))
+        return PreparedMarch(StackMarch(self._problem, self._dense.march.scheme))
+
+    @cached_property
+    def _summing(self) -> PreparedDense:
+        """The same with what is summed."""
+        return PreparedDense(self._problem, Dense(self._problem, self._dense.march.scheme))
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Any, float, float]:
         """March from the quaternion `p`, scalar last, and W: as a prepared march, by substeps where nodes are apart."""
@@ -164,20 +173,22 @@ class PreparedDense:
         nodes[:], factor[0] = found, scale / self._unit
         if not between.find():
             found, squares, fastest = self._substeps(p, W, scale)
-            return (found, None), squares, fastest
-        return (found, memory.copy()), squares, fastest
+            return (found, None, ()), squares, fastest
+        return (found, memory.copy(), (tuple(p), tuple(W), scale)), squares, fastest
 
     def read(self, found: Any) -> dict[str, Any]:
         """Return the states of a run from what a call has found; its `_read` returns the rest."""
-        nodes, memory = found
+        nodes, memory, start = found
         if memory is None:
             return self._substeps.read(nodes)
-        arrays = views(memory, self._spans)
-        return {"states": states_in(arrays, self._dense.skipped).part(0), "_read": partial(self._rest, nodes, arrays)}
+        states = states_in(views(memory, self._spans), self._dense.skipped).part(0)
+        return {"states": states, "_read": lambda: self._summing.sums(self._summing(*start)[0])}
 
-    def _rest(self, nodes: Array, arrays: dict[str, Array]) -> dict[str, Any]:
+    def sums(self, found: Any) -> dict[str, Any]:
+        """Return what a call has found beside the states."""
+        nodes, memory, _ = found
         march = self._dense.march
-        means = intervals_in(march, arrays, self._dense.skipped).of_one
+        means = intervals_in(march, views(memory, self._spans), self._dense.skipped).of_one
         return means | {"memory": nodes[march.spans["states"][0]] * march.factors[0]}
 
     def _workspace(self) -> tuple[Array, Array, Array, Between]:

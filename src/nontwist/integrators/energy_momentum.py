@@ -90,15 +90,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from ..engine.generalised import EXACT, PAPER
-from ..engine.marching import Step, Text, midpoint_step
+from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
-from ..engine.sampling import Loads, MomentOfStep, Nodes, mean, mean_moment_of_dead
+from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
 from ..geometry.values import among, shown
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
-from ..kernels.parts import part
+from ..kernels.kernel import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from .base import IVP, SPIN
 from .compiled import Dissipative, Needs
@@ -329,7 +329,7 @@ def multipliers(
     nodes: Nodes, start: Start, found: Step, a: Vector, s: Any, Y: Matrix, Mt: Matrix, loads: Loads
 ) -> Step:
     """Return the step with multipliers, moments and work: λ and μ of the rows L_i."""
-    parts, body, f, R, Om = nodes.parts, start.body, start.f, nodes.R, (1.0 / start.f) * a
+    parts, body, f, Om, moment = nodes.parts, start.body, start.f, (1.0 / start.f) * a, None
     V = rows_of(start.W) + start.N
     L = (-1.0 / f) * combined(body, Y + Matrix(*(cross(a, v) for v in V)))
     m = of_load = loads.space
@@ -348,18 +348,13 @@ def multipliers(
         G = Matrix(*(0.25 * cross(total, row) for row in Mt))
         L = L + G - Matrix(*(cross(a, g) for g in G))
         moment = 0.5 * ((1.0 + s) * of_load - (s * (a @ of_load)) * a)
-        found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
     if parts.dead:
         F = loads.dead
         L = L + F - Matrix(*(cross(a, row) for row in F))
-        if parts.is_constrained:
-            found = found._replace(dead=R @ mean_moment_of_dead(F, s, a))
     lam = symmetric_part(L)
     if parts.generalised:
         lam = lam + loads.functions.rest
-    if parts.turns:
-        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
-    return found._replace(mu=L[0][1] - L[1][0], lam=lam, twist=2.0 * (body.axis @ a))
+    return midpoint_means(nodes, loads.dead, found, a, moment, mu=L[0][1] - L[1][0], lam=lam)
 
 
 def pair(s: Any, a: Vector, m: Vector) -> Vector:

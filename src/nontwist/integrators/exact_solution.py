@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
 from ..exact import loaded_body
-from ..exact.free_bodies import TOO_FAR
+from ..exact.free_bodies import TOO_FAR, free_members, turns
 from ..exact.free_constants import OK
-from ..exact.free_kernels import free_members, turns
 from ..exact.gyrostats import gyrostat_motion
 from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps

@@ -81,10 +81,9 @@ import numpy as np
 
 from ..engine.generalised import STAGE
 from ..engine.known_steps import Wanted
-from ..engine.marching import PI, Step, Text
+from ..engine.marching import PI, Step, Text, turned_on
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
-from ..engine.turning import turned_on
 from ..engine.workspace import integrate, observe_at
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when

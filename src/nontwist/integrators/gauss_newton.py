@@ -31,8 +31,8 @@ from ..engine.sampling import DIFFERENCE, Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import fma, larger, logical_not, real, select
+from ..kernels.kernel import part, rare
 from ..kernels.memory import View, scratch, size_of
-from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Memory, Stage, Stages, pulled_back, rows_of

@@ -68,10 +68,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..engine.marching import Step, Text, midpoint_step
+from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Parts, State
-from ..engine.sampling import Loads, MomentOfStep, Nodes, mean, mean_moment_of_dead
+from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, cross, first_moment, sum_of, taxicab
 from .compiled import Dissipative
@@ -222,7 +222,7 @@ def dead_moment(F: Matrix, a: Vector) -> Vector:
 
 def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
     """Return the step with the multiplier, moments and work."""
-    parts, body, f, R = nodes.parts, nodes.body, 0.5 * nodes.h, nodes.R
+    parts, body, f = nodes.parts, nodes.body, 0.5 * nodes.h
     a, m, of_load = f * Om, loads.space, loads.space
     s, mu = 1.0 / (1.0 + a @ a), 0.0 * f
     if parts.calls:
@@ -233,13 +233,7 @@ def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vec
         mu = torque(nodes, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + axial) / f
     own = along_the_frame(loads, Om)
     moment = sum_of(None if own is None else mean(s, a, own), of_load)
-    if moment is not None:
-        found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
-    if parts.dead and parts.is_constrained:
-        found = found._replace(dead=R @ mean_moment_of_dead(loads.dead, s, a))
-    if parts.turns:
-        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
-    return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
+    return midpoint_means(nodes, loads.dead, found, a, moment, mu=mu)
 
 
 def remembered(h: Any, P: Vector, ahead: Vector) -> Any:

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
-from ..engine.chained import CHAIN, LANES
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, NODAL, STEPS, Step, places_of_directions
-from ..engine.linearised import forward_run, linearised
+from ..engine.linearised import CHAIN, LANES, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY, address_of, put
 from ..geometry.arrays import Array, aligned
@@ -364,7 +363,7 @@ class Workspace:
 
 
 class Link(NamedTuple):
-    """How changes go through some steps: a block (`engine.chained.Chain`), the arrays that it points to, first step."""
+    """How changes go through some steps: a block (`Chain`), the arrays that it points to, the first step."""
 
     block: NDArray[np.int64]
     alive: dict[str, Any]

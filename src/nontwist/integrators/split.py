@@ -8,7 +8,7 @@ is
 so the momentum is a quadrature of the moment in the moving frame, and the attitude a product of exponentials.
 
 - Moments given along the moving frame: M(t) at Gauss nodes, Π_⊥ at the nodes by the Gauss Runge-Kutta matrix, and
-  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (`engine.turning`), for order 4 Ω = h (W_1 + W_2)/2 +
+  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (`engine.marching`), for order 4 Ω = h (W_1 + W_2)/2 +
   (√3/12) h² W_1 × W_2.
 - Moments fixed in space, gravity, loads of the state: M at Λ_m = Λ_n exp(h Ŵ_m/2) with W_m = J_⊥⁻¹ (Π_n + Π_{n+1})/2,
   implicit in W_m and iterated to round-off; symmetric, of order 2; composed to orders 4 and 6 (`composition`).
@@ -67,10 +67,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..engine.marching import FARTHEST, UNIT, Step, Text
+from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned, turned_on
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
-from ..engine.turning import exponential, magnus, turned, turned_on
 from ..engine.workspace import integrate, observe
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
 from ..exact.free_step import free_motion, free_step, free_until, set_origin

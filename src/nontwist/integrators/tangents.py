@@ -1,4 +1,4 @@
-"""Derivatives of runs: linearised steps, chained as `engine.chained` has it, forward and back.
+"""Derivatives of runs: linearised steps, chained as `engine.linearised` has it, forward and back.
 
 `Growth` is how much orthonormal changes of a state grow along a run, by the same matrices.
 """
@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine import chained
-from ..engine.chained import LANES, grow
-from ..engine.chained import Growth as Block
 from ..engine.known_steps import STEPS
-from ..engine.linearised import ForwardRun
+from ..engine.linearised import LANES, ForwardRun, chain_back, chain_forward, grow
+from ..engine.linearised import Growth as Block
 from ..engine.records import STATE, State, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
@@ -39,7 +37,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     x, own = aligned(steps.rows, padded), steps.workspace()
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
-    run = chained.forward(steps.rows)
+    run = chain_forward(steps.rows)
     for loads, link in steps.layouts(count, entries):
         steps.matrices(own, loads, states)
         part = kept[loads.first : loads.last]
@@ -58,7 +56,7 @@ def back(
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
-    run = chained.back
+    run = chain_back
     for loads, link in steps.layouts(count, entries, back=True):
         steps.matrices(own, loads, states)
         part = kept[loads.first : loads.last]
@@ -82,7 +80,7 @@ class PreparedTangents:
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
         self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
         self._count, self._threads = count, PerThread(lambda: (None,) * 6)
-        self._run, self._kernel = chained.forward(steps.rows).function, steps._kernel.function
+        self._run, self._kernel = chain_forward(steps.rows).function, steps._kernel.function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
         """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputWarning, callers_level
-from ..geometry.euler import euler_angles
+from ..geometry.attitudes import euler_angles
 
 if TYPE_CHECKING:
     import xarray

@@ -6,9 +6,7 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .elements import BY_FUNCTIONS, ORDERS, Derived, fma, mapped, remade, select
-
-SLOPES = {"add": lambda a, b, _: (1.0, 1.0), "sub": lambda a, b, _: (1.0, -1.0), "mul": lambda a, b, _: (b, a)}
+from .elements import BY_FUNCTIONS, ORDERS, SLOPES, Derived, fma, mapped, remade, select
 
 
 class Dual(Derived):
@@ -81,7 +79,9 @@ class Dual(Derived):
 
 def _is_plain(x: Any) -> bool:
     """Whether x is a number without tangents, of whatever kind."""
-    return not isinstance(x, (tuple, list, bool)) and getattr(getattr(x, "dtype", None), "kind", "") != "O"
+    if isinstance(x, (tuple, list, bool)) or getattr(x, "is_series", False):
+        return False
+    return getattr(getattr(x, "dtype", None), "kind", "") != "O"
 
 
 def _is_array(x: Any) -> bool:

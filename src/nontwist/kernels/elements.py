@@ -219,8 +219,11 @@ TINY = 1e-140  # beside it roots at 0 have tangents 0 where those of their argum
 
 
 def _derivatives() -> dict[str, Callable[..., Any]]:
-    """Return functions by NumPy's names: their derivatives, given their arguments and their value."""
+    """Return operators and functions, by NumPy's names: their derivatives, given their arguments and their value."""
     return {
+        "add": lambda a, b, _: (1.0, 1.0),
+        "sub": lambda a, b, _: (1.0, -1.0),
+        "mul": lambda a, b, _: (b, a),
         "sqrt": lambda x, y: 0.5 / (y + TINY),
         "sin": lambda x, y: cos(x),
         "cos": lambda x, y: -sin(x),
@@ -252,6 +255,7 @@ def _derivatives() -> dict[str, Callable[..., Any]]:
     }
 
 
+SLOPES = _derivatives()
 IN_C = {"arctan2": "atan2", "power": "pow"}
 
 
@@ -281,7 +285,7 @@ def _function(name: str, slopes: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-FUNCTIONS = {name: _function(name, slopes) for name, slopes in _derivatives().items()}
+FUNCTIONS = {name: _function(name, slopes) for name, slopes in SLOPES.items() if name not in OF_DOUBLES}
 sqrt, sin, cos, tan, exp, log, sinh, cosh, tanh, arcsin, arccos, arctan, *_others = FUNCTIONS.values()
 arctan2, copysign, fmod, _raised, floor, *_ = _others
 
@@ -334,7 +338,7 @@ def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once where the processor can; of tuples b and c entry by entry."""
     if isinstance(b, tuple):
         return mapped(lambda x, y: fma(a, x, y), b, c)
-    dual = dual_of(a, b, c)
+    dual = None if any(getattr(x, "is_series", False) for x in (a, b, c)) else dual_of(a, b, c)
     if dual is not None:
         return dual.through(lambda c, a, b: fma(a, b, c), lambda c, a, b, _: (1.0, b, a), (c, a, b))
     if any(isinstance(x, Element) for x in (a, b, c)) and all(map(is_number, (a, b, c))):

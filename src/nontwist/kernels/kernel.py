@@ -4,23 +4,25 @@ A kernel declares what it is called with: ``@kernel("f8[:, :], i8 -> i8, f8")``.
 whole; arrays of them are contiguous, the last index running fastest. In machine code every kernel is a C function of
 one address. Where its arguments are others, they and its results lie there, each number in 8 bytes, each array as its
 address and its shape. A kernel of ``"i8"`` takes the address itself: a march with a block, say.
+
+A part of a text that is long stands once: it is traced as a function of its own, and called (`part`).
 """
 
 from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Callable
-from functools import update_wrapper
+from collections.abc import Callable, Iterator
+from functools import partial, update_wrapper, wraps
 from struct import Struct
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from . import machine_code
-from .elements import Whole
-from .memory import memory_at
-from .tracing import Tracer, tracing
+from .elements import Traced, Whole, remade
+from .memory import Pointer, View, memory_at, passed
+from .tracing import TraceError, Tracer, tracer, tracing
 
 ENTRY = "kernel"
 WORD = r"(f8|i8)(?:\[(:(?:, :)*)\])?"
@@ -71,7 +73,7 @@ class Signature:
                 raise TypeError(f"a kernel takes an array of {kind} with {axes} axes")
             if not value.flags.c_contiguous:
                 copies.append((value, value := value.copy(order="C")))
-            numbers += value.__array_interface__["data"][0], *value.shape
+            numbers += address_of(value), *value.shape
         scratch: Any = np.empty(self._size, dtype=np.int64)
         self._in.pack_into(scratch, 0, *numbers)
         return scratch, copies
@@ -80,6 +82,14 @@ class Signature:
         """Return the results that a C function has left in its memory, a number where it is one."""
         found = self._out.unpack_from(scratch, self._first)
         return found if len(found) > 1 else found[0] if found else None
+
+
+def address_of(array: Any) -> int:
+    """Return where the numbers of an array lie."""
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+    except (TypeError, ValueError):  # read-only, or empty: in ten times the time
+        return int(array.__array_interface__["data"][0])
 
 
 def _places(words: str, place: int) -> tuple[list[Place], int]:
@@ -166,7 +176,7 @@ class Kernel:
         if self.signature.is_address:
             return function(*arguments)
         scratch, copies = self.signature.laid_out(arguments)
-        function(scratch.__array_interface__["data"][0])
+        function(address_of(scratch))
         for value, copy in copies:
             if value.flags.writeable:
                 value[...] = copy
@@ -183,7 +193,7 @@ class Kernel:
         function, (scratch, copies) = self.function, self.signature.laid_out(arguments)
         if copies:
             raise TypeError("an array is not contiguous")
-        address = scratch.ctypes.data
+        address = address_of(scratch)
 
         def call() -> Any:
             function(address)
@@ -204,3 +214,76 @@ class Kernel:
 def kernel(words: str, lanes: int = 1) -> Callable[[Callable[..., Any]], Kernel]:
     """Make a kernel of a text, given what it is called with, and the lanes that its floats stand for (`Kernel`)."""
     return lambda text: Kernel(text, words, lanes)
+
+
+Text = TypeVar("Text", bound=Callable[..., Any])
+
+
+def part(text: Text, is_rare: bool = False) -> Text:
+    """Trace a text once for each kind of its arguments, as a function that is called: numbers go in and come out.
+
+    What is no traced number, memory or tuple of them is a constant of the part, and must be hashable. A part cannot
+    call itself. One that is rare is compiled five times as fast, and runs slower. Its numbers are the same.
+    """
+
+    @wraps(text)
+    def called(*arguments: Any) -> Any:
+        t = tracer()
+        if t is None:
+            return text(*arguments)
+        numbers: list[Any] = []
+        constants: list[Any] = []
+        makers = [_taken(a, numbers, constants) for a in arguments]
+        given = [passed(a) for a in numbers]
+        key = (text, tuple(kind for kind, _ in given), tuple(constants))
+        if key not in t.made:
+            t.made[key] = None
+            t.made[key] = _traced(t, text, makers, [kind for kind, _ in given], is_rare)
+        if t.made[key] is None:
+            raise TraceError(f"{text.__name__} calls itself")
+        name, result, count, make = t.made[key]
+        found = t.value(f"call {result} @{name}({', '.join(f'{kind} {x}' for kind, x in given)})", is_pure=False)
+        return make(t.value(f"extractvalue {result} {found}, {k}") for k in range(count))
+
+    return called  # type: ignore[return-value]
+
+
+def rare(text: Text) -> Text:
+    """Make a part that seldom runs."""
+    return part(text, True)
+
+
+def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: bool) -> tuple[Any, ...]:
+    """Trace a part; return its name, the type of its results, their number, and what makes them of names."""
+    name = f"part{t.number()}"
+    t.open(name, ", ".join(f"{kind} %a{k}" for k, kind in enumerate(kinds)), True, is_rare)
+    names = iter([f"%a{k}" for k in range(len(kinds))])
+    found: list[Any] = []
+    make = _taken(text(*(maker(names) for maker in makers)), found, [])
+    given = [passed(x) for x in found]
+    result, value = "{" + ", ".join(kind for kind, _ in given) + "}", "undef"
+    for k, (kind, x) in enumerate(given):
+        value = t.value(f"insertvalue {result} {value}, {kind} {x}, {k}")
+    t.line(f"ret {result} {value}")
+    t.close(result)
+    return name, result, len(given), make
+
+
+def _taken(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
+    """Take the numbers of an argument; return what makes it anew of names."""
+    if isinstance(a, (tuple, View)):
+        parts = a if isinstance(a, tuple) else (a._record, a._memory, a._lanes, a._stride)
+        makers = [_taken(x, numbers, constants) for x in parts]
+        constants.append((type(a), len(parts)))
+        made = partial(remade, a) if isinstance(a, tuple) else lambda found: View(*found)
+        return lambda names: made([maker(names) for maker in makers])
+    if isinstance(a, Pointer):
+        numbers.append(a)
+        constants.append(a.is_whole)
+        shape = _taken(a.shape, numbers, constants)
+        return lambda names: Pointer(next(names), a.is_whole, shape(names))
+    if isinstance(a, Traced):
+        numbers.append(a)
+        return lambda names: type(a)(next(names), a.n)
+    constants.append(a)
+    return lambda names: a

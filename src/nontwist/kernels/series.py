@@ -9,10 +9,9 @@ where they are used.
 from __future__ import annotations
 
 import operator
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 from .control import Variables, loop
 from .dual import Dual
@@ -38,8 +37,7 @@ class Recurrence:
     def __init__(self, order: int, tangents: int = 0, lanes: int = 1, room: Callable[[int], Any] = scratch) -> None:
         self.order, self.tangents, self.lanes, self._room = order, tangents, lanes, room
         self.size = 1 + tangents * lanes if tangents else lanes  # of a coefficient
-        self.count = 0  # of series in memory
-        self._sums, self._products = defaultdict[int, list[Stored]](list), defaultdict[int, list[Product]](list)
+        self.kept = list[Stored]()  # in the order in which they were made
 
     def read(self, memory: Any, n: Any) -> Any:
         """Return a coefficient in memory."""
@@ -62,28 +60,22 @@ class Recurrence:
         """Return a series whose first coefficient is to be put."""
         return Stored(self, self._room((self.order + 1) * self.size))
 
-    def sum(self, series: Series) -> Stored:
+    def keep(self, level: int, **how: Any) -> Stored:
         """Return a series that is kept in memory as its coefficients are made."""
-        found = Stored(self, self._room(self.order * self.size), series.level, series.__getitem__)
-        self._sums[found.level].append(found)
-        return found
-
-    def product(self, a: Series, b: Series) -> Stored:
-        """Return the product of two series, which is kept as well; the factor that was made first counts upwards."""
-        factors = a.stored, b.stored
-        found = Stored(self, self._room(self.order * self.size), 1 + max(a.level, b.level))
-        self._products[found.level].append(Product(found, *sorted(factors, key=operator.attrgetter("number"))))
-        return found
+        return Stored(self, self._room(self.order * self.size), level, **how)
 
     def solve(self, unknowns: Sequence[Stored], rates: Sequence[Series], first: Any = 0, last: Any = None) -> None:
         """Make the coefficients of the unknowns beyond the power `first`, all or up to the power `last`."""
+        some = max(1, AT_ONCE // (1 + self.tangents))
         for n in loop(first, self.order if last is None else last):
-            for level in range(1 + max([0, *self._sums, *self._products])):
-                products, some = self._products[level], max(1, AT_ONCE // (1 + self.tangents))
+            for level in range(1 + max(one.level for one in self.kept)):
+                own = [one for one in self.kept if one.level == level]
+                products = [one for one in own if one.factors]
                 for k in range(0, len(products), some):
                     convolve(products[k : k + some], n)
-                for one in self._sums[level]:
-                    one.put(n, one.made(n))
+                for one in own:
+                    if one.made is not None:
+                        one.put(n, one.made(n))
             for x, rate in zip(unknowns, rates, strict=True):
                 x.put(n + 1, rate[n] * (1.0 / (1.0 + n)))
 
@@ -94,6 +86,8 @@ class Series(Number):
     Its level says how many products one after the other lead to a coefficient from those of the unknowns.
     """
 
+    is_series = True
+
     def __init__(self, of: Recurrence, coefficient: Callable[[Any], Any], level: int) -> None:
         self.of, self._coefficient, self.level = of, coefficient, level
 
@@ -103,33 +97,39 @@ class Series(Number):
     @cached_property
     def stored(self) -> Stored:
         """The same series, kept in memory."""
-        return self.of.sum(self)
+        return self.of.keep(self.level, made=self.__getitem__)
 
     def combined(self, name: str, a: Any, b: Any) -> Any:
-        """Return a sum or a product, also with numbers."""
+        """Return a sum or a product; products with numbers, which may be dual, as well."""
         if isinstance(a, tuple) or isinstance(b, tuple):
             return NotImplemented
         if name != "mul":
             operation = getattr(operator, name)
             return Series(self.of, lambda n: operation(a[n], b[n]), max(a.level, b.level))
-        x, y = ((one.value if isinstance(one, Constant) else one) for one in (a, b))
-        if isinstance(x, Series) and isinstance(y, Series):
-            return x.of.product(x, y)
-        if isinstance(x, Series):
-            x, y = y, x
-        return Series(y.of, lambda n: x * y[n], y.level) if isinstance(y, Series) else Constant(x * y)
+        if isinstance(a, Series) and isinstance(b, Series):  # the factor that was made first counts upwards
+            factors = sorted((a.stored, b.stored), key=operator.attrgetter("number"))
+            return self.of.keep(1 + max(a.level, b.level), factors=factors)
+        number = b if self is a else a
+        return Series(self.of, lambda n: number * self[n], self.level)
 
     def __neg__(self) -> Series:
         return Series(self.of, lambda n: -self[n], self.level)
 
 
 class Stored(Series):
-    """A series in memory; `made` gives a coefficient by those of others."""
+    """A series in memory; its coefficients are put, or `made` gives them by those of others, or it is a product."""
 
-    def __init__(self, of: Recurrence, memory: Any, level: int = 0, made: Callable[[Any], Any] | None = None) -> None:
-        self.of, self.memory, self.level, self.made = of, memory, level, made or self.__getitem__
-        of.count += 1
-        self.number = of.count
+    def __init__(
+        self,
+        of: Recurrence,
+        memory: Any,
+        level: int = 0,
+        made: Callable[[Any], Any] | None = None,
+        factors: Sequence[Stored] = (),
+    ) -> None:
+        self.of, self.memory, self.level, self.made, self.factors = of, memory, level, made, factors
+        self.number = len(of.kept)
+        of.kept.append(self)
 
     def __getitem__(self, n: Any) -> Any:
         return self.of.read(self.memory, n)
@@ -151,30 +151,10 @@ class Stored(Series):
         return v.x
 
 
-class Product(NamedTuple):
-    """A product of series."""
-
-    of: Stored
-    a: Stored
-    b: Stored
-
-
-class Constant(Series):
-    """A series of one coefficient, which may be a dual number."""
-
-    level = 0
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __neg__(self) -> Constant:
-        return Constant(-self.value)
-
-
-def convolve(products: Sequence[Product], n: Any) -> None:
+def convolve(products: Sequence[Stored], n: Any) -> None:
     """Make coefficient n of products, side by side: none has to wait for another."""
-    v = Variables(x=tuple(a[0] * b[n] for _, a, b in products))
+    v = Variables(x=tuple(a[0] * b[n] for a, b in (one.factors for one in products)))
     for i in loop(1, n + 1):
-        v.x = tuple(fma(a[i], b[n - i], x) for (_, a, b), x in zip(products, v.x, strict=True))
-    for (of, _, _), x in zip(products, v.x, strict=True):
-        of.put(n, x)
+        v.x = tuple(fma(a[i], b[n - i], x) for (a, b), x in zip((one.factors for one in products), v.x, strict=True))
+    for one, x in zip(products, v.x, strict=True):
+        one.put(n, x)

@@ -1,9 +1,24 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, dry_friction, memory_load, moment, pulse, rotor, sine, space_moment, wheel
+from .catalogue import (
+    body_moment,
+    damping,
+    dipole,
+    director_forces,
+    dry_friction,
+    gravity_gradient,
+    memory_load,
+    moment,
+    potential,
+    pulse,
+    rotor,
+    sine,
+    space_moment,
+    spring,
+    wheel,
+)
 from .forces import DirectorForces
-from .generalised import dipole, director_forces, gravity_gradient, potential, spring
 from .kinds import LOADS
 from .memory import Memory
 from .potentials import Potential

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import as_floats
-from ..kernels.numpy_functions import numbers
+from ..kernels.user_functions import numbers
 
 Call = Callable[[Callable[..., Any], tuple[Any, ...], tuple[int, ...]], list[Any]]
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"

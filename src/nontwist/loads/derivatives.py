@@ -1,8 +1,11 @@
-"""Derivatives of the terms of a load by their parameters, at the nodes of some steps.
+"""Derivatives of the terms of a load: by their parameters, at the nodes of some steps, and by the state.
 
 A parameter of a term is a number of a field, or its factor. Of what depends on time alone, of dead forces and of
 damping the derivatives are those of its own text, by duals; of values of tables they are the weights with which a
 table takes them. Times at which a term jumps are no parameters: a run is not smooth in them.
+
+By the state all is differentiated by dual numbers in kernels (`engine.generalised`, `compiled`), but functions that run
+in Python (`slopes_of`).
 """
 
 from __future__ import annotations
@@ -15,14 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import warn
-from ..geometry.arrays import Array
-from ..kernels.dual import Dual, tangent
-from .calls import name_of, plainly
+from ..geometry.arrays import Array, as_floats
+from ..kernels.dual import Dual, plain, tangent
+from .calls import checked, name_of, plainly
+from .compiled import CFunction
 from .forces import ForceTable
 from .potentials import Potential, PotentialFunction
 from .terms import Damping, Rotor, Table, Term, within
 
-STEP = 1e-6  # of the time, for functions that take no duals
+DIFFERENCE = float(2.0 ** np.round(np.log2(np.finfo(np.float64).eps) / 3))  # of a central difference, of the scale
+SLACK = 1e-9  # of a value by duals
 
 
 class Slopes(NamedTuple):
@@ -68,24 +73,104 @@ def forces_rates(term: ForceTable, times: Array) -> Array:
 
 def _slopes(term: Term, times: Array, name: str = "") -> Array:
     """Return the derivatives of a moment by the numbers of a field, or by the time, (n, 3, count)."""
-    seeded = term.seeded(name) if name else term
     count = np.size(getattr(term, name)) if name else 1
-    if term.is_text:
+    if term.columns is not None:
+        seeded = term.seeded(name) if name else term
         return _tangents(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
+    first = 1 + sum(np.size(getattr(term, other)) for other in term.varying[: term.varying.index(name)]) if name else 0
+    found = [slopes_of(term, np.array([t, *term.numbers])) for t in times.tolist()]
+    if differences := {function for _, function in found} - {""}:
+        warn(differenced(differences))
+    return np.array([table[:, 1 + first : 1 + first + count] for table, _ in found]).reshape(len(times), 3, count)
+
+
+def value_of(term: Term, x: Array) -> Array:
+    """Return what a text gives without its factor: of γ, V and its gradient; else forces or a moment.
+
+    The arguments are directors, angular velocity, time, or what there is of these; the numbers of the term may follow.
+    """
+    return np.array(term.text(checked, x.tolist()))
+
+
+def slopes_of(term: Term, x: Array, speed: float = 1.0, has_time: bool = True) -> tuple[Array, str]:
+    """Return what `value_of` does, and its derivatives, (numbers, 1 + arguments); the function that is differenced.
+
+    The derivatives are those that the term has, else by duals of floats. Where a function does not take them they are
+    central differences, with a step of ``eps^(1/3)`` of the scale of an argument, 1 for a director: the rounding of the
+    function, eps over the step, and what the difference leaves out, the square of the step times a third derivative,
+    are both some 1e-11 of the scale.
+
+    Parameters
+    ----------
+    term : Term
+    x : array
+    speed : float, rad/s
+        The scale of velocities.
+    has_time : bool
+        Whether those by the time are asked for.
+    """
+    value, n, has_own = value_of(term, x), len(x), term.derivative is not None
+    is_of_state = term.kind == "state" or term.kind == "forces"
+    found = None if (has_own and n == 13) or isinstance(term.called, CFunction) else _by_duals(term, x)
+    is_exact = found is not None and np.allclose(found[:, 0], value, SLACK, SLACK * float(abs(value).max()))
+    if found is None or not is_exact:
+        found, scale = np.zeros((len(value), 1 + n)), np.maximum(abs(x), 1.0)
+        places = [k for k in range(12 * has_own, n) if has_time or k != 12 or not is_of_state]
+        if isinstance(term, Potential):
+            scale = np.maximum(abs(x), float(abs(x).max() or 1.0))
+        elif is_of_state:
+            scale[:12] = np.repeat([1.0, speed], [9, 3])
+        for k in places:
+            ahead, behind = x.copy(), x.copy()
+            ahead[k] += DIFFERENCE * scale[k]
+            behind[k] -= DIFFERENCE * scale[k]
+            found[:, 1 + k] = (value_of(term, ahead) - value_of(term, behind)) / (ahead[k] - behind[k])
+        if isinstance(term, Potential):  # of V its gradient, which its differences in a step are compared with
+            found[0, 1 : len(value)] = value[1:]
+    found[:, 0] = value
+    if has_own:
+        by_directors, by_velocity = own_derivative(term, float(x[12]), x[:9].reshape(3, 3), x[9:12])
+        found[:, 1:10], found[:, 10:13] = by_directors.reshape(3, 9), by_velocity
+    return found, "" if is_exact or has_own else differences_of(term)
+
+
+def _by_duals(term: Term, x: Array) -> Array | None:
+    """Return what `slopes_of` does, by duals of floats; None where a function does not take them."""
+    duals = [Dual(y, [row]) for y, row in zip(x.tolist(), np.eye(len(x)), strict=True)]
     try:
-        rows = [plainly(seeded.called, (t if name else Dual(t, [1.0]),), (3,)) for t in times.tolist()]
-        return np.concatenate([_tangents(row, count, 1) for row in rows])
-    except Exception:  # of any kind, where a function of a user takes no duals
-        warn(differenced([differences_of(term)]))
-    if not name:
-        e = STEP * max(1.0, float(abs(times).max()))
-        return ((term.samples(times + e) - term.samples(times - e)) / (2 * e))[..., None]
-    value, found = np.asarray(getattr(term, name)), np.empty((len(times), 3, count))
-    for k, unit in enumerate(np.eye(count).reshape(count, *value.shape)):
-        e = STEP * max(1.0, float(abs(value).max()))
-        ahead, behind = (with_parameter(term, name, value + x * unit).samples(times) for x in (e, -e))
-        found[..., k] = (ahead - behind) / (2 * e)
-    return found
+        found = term.text(plainly, duals)
+        return np.array([[plain(y), *(y.tangents[0] if isinstance(y, Dual) else 0.0 * x)] for y in found], np.float64)
+    except Exception:  # which a function of a user may raise, of any kind
+        return None
+
+
+def own_derivative(term: Term, t: float, directors: Array, velocity: Array) -> tuple[Array, Array]:
+    """Call the derivative that a term of kind "state" has.
+
+    Raises
+    ------
+    ValueError
+        It raised, or returned something else than finite arrays (3, 3, 3) and (3, 3).
+    """
+    assert term.derivative is not None
+    name, shapes = name_of(term.derivative), ((3, 3, 3), (3, 3))
+    remedy = (
+        "let it return two arrays: by the directors, (3, 3, 3), its entry [c, i, x] the derivative of the component c "
+        "by directors[i, x], and by the angular velocity, (3, 3)"
+    )
+    try:
+        by = term.derivative(t, directors.copy(), velocity.copy())
+        found = [as_floats(part, f"the derivative {name}") for part in by]
+    except Exception as error:
+        raise ValueError(
+            f"the derivative {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {remedy}"
+        ) from error
+    if tuple(part.shape for part in found) != shapes:
+        got = ", ".join(str(part.shape) for part in found)
+        raise ValueError(f"the derivative {name} returned the shapes {got} at t = {t:.12g} s; {remedy}")
+    if not all(np.isfinite(part).all() for part in found):
+        raise ValueError(f"the derivative {name} is not finite at t = {t:.12g} s; {remedy}")
+    return found[0], found[1]
 
 
 def differences_of(term: Term) -> str:

@@ -74,7 +74,8 @@ class Term(ABC):
     is_linear = False  # between its breakpoints, in time
     counts: ClassVar[tuple[int, int]] = (9, 3)  # numbers of the state that a text gets, before the time
     in_kernels: ClassVar[bool] = False  # whether the kernels know it, so that no text is called while a run marches
-    is_text: ClassVar[bool] = False  # whether `columns` is a text of many times at once
+    # Of a moment that is a text of many times at once: its components at (n,) times, one after the other.
+    columns: ClassVar[Any] = None
     gives: ClassVar[tuple[int, ...]] = (3,)  # the shape of what a text of the state gives
     _: KW_ONLY
     scale: float = 1.0
@@ -161,20 +162,19 @@ class Term(ABC):
         found: Callable[..., Any] = getattr(self, next(name for name, kind in TEXTS.items() if kind == self.kind))
         return found
 
-    def columns(self, times: Any) -> Any:
-        """Return the components of a moment of time at (n,) times, without the factor, one after the other."""
-        return self.samples(times).T
-
     def samples(self, times: Array) -> Array:
         """Return the components of a moment of time at (n,) times, (n, 3), without the factor."""
+        if self.columns is not None:
+            return np.stack(self.columns(times), axis=1)
         return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(-1, 3)
 
     def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
-        """Return what a text of the state gives, row by row, by a way to call functions (`calls`).
+        """Return what a text gives, row by row, by a way to call functions (`calls`).
 
-        `x` are directors, angular velocity and time, and the `numbers` of the term behind them.
+        `x` are directors, angular velocity and time, or the time alone, and the `numbers` of the term behind them.
         """
-        return call(self.with_numbers(x[13:]).called, state(x), self.gives)
+        count = 1 if self.kind in ("body", "space") else 13
+        return call(self.with_numbers(x[count:]).called, tuple(x[:1]) if count == 1 else state(x), self.gives)
 
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term that depends on the state, (3,), N m, without the factor, in Python."""
@@ -211,7 +211,7 @@ class Term(ABC):
     def seeded(self, name: str) -> Self:
         """Return a copy with the numbers of a field as duals, for its text; of texts of many times at once as rows."""
         value = getattr(self, name)
-        rows = np.reshape(value, (-1, 1)) if self.is_text else np.ravel(value).tolist()
+        rows = np.reshape(value, (-1, 1)) if self.columns is not None else np.ravel(value).tolist()
         duals = [Dual(x, [float(i == j) for j in range(len(rows))]) for i, x in enumerate(rows)]
         return self._copy(**{name: array(duals, *value.shape) if np.ndim(value) else duals[0]})
 
@@ -281,13 +281,8 @@ class ForceTerm(Term):
 class OfTime(Term):
     """A moment of time, along the directors or fixed axes as its field `frame` says."""
 
-    is_text = True
     frame: Any
     kind = property(lambda self: self.frame)
-
-    def samples(self, times: Array) -> Array:
-        """Return the components at (n,) times, (n, 3), without the factor."""
-        return np.stack(self.columns(times), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,10 +393,6 @@ class Function(OfTime):
     frame: str
     function: Callable[..., Any]
     derivative: Callable[..., Any] | None = None  # by directors and angular velocity
-
-    is_text = False
-    samples = Term.samples
-    columns = Term.columns
 
     @property
     def called(self) -> Callable[..., Any]:

@@ -32,6 +32,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.values import vector_text
 from ..kernels.elements import select
+from ..kernels.vectors import Vector, cross
 from ..spec import Spec
 from .calls import Call, checked
 from .memory import Memory
@@ -150,8 +151,8 @@ class Wheel(Memory):
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
         """Return the moment, and h', A', D'."""
         t, (h, *_), _, W = given
-        n = [float(x) for x in self.wheel]
-        speed = h * (1.0 / self.inertia) - (n[0] * W[0] + n[1] * W[1] + n[2] * W[2])
+        n, W = Vector(*self.wheel.tolist()), Vector(*W)
+        speed = h * (1.0 / self.inertia) - n @ W
         torque = self.torque + 0.0 * speed
         for k in range(len(self.times) - 1):
             (a, b), (y, z) = self.times[k : k + 2].tolist(), self.values[k : k + 2].tolist()
@@ -161,9 +162,8 @@ class Wheel(Memory):
         drag = self.viscous * speed + self.slips * self.coulomb
         if self.friction is not None:
             drag = drag + call(self.friction, (speed,), ())[0]
-        rate, c = torque - drag, [h * x for x in n]
-        across = [c[1] * W[2] - c[2] * W[1], c[2] * W[0] - c[0] * W[2], c[0] * W[1] - c[1] * W[0]]
-        return [x - rate * y for x, y in zip(across, n, strict=True)], [rate, torque * speed, drag * speed]
+        rate = torque - drag
+        return [*(cross(h * n, W) - rate * n)], [rate, torque * speed, drag * speed]
 
     @property
     def called(self) -> Function:
@@ -199,11 +199,6 @@ class Slipping(Wheel):
     """A wheel while it turns in one direction under dry friction, a constant moment."""
 
     slips: int = 1
-
-    @property
-    def works(self) -> bool:
-        """Whether a motor is given by a number or a table."""
-        return bool(self.torque or self.times.size)
 
     @property
     def is_dry(self) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import UNIT, Array, as_array
 from ..geometry.values import as_list, shown
 from .spin import Spin, as_spin
-from .system import PRINCIPAL, SYMMETRY, DirectorSystem, as_system, inertia_text, keep
+from .system import PRINCIPAL, SYMMETRY, DirectorSystem, across, as_system, inertia_text, keep
 
 PARALLEL = 1e-12
 
@@ -235,10 +235,7 @@ def part_of(systems: SystemStack, first: int, last: int) -> SystemStack:
 def transverse_momentum(systems: SystemStack) -> Array:
     """Return the part of J n orthogonal to the constrained axis n, (m, 3), kg m²: 0 where n is principal."""
     assert systems.axis is not None
-    n, J = systems.axis, systems.convected_inertia
-    Jn = np.sum(J * n[:, None], axis=2)
-    found: Array = Jn - np.sum(Jn * n, axis=1)[:, None] * n
-    return found
+    return across(systems.convected_inertia, systems.axis)
 
 
 def is_principal(systems: SystemStack) -> NDArray[np.bool_]:

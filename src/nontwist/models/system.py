@@ -157,9 +157,16 @@ def split_inertia(J: ArrayLike) -> tuple[Array, float]:
     return J_perp, float(J[2, 2])
 
 
+def across(J: Array, n: Array) -> Array:
+    """Return the part of J n orthogonal to unit vectors n, (..., 3), kg m²: 0 where n is principal."""
+    Jn = np.sum(J * n[..., None, :], axis=-1)
+    found: Array = Jn - np.sum(Jn * n, axis=-1, keepdims=True) * n
+    return found
+
+
 def require_principal(J: Array, axis: Array) -> None:
     """Raise a ValueError unless D3 = `axis` is a principal direction of `J` (eq-irho-decomp)."""
-    off = J @ axis - (axis @ J @ axis) * axis
+    off = across(J, axis)
     k = int(np.argmax(abs(off)))
     if abs(off[k]) > PRINCIPAL * np.linalg.norm(J, 2):
         raise ValueError(
@@ -184,8 +191,8 @@ def require_mass(E: Array, m: float, rho: Array) -> None:
 
 def _symmetric(A: Array, name: str) -> Array:
     gap = abs(A - A.T)
-    i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
-    if gap[i, j] > SYMMETRY * abs(A).max():
+    if gap.any() and gap.max() > SYMMETRY * abs(A).max():
+        i, j = divmod(int(gap.argmax()), 3)
         raise ValueError(f"{name} is not symmetric: [{i},{j}] = {A[i, j]!s}, but [{j},{i}] = {A[j, i]!s}")
     return (A + A.T) / 2
 
@@ -253,11 +260,11 @@ class DirectorSystem:
             if axis is None:
                 raise ValueError("spin needs the axis that it is about: axis=")
             J = convected_inertia(E)
-            across = J @ axis - (axis @ J @ axis) * axis
-            if abs(across).max() > PRINCIPAL * abs(J).max():
+            off = across(J, axis)
+            if abs(off).max() > PRINCIPAL * abs(J).max():
                 raise ValueError(
                     f"spin needs an axis that is principal, but J n differs from its part along n by "
-                    f"{np.linalg.norm(across):.3g} kg m²"
+                    f"{np.linalg.norm(off):.3g} kg m²"
                 )
         keep(self, euler_inertia=E, axis=axis, dead_force=dead, spin=spin)
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import arrays
 from ..geometry.arrays import Array, as_array
-from ..geometry.directors import triad_about
+from ..geometry.frames import triad_about
 from ..geometry.twist_kernels import SIZE, count
 from ..geometry.values import among, shown
 from .attitudes import MEASURED

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ..errors import InputError, Option
-from ..geometry.euler import require_sequence
+from ..geometry.attitudes import require_sequence
 from ..spec import Spec, require_types
 
 COLUMNS = Spec(

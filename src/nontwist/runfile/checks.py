@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from ..driver.planning import planned
+from ..driver.prepared import Prepared
 from ..driver.problem import Problem, prepared, problem_with
 from ..driver.starts import start_of_one
 from ..integrators import INTEGRATORS
@@ -29,8 +30,8 @@ from .tables import Integrator, Start, Time, options_of
 from .toml_data import Fault, shown
 
 
-def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> Problem | None:
-    """Return the problem of tables that are of the right form; None where something is missing or wrong.
+def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Problem, Prepared] | None:
+    """Return the problem of tables that are of the right form, and what is ready to run; None where that is wrong.
 
     Parameters
     ----------
@@ -71,8 +72,7 @@ def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> Problem | N
     if system is not None and len(faults) == before and None not in (start, time, integrator):
         problem = problem_with(system, given | {"load": load} | ({"events": events} if events else {}))
         try:
-            prepared(problem)
-            return problem
+            return problem, prepared(problem)
         except ValueError as error:
             reason = f"{len(load.terms)} tables ({error})"
     if time is not None:

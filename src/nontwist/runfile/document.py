@@ -94,7 +94,7 @@ class RunFile(Section):
         made = posed(self.tables, self._folder, faults)
         if made is None:
             raise RunFileError("the run file", tuple(faults))
-        return problem_with(made.system, made.given, self)
+        return problem_with(made[0].system, made[0].given, self)
 
     @cached_property
     def prepared(self) -> Prepared:
@@ -192,7 +192,7 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     if len(faults) < MOST_PROBLEMS:
         time, sweep, scheme = tables["time"], tables["sweep"], tables["integrator"]
         made = posed(tables, folder, further)
-        ready = None if made is None else prepared(made)
+        ready = None if made is None else made[1]
         if data.get("sweep") is not None and time is not None and scheme is not None:
             further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
         if file is not None and sweep is not None and not any(fault.key.startswith("sweep") for fault in further):
@@ -208,7 +208,7 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     if file is None or made is None or faults:
         raise RunFileError(name, tuple(faults)) from cause
     file._folder = folder
-    vars(file).update(problem=problem_with(made.system, made.given, file), prepared=ready)
+    vars(file).update(problem=problem_with(made[0].system, made[0].given, file), prepared=ready)
     return file
 
 

@@ -35,7 +35,7 @@ from .checks import Check
 from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, momentum, pushed, slope
 
 BODY = SAMPLES["nontwisting"]
-ELLIPSE = "nontwist.loads.orbits"
+ELLIPSE = "nontwist.loads.potentials"
 FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.wheel_friction"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 

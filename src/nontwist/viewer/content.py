@@ -26,7 +26,7 @@ from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.attitudes import quaternions
-from ..geometry.directors import triad_about
+from ..geometry.frames import triad_about
 from ..geometry.values import shown, vector_text
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem

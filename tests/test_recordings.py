@@ -17,10 +17,9 @@ import pandas
 import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import read_motion, rotation, twist
-from nontwist.cli import app
 from nontwist.recordings.formats import READERS
 from nontwist.recordings.formats.apart import read_apart
 from nontwist.recordings.reading import read_rates
@@ -28,6 +27,7 @@ from recordings.makers import (
     ACC,
     DATA,
     GYR,
+    LIBRARIES,
     apdm,
     bvh,
     made,
@@ -44,7 +44,6 @@ from recordings.makers import (
     sto,
 )
 from recordings.makers import R as MOVED
-from recordings.test_same import LIBRARIES
 from refusals import refused, warned
 
 N = 90
@@ -483,7 +482,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra
     monkeypatch.setitem(sys.modules, module, None)
     path = tmp_path / f"a{suffix}"
     path.write_text("x", encoding="utf-8")
-    result = CliRunner().invoke(app, ["twist", str(path), "--rate", "50", "--out", str(tmp_path / "o")])
+    result = nontwist("twist", path, "--rate", 50, "--out", tmp_path / "o")
     wanted = f"this format is read by {module}: pip install 'nontwist[{extra}]'\n"
     assert (result.exit_code, result.stderr) == (2, wanted)
 
@@ -801,6 +800,6 @@ def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_pat
 def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
     (tmp_path / "a.csv").write_text(TWO, encoding="utf-8")
     for option, word in (("--angle-unit", "grad"), ("--clocks", "foo"), ("--align", "foo")):
-        result = CliRunner().invoke(app, ["twist", str(tmp_path / "a.csv"), option, word])
+        result = nontwist("twist", tmp_path / "a.csv", option, word)
         assert result.exit_code == 2
         assert f"Error: Invalid value for '{option}': '{word}' is not one of '" in result.stderr

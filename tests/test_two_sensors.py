@@ -8,15 +8,15 @@ import io
 import json
 import re
 import warnings
+from functools import partial
 
 import numpy as np
 import pandas
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import open_run, read_motion, twist
-from nontwist.cli import app
 from nontwist.errors import InputError
 from nontwist.recordings.relative import SURE, VAGUE, fitted_clock
 from refusals import refused, warned
@@ -420,8 +420,7 @@ def written(path, names, rotation, time=None, **more):
     return str(path)
 
 
-def command(*arguments):
-    return CliRunner().invoke(app, ["twist", *arguments, "--no-figure"], env={"COLUMNS": "200"})
+command = partial(nontwist, "twist", "--no-figure")
 
 
 def test_the_command_with_two_files(tmp_path):

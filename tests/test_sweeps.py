@@ -433,6 +433,22 @@ def test_what_is_wrong_with_a_table(change, write):
     said(str(caught.value))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        'integrator={name="exact"}',
+        'load=[{kind="spring", stiffness=1, point=[0, 0, 1], anchor=[0, 0, 2], rest_length=0.5}]',
+        'load=[{kind="dry_friction", limit=0.5, axis="z"}]',
+        'load=[{kind="wheel", axis="z", inertia=0.1, speed=3}]',
+    ],
+)
+def test_statistics_that_no_member_has_are_refused_as_the_file_is_read(change, write):
+    with pytest.raises(
+        RunFileError, match=r"sweep\.reduce: \[\"drift\"\] \(.*(steps to reduce over|reduce= supports|reduce= does)"
+    ):
+        read_run_file(write(FREE), ['sweep.reduce=["drift"]', change])
+
+
 def test_several_errors_at_once(write):
     stepless = HELD.replace("time.step = 0.125\n", "")
     spelt = stepless.replace('kind = "suslov"', 'kind = "suslow"').replace("count = 5", "count = -5")

@@ -23,7 +23,7 @@ depends on that at its beginning, x_k, with the rate of the speed in it, and on 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from typing import Any, NamedTuple
@@ -67,47 +67,37 @@ class Kind(NamedTuple):
         return 3 + 3 * self.has_pivot + 4 * self.oriented + 2 * self.has_wheel
 
 
-class Parameters(NamedTuple):
-    """Numbers of the equations: J, m g c, C, h a, n, and W' for a torque."""
+def law(kind: Kind, J: Matrix, vectors: Iterable[Vector], axis: Vector) -> Callable[[Sequence[Any]], list[Any]]:
+    """Return the rates of a state, W, γ, the attitude and Ω, as a function of it; the last, Ω', is constant.
 
-    J: Matrix
-    arm: Vector
-    drag: Vector
-    wheel: Vector
-    axis: Vector
-    inverse: Matrix
-    along: Vector  # c
+    The vectors are m g c, C and h a.
+    """
+    inverse, (arm, drag, wheel) = inverse_of(*J), vectors
+    along = inverse @ axis
+    along = along / (axis @ along) if kind.is_constrained else axis
 
-    @classmethod
-    def of(cls, J: Matrix, vectors: Iterable[Vector], axis: Vector, is_constrained: bool) -> Parameters:
-        """Return them by the ones that are given."""
-        inverse = inverse_of(*J)
-        along = inverse @ axis
-        arm, drag, wheel = vectors
-        return cls(J, arm, drag, wheel, axis, inverse, along / (axis @ along) if is_constrained else axis)
+    def rates(x: Sequence[Any]) -> list[Any]:
+        W = Vector(*x[:3])
+        torque = cross(J @ W, W)
+        if kind.has_pivot:
+            down = Vector(*x[3:6])
+            torque = torque + cross(arm, down)
+        if kind.is_damped:
+            torque = torque - drag * W
+        if kind.has_wheel:
+            torque = torque + cross(wheel, W) * x[-2] - wheel * x[-1]
+        u = inverse @ torque
+        if kind.is_constrained:
+            u = u - along * (axis @ u)
+        found = [*u]
+        if kind.has_pivot:
+            found += cross(down, W)
+        if kind.oriented:
+            *v, w = x[len(found) : len(found) + 4]
+            found += [*((W * w + cross(v, W)) * 0.5), (Vector(*v) @ W) * -0.5]
+        return [*found, x[-1]] if kind.has_wheel else found
 
-
-def rates(kind: Kind, p: Parameters, x: Sequence[Any]) -> list[Any]:
-    """Return the rates of a state, W, γ, the attitude and Ω; the last, Ω', is constant between knots."""
-    W = Vector(*x[:3])
-    torque = cross(p.J @ W, W)
-    if kind.has_pivot:
-        down = Vector(*x[3:6])
-        torque = torque + cross(p.arm, down)
-    if kind.is_damped:
-        torque = torque - p.drag * W
-    if kind.has_wheel:
-        torque = torque + cross(p.wheel, W) * x[-2] - p.wheel * x[-1]
-    u = p.inverse @ torque
-    if kind.is_constrained:
-        u = u - p.along * (p.axis @ u)
-    found = [*u]
-    if kind.has_pivot:
-        found += cross(down, W)
-    if kind.oriented:
-        *v, w = x[len(found) : len(found) + 4]
-        found += [*((W * w + cross(v, W)) * 0.5), (Vector(*v) @ W) * -0.5]
-    return [*found, x[-1]] if kind.has_wheel else found
+    return rates
 
 
 @dataclass(frozen=True)
@@ -163,9 +153,8 @@ class Motion:
 
     def rate(self, x: Array) -> Array:
         """Return W' of states, (n, 3)."""
-        vectors = Matrix(*self.vectors[0])
-        p = Parameters.of(Matrix(*self.J), vectors, Vector(*self.constraint), self.kind.is_constrained)
-        return np.stack(rates(self.kind, p, list(x.T))[:3], axis=1)
+        rates = law(self.kind, Matrix(*self.J), Matrix(*self.vectors[0]), Vector(*self.constraint))
+        return np.stack(rates(list(x.T))[:3], axis=1)
 
 
 class Line(NamedTuple):
@@ -229,9 +218,8 @@ def follow(kind: Kind, run: View) -> None:
         Vector(*(seeded(x, d + 6 + 3 * k + i) if kind.varied[k] else plain(x) for i, x in enumerate(vector)))
         for k, vector in enumerate(run.vectors)
     ]
-    p = Parameters.of(J.matrix, vectors, Vector(*map(plain, run.axis)), kind.is_constrained)
     unknowns = [recurrence.unknown() for _ in range(d)]
-    changes = rates(kind, p, unknowns)
+    changes = law(kind, J.matrix, vectors, Vector(*map(plain, run.axis)))(unknowns)
     changing, size = unknowns[: len(changes)], d * recurrence.size
     if kind.has_wheel:
         for n in loop(1, ORDER + 1):

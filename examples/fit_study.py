@@ -44,11 +44,10 @@ from scipy.spatial.transform import Rotation
 from nontwist import fit_inertia, heavy_top, inertia, rotation, rotor, sensors, simulate, standard
 from nontwist.fitting.bodies import Model, Pivot, Wheel, symmetric
 from nontwist.fitting.estimating import whole
-from nontwist.fitting.linear import weak_form
-from nontwist.fitting.orienting import continuous
-from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals
+from nontwist.fitting.linear import with_moments
+from nontwist.fitting.measuring import as_speed, continuous, plain_gyroscope
+from nontwist.fitting.shooting import Shooting, Stretch, Unknowns, residuals
 from nontwist.fitting.solving import Solution
-from nontwist.fitting.speeds import as_speed
 
 SECONDS, DENSITY, BIAS, SCALE, BOUND, TILT = 0.6, 1.2e-4, 0.02, 0.01, 0.03, np.radians(0.3)
 
@@ -183,11 +182,11 @@ def truth(case: Case) -> tuple[Any, Any]:
         speed = as_speed(time, readings)
         values = np.interp(speed.knots, *case.speed)
     stretch = Stretch(time, rates, speed, attitudes, attitudes is None or len(case.recording) == 3)
-    problem = Shooting([stretch], Priors(BIAS, SCALE), case.noise, "linear", whole([stretch]), case.model, case.tilt)
-    unit = case.model.unit
-    at = Unknowns(case.inertia / unit, case.bias, case.scale, case.start[None], case.more, values)
-    r, A = residuals(problem, at)
-    covariance = np.linalg.pinv(Solution(problem, at, 0.0, r, A).information, hermitian=True)
+    gyroscope, lanes, unit = plain_gyroscope(BIAS, SCALE), whole([stretch]), case.model.unit
+    problem = Shooting([stretch], gyroscope, case.noise, "linear", lanes, case.model, case.tilt)
+    errors = np.array([*case.bias, case.scale])
+    at = Unknowns(case.inertia / unit, case.more, errors, case.start[None], values)
+    covariance = np.linalg.pinv(Solution(problem, at, 0.0, residuals(problem, at)).information, hermitian=True)
     moments, axes = np.linalg.eigh(case.inertia)
     basis = case.model.basis.T
     by = np.array([[axes[:, k] @ symmetric(column) @ axes[:, k] for column in basis] for k in range(3)])
@@ -198,8 +197,8 @@ def study(kind: str, number: int) -> dict[str, Any]:
     """Fit one recording."""
     case = MODELS[kind](number)
     values, bounds = truth(case)
-    made = weak_form([samples(case)[:2]]) if kind == "throw" else None
-    linear = np.full(3, np.nan) if made is None else np.linalg.eigvalsh(made[0])
+    made = with_moments([samples(case)[:2]], Model(), 2.0, 0.0) if kind == "throw" else None
+    linear = np.full(3, np.nan) if made is None else np.linalg.eigvalsh(made.inertia)
     ratios = values[:2] / values[2]
     result = {"number": number, "rate": case.rate, "bound": (bounds / values).max(), "seconds": np.nan}
     result |= {"linear": (linear - values) / bounds, "failed": "", "error": np.full(3, np.nan)}

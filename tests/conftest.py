@@ -72,6 +72,13 @@ def nontwist(*arguments, **environment):
     return CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200", **environment})
 
 
+def ended(code, *arguments, **environment):
+    """Return the result of the command `nontwist` that ends with this exit status."""
+    result = nontwist(*arguments, **environment)
+    assert result.exit_code == code, result.output
+    return result
+
+
 @pytest.fixture
 def paper_body():
     return nontwisting(PAPER_J)

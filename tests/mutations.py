@@ -139,7 +139,7 @@ class Places(ast.NodeVisitor):
 
 def statements(path):
     """Each statement of a module that can have a fault, as the list of its faults."""
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     places = Places(str(path.relative_to(ROOT)), text)
     lists = [places.statement(node) for node in ast.walk(ast.parse(text)) if isinstance(node, ast.stmt)]
     return [faults for faults in lists if faults]
@@ -152,7 +152,7 @@ def drawn(number, seed):
     total = sum(map(len, of_modules.values()))
     faults, small = [], []
     for path, lists in of_modules.items():
-        if len(path.read_text().splitlines()) > 100 and lists:
+        if len(path.read_text(encoding="utf-8").splitlines()) > 100 and lists:
             share = number * len(lists) / total
             count = max(1, int(share) + (rng.random() < share % 1))
             faults += [one_of(rng, lists) for _ in range(count)]
@@ -201,7 +201,7 @@ def measured(folder, file):
         return None
     seconds = time.perf_counter() - started
     ran(folder, ["-m", "coverage", "json", "-q", f"--data-file={data}", "-o", str(report)], 300)
-    files = json.loads(report.read_text())["files"]
+    files = json.loads(report.read_text(encoding="utf-8"))["files"]
     return {"seconds": seconds, "lines": {name: of["executed_lines"] for name, of in files.items()}}
 
 
@@ -237,8 +237,8 @@ def tests_of(fault, map_of_tests):
 def looked_for(copy, fault, map_of_tests):
     """The file of tests that finds a fault; an empty text where none does."""
     path = copy / fault.module
-    clean = path.read_text()
-    path.write_text(fault.planted(clean))
+    clean = path.read_text(encoding="utf-8")
+    path.write_text(fault.planted(clean), encoding="utf-8")
     left = SECONDS
     try:
         files = tests_of(fault, map_of_tests)
@@ -249,7 +249,7 @@ def looked_for(copy, fault, map_of_tests):
                 return " ".join(part)
             left -= time.perf_counter() - started
     finally:
-        path.write_text(clean)
+        path.write_text(clean, encoding="utf-8")
     return ""
 
 
@@ -269,14 +269,14 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         copies = [copied(Path(folder) / str(k)) for k in range(options.workers)]
         if options.map and options.map.exists():
-            map_of_tests = json.loads(options.map.read_text())
+            map_of_tests = json.loads(options.map.read_text(encoding="utf-8"))
         else:
             files = sorted(str(p.relative_to(ROOT)) for p in (ROOT / "tests").rglob("test_*.py"))
             files = [file for file in files if file not in STORED]
             measures = each(options.workers, copies, measured, files)
             map_of_tests = {file: m for file, m in zip(files, measures, strict=True) if m}
             if options.map:
-                options.map.write_text(json.dumps(map_of_tests))
+                options.map.write_text(json.dumps(map_of_tests), encoding="utf-8")
         found = Counter()
 
         def told(copy, fault):

@@ -69,14 +69,6 @@ def test_times_that_are_all_nan_are_none(here):
     assert "time: the column 'time' is empty" in found.notes
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
-def test_encodings_of_text(encoding, here):
-    mark = "" if encoding in ("utf-16", "utf-8-sig") else "\ufeff"
-    Path("a.csv").write_bytes((mark + GOOD).encode(encoding))
-    here.append("a.csv")
-    assert twist(read_motion("a.csv"), axis="z").twist_angle[-1] == pytest.approx(1.9, rel=1e-12)
-
-
 @pytest.mark.parametrize("suffix", READERS)
 def test_files_larger_than_the_memory_are_not_begun(suffix, here, monkeypatch):
     name = f"a{suffix}"

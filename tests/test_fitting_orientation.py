@@ -10,18 +10,16 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from fit_errors import message, off
+from fit_errors import csv, off
 from nontwist import fit_inertia, heavy_top, read_motion, rotation, sensors, simulate, standard
 from nontwist.cli import app
-from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
-from nontwist.fitting.estimating import short
-from nontwist.fitting.motions import Motion, responses
-from nontwist.fitting.orienting import continuous, derived_rates, noise_of_attitudes, scatter_of_attitudes
-from nontwist.fitting.result import Part
-from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals, stacked
-from nontwist.fitting.speeds import constant
+from nontwist.fitting.bodies import Model
+from nontwist.fitting.measuring import continuous, derived_rates
+from nontwist.fitting.motions import Motion, response
+from nontwist.fitting.quality import noise_of_attitudes, scatter_of_attitudes
 from nontwist.fitting.telling import quantile
 from nontwist.runfile import read_run_file
+from refusals import refused_as
 
 TILT = np.radians(0.3)
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
@@ -57,10 +55,11 @@ def by_scipy(inertia, start, attitude, times):
     return solve_ivp(slope, (0, times[-1]), x, "DOP853", times, rtol=1e-12, atol=1e-13).y[3:].T.reshape(-1, 3, 3)
 
 
-def table(path, time, rates, read, header="time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw"):
-    columns = np.column_stack([time, rates, read.as_quat()])
-    np.savetxt(path, columns, delimiter=",", header=header, comments="", fmt="%.9g")
-    return str(path)
+HEADER = "time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw"
+
+
+def table(path, time, rates, read):
+    return csv(path, HEADER, time, rates, read.as_quat())
 
 
 # The model
@@ -69,64 +68,10 @@ def table(path, time, rates, read, header="time (s),gx (rad/s),gy (rad/s),gz (ra
 def test_the_series_turns_the_body_as_scipy_does():
     begin, times = Rotation.from_rotvec([0.4, -1.0, 2.0]), np.linspace(0.01, 0.6, 25)
     motion = Motion(Model(oriented=True), J, np.zeros(0))
-    (found,), _ = responses(motion, np.concatenate([W, begin.as_quat()])[None], [times])
+    found, _ = response(motion, np.concatenate([W, begin.as_quat()]), times)
     true = by_scipy(J, W, begin, times)
     assert abs(Rotation.from_quat(found[:, 3:]).as_matrix() - true).max() < 1e-9
     np.testing.assert_allclose(np.linalg.norm(found[:, 3:], axis=1), 1, atol=1e-10)
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        Model(oriented=True),
-        Model(
-            Pivot(MASS, 0.15, None, 9.81),
-            damping=1,
-            unit=0.05,
-            wheel=Wheel(np.array([0, 0.6, 0.8]), 1e-3, 0.1),
-            oriented=True,
-        ),
-    ],
-)
-@pytest.mark.parametrize("has_gyroscope", [True, False])
-def test_the_derivatives_of_the_residuals_are_those_of_differences(model, has_gyroscope):
-    time, rates, read, _ = flight(3, rate=100)
-    q = continuous(read.as_quat())
-    q[5] = np.nan
-    speed = constant(time, 40.0) if model.wheel is not None else None
-    stretch = Stretch(time, rates, speed, q, has_gyroscope)
-    lanes = short([stretch])
-    problem = Shooting([stretch], Priors(0.02, 0.01), 1e-3, "linear", lanes, model, TILT)
-    rng = np.random.default_rng(0)
-    # far from the recorded attitudes, where the second order of T counts
-    parts = [rates[[one.first for one in lanes]]]
-    if model.pivot is not None:
-        parts.append(rng.normal(size=(len(lanes), 3)))
-    parts.append(
-        (Rotation.from_quat(q[[one.first for one in lanes]]) * Rotation.from_rotvec([0.1, -0.2, 0.1])).as_quat()
-    )
-    starts = np.concatenate(parts, axis=1)
-    more = {0: np.zeros(0), 5: np.array([0.1, -0.2, 0.97, 1.02, 0.01])}[model.more]
-    spun = np.zeros(0) if speed is None else np.array([38.0, 42.0])
-    at = Unknowns(J, np.array([0.01, 0, 0.02]), 1.01, starts, more, spun)
-    count = 6 + model.more
-
-    def of(x):
-        rest = x[count + 4 :]
-        begun = rest[: starts.size].reshape(starts.shape)
-        unknowns = Unknowns(
-            symmetric(x[:6]), x[count : count + 3], x[count + 3], begun, x[6:count], rest[starts.size :]
-        )
-        return stacked(residuals(problem, unknowns).rows, problem.columns)[0]
-
-    x = np.concatenate([entries(J), more, at.bias, [at.scale], starts.ravel(), spun])
-    _, A = stacked(residuals(problem, at).rows, problem.columns)
-    assert len(problem) == 3 * (len(time) * has_gyroscope + len(time) - 1)
-    rows = np.linalg.norm(A, axis=1)
-    for k in range(len(x)):
-        e = 1e-6 * np.eye(len(x))[k]
-        # T is exact to the third order of a gap of 0.3 rad
-        assert (abs((of(x + e) - of(x - e)) / 2e-6 - A[:, k]) < 2e-3 * rows + 1e-6 * abs(A).max()).all()
 
 
 def test_quaternions_of_either_sign_are_made_continuous():
@@ -148,9 +93,8 @@ def test_angular_velocities_follow_from_attitudes():
 def test_noise_and_scatter_are_those_of_the_recording():
     time, rates, read, _ = flight(2, rate=400)
     q = continuous(read.as_quat())
-    part = Part("", time, rates, rates, rates[0], rates[0], "", 0, (), None, q)
     assert noise_of_attitudes(q) == pytest.approx(TILT, rel=0.3)  # to start from
-    assert scatter_of_attitudes(part) == pytest.approx(TILT, rel=0.1)
+    assert scatter_of_attitudes(time, q, rates) == pytest.approx(TILT, rel=0.1)
 
 
 # Estimates
@@ -207,14 +151,7 @@ def test_missing_attitudes_count_for_nothing():
     q = read.as_quat()
     q[::3] = np.nan
     recording = io.StringIO()
-    np.savetxt(
-        recording,
-        np.column_stack([time, rates, q]),
-        delimiter=",",
-        comments="",
-        fmt="%.12g",
-        header="time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw",
-    )
+    csv(recording, HEADER, time, rates, q)
     recording.seek(0)
     fit = fit_inertia(recording, interval="all", orientation="both")
     assert fit.solution.turned_by.shape == (np.isfinite(q[:, 0]).sum(), 3)
@@ -275,8 +212,7 @@ def test_the_command_reads_attitudes(tmp_path, monkeypatch):
         assert "rotation" in read_run_file(f"{orientation}.toml").start.model_fields_set
     result = CliRunner().invoke(app, ["fit", "throw.csv", "--orientation", "only"])
     assert result.exit_code == 3
-    angles = np.column_stack([time, read.as_euler("ZYX", degrees=True)[:, ::-1]])
-    np.savetxt("angles.csv", angles, delimiter=",", header="time (s),roll,pitch,yaw", comments="", fmt="%.9g")
+    csv("angles.csv", "time (s),roll,pitch,yaw", time, read.as_euler("ZYX", degrees=True)[:, ::-1])
     how = ["fit", "angles.csv", "--all", "--json", "--orientation", "euler=ZYX,angle_unit=deg"]
     result = CliRunner().invoke(app, how)
     assert result.exit_code == 0, result.output
@@ -297,39 +233,28 @@ def test_forms_of_attitudes_agree(tmp_path):
     np.testing.assert_allclose(turned.inertia, fit_inertia((time, rates, read), interval="all").inertia, atol=1e-6)
 
 
-def test_what_is_said_of_attitudes(tmp_path):
+def of_flight(which, **how):
+    """Fit "t"imes, angular "v"elocities and "a"ttitudes, "i" where these are inverted, "s" where one is missing."""
     time, rates, read, _ = flight()
-    assert message(fit_inertia, (time, read)) == (
-        "the recording: attitudes alone do not show where free motion begins and ends: --from and --to (interval=) "
-        "name the interval between release and catch, --all (interval='all') uses every sample"
-    )
-    assert message(fit_inertia, (time, rates), orientation="too") == (
-        "orientation must be 'only', or 'both' with the angular velocity; got 'too'"
-    )
-    assert message(fit_inertia, (time, rates), orientation=3) == (
-        "orientation must be 'only', 'both', or a mapping with how to read it; got 3"
-    )
-    assert message(fit_inertia, (time, rates), orientation={"eular": "ZYX"}).startswith(
-        "orientation has an unknown key 'eular': did you mean euler? known are use, euler, "
-    )
-    assert message(fit_inertia, (time, rates, read[:-1]), interval="all") == (
-        f"there are {len(time) - 1} attitudes and {len(time)} angular velocities: both need the same times"
-    )
-    assert message(fit_inertia, [(time, rates), (time, read)], interval="all") == (
-        "some of the recordings have attitudes or angular velocities that others lack: fit them apart"
-    )
-    run = simulate(standard(J), t_end=0.6, step=0.01, material_angular_velocity=W)
-    recording = sensors.gyroscope(run)
-    assert message(fit_inertia, recording, interval="all", orientation="both").startswith(
-        "the recording has no attitudes: the dataset has neither directors nor quaternion"
-    )
-    wandering = Rotation.from_rotvec(np.cumsum(0.1 * np.random.default_rng(0).normal(size=(200, 3)), axis=0))
-    said = message(fit_inertia, (np.arange(200) / 100, wandering), interval="all")
-    assert said.startswith("the recording: no rigid body moves freely like this, the largest residual, ")
-    assert " rad, is at t = " in said
+    parts = {"t": time, "v": rates, "a": read, "i": read.inv(), "s": read[:-1]}
+    return lambda: fit_inertia(tuple(parts[one] for one in which), **how)
 
 
-def test_attitudes_that_are_inverted_are_no_motion_of_the_gyroscope():
-    time, rates, read, _ = flight(1)
-    said = message(fit_inertia, (time, rates, read.inv()), interval="all")
-    assert said.startswith("the recording: no rigid body moves freely like this")
+def wandering():
+    steps = 0.1 * np.random.default_rng(0).normal(size=(200, 3))
+    return np.arange(200) / 100, Rotation.from_rotvec(np.cumsum(steps, axis=0))
+
+
+test_what_attitudes_cannot_tell_is_refused = refused_as(
+    {
+        "no interval": of_flight("ta"),
+        "an unknown word": of_flight("tv", orientation="too"),
+        "a number": of_flight("tv", orientation=3),
+        "an unknown key": of_flight("tv", orientation={"eular": "ZYX"}),
+        "shapes": of_flight("tvs", interval="all"),
+        "mixed": lambda: fit_inertia([flight()[:2], flight()[::2]], interval="all"),
+        "none": lambda: fit_inertia(sensors.gyroscope(simulate(standard(J), t_end=1)), orientation="both"),
+        "no motion": lambda: fit_inertia(wandering(), interval="all"),
+        "inverted": of_flight("tvi", interval="all"),
+    }
+)

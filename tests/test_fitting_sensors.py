@@ -9,15 +9,10 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from fit_errors import message, off
+from fit_errors import csv, off
 from nontwist import fit_inertia, heavy_top, rotation, sensors, simulate, standard
 from nontwist.cli import app
-from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
-from nontwist.fitting.estimating import short
-from nontwist.fitting.orienting import continuous
-from nontwist.fitting.sensing import Sensor
-from nontwist.fitting.shooting import Priors, Shooting, Stretch, Unknowns, residuals, stacked
-from nontwist.fitting.speeds import constant
+from refusals import refused_as
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
 THETA, SCALES, LATE = np.array([0.03, -0.05, 0.02]), np.array([1.01, 0.985, 1.005]), 0.008
@@ -56,54 +51,8 @@ def test_readings_are_those_of_the_formula():
     assert read.gyroscope.values == pytest.approx(expected, abs=1e-7)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [
-        Model(oriented=True),
-        Model(
-            Pivot(0.5, 0.15, None, 9.81), 1, unit=0.05, wheel=Wheel(np.array([0, 0.6, 0.8]), 1e-3, 0.1), oriented=True
-        ),
-    ],
-    ids=["free", "all that acts"],
-)
-@pytest.mark.parametrize("places", [range(7), [1, 6], [3, 4]], ids=str)
-def test_the_derivatives_of_the_residuals_are_those_of_differences(model, places):
-    time, rates, read, _ = (x[:30] if k < 3 else x for k, x in enumerate(flight(3, rate=50)))  # a few arcs
-    q = continuous(read.as_quat())
-    speed = constant(time, 40.0) if model.wheel is not None else None
-    stretch = Stretch(time, rates, speed, q)
-    lanes = short([stretch])
-    deviation = np.zeros(7)
-    deviation[places] = 0.1
-    sensor = Sensor(np.array([0.1, 0.4, -0.2, 0.9, 1.1, 1.2, 0.004]), deviation)
-    problem = Shooting([stretch], Priors(0.02, 0.01, sensor), 1e-3, "linear", lanes, model, TILT)
-    firsts = [one.first for one in lanes]
-    parts = [rates[firsts], q[firsts]]
-    if model.pivot is not None:
-        parts.insert(1, np.random.default_rng(0).normal(size=(len(lanes), 3)))
-    starts, count = np.concatenate(parts, axis=1), 6 + model.more
-    more = {0: np.zeros(0), 5: np.array([0.1, -0.2, 0.97, 1.02, 0.01])}[model.more]
-    spun = np.zeros(0) if speed is None else np.array([38.0, 42.0])
-    errors = sensor.mean[places] + 0.01
-    at = Unknowns(J, np.array([0.01, 0, 0.02]), 1.01, starts, more, spun, errors)
-
-    def of(x):
-        bias, scale, own, rest = np.split(x[count:], np.cumsum([3, 1, len(errors)]))
-        begun = rest[: starts.size].reshape(starts.shape)
-        unknowns = Unknowns(symmetric(x[:6]), bias, float(scale[0]), begun, x[6:count], rest[starts.size :], own)
-        return stacked(residuals(problem, unknowns).rows, problem.columns)[0]
-
-    x = np.concatenate([entries(J), more, at.bias, [at.scale], errors, starts.ravel(), spun])
-    _, A = stacked(residuals(problem, at).rows, problem.columns)
-    of_data = np.r_[: 3 * len(time), -(4 + len(errors)) : 0]  # of attitudes the gaps are large
-    for k in range(len(x)):
-        e = 1e-6 * np.eye(len(x))[k]
-        found = (of(x + e) - of(x - e)) / 2e-6
-        assert abs(found - A[:, k])[of_data].max() < 1e-6 * abs(A).max(), k
-
-
 def test_a_change_of_axes_and_a_family_of_scales_are_free_motions():
-    """What the docstring of `sensing` derives: other bodies whose motions are these readings."""
+    """What the docstring of `measuring` derives: other bodies whose motions are these readings."""
     moments, e = np.array([1.0, 1.7, 2.3]), np.array([1.02, 0.97, 0.0])
     k = (np.roll(moments, -1) - np.roll(moments, -2)) / moments
 
@@ -176,47 +125,37 @@ def test_a_pendulum_tells_the_misalignment_across_its_centre():
     assert across @ fit.misalignment[0] == pytest.approx(across @ THETA, abs=5e-3)
 
 
-def test_what_a_recording_cannot_tell_is_refused():
-    time, rates, read, _ = flight()
-    free = "a gyroscope in free motion does not determine "
-    for how, words in (
-        (
-            {"delay": "fit"},
-            "angular velocities alone do not determine their delay; use recorded attitudes on the same clock",
-        ),
-        ({"misalignment": "fit"}, free + "its misalignment: another body would give the same readings"),
-        ({"axis_scales": "fit"}, free + "the scales of its single axes"),
-        ({"delay": "free"}, "delay must be numbers, 'fit', or a mapping with value and error; got 'free'"),
-        ({"delay": {"value": 0.1}}, "delay lacks error, its standard deviation"),
-        ({"delay": {"eror": 0.1}}, "delay has an unknown key 'eror': did you mean error? known are value, error"),
-        ({"delay": 2.0}, "shift the times of the recording"),
-        ({"misalignment": 1.0}, "misalignment must have the shape (3,), got ()"),
-        ({"axis_scales": [1, 1, -1]}, "axis_scales must be positive, got [1.0, 1.0, -1.0]"),
-    ):
-        assert words in message(fit_inertia, (time, rates), interval="all", **how), how
-    told = message(fit_inertia, (time, read), interval="all", delay=0.01)
-    assert told == "delay is that of a gyroscope, and attitudes alone are fitted: leave it out"
+def of_flight(*which, **how):
+    return lambda: fit_inertia(tuple(flight()[k] for k in which or (0, 1)), interval="all", **how)
+
+
+test_what_a_recording_cannot_tell_is_refused = refused_as(
+    {
+        "delay": of_flight(delay="fit"),
+        "misalignment": of_flight(misalignment="fit"),
+        "scales": of_flight(axis_scales="fit"),
+        "an unknown word": of_flight(delay="free"),
+        "no error": of_flight(delay={"value": 0.1}),
+        "an unknown key": of_flight(delay={"eror": 0.1}),
+        "a long delay": of_flight(delay=2.0),
+        "shapes": of_flight(misalignment=1.0),
+        "a negative scale": of_flight(axis_scales=[1, 1, -1]),
+        "no gyroscope": of_flight(0, 2, delay=0.01),
+    }
+)
 
 
 def test_the_command_takes_errors(tmp_path):
     time, rates, read, _ = flight()
     header = "time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw"
-    path = tmp_path / "throw.csv"
-    np.savetxt(path, np.column_stack([time, rates, read.as_quat()]), delimiter=",", header=header, comments="")
+    path = csv(tmp_path / "throw.csv", header, time, rates, read.as_quat())
     how = ["--all", "--orientation", "both", "--misalignment", "fit", "--axis-scales", "value=1,1,1,error=0.02"]
-    done = CliRunner().invoke(app, ["fit", str(path), *how, "--delay", str(LATE), "--json"])
+    done = CliRunner().invoke(app, ["fit", path, *how, "--delay", str(LATE), "--json"])
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
     assert (found["delay"], found["delay_interval"]) == (LATE, [LATE, LATE])
     low, high = np.transpose(found["misalignment_interval"])
     assert ((low < THETA) & (high > THETA)).all()
-    bad = CliRunner().invoke(app, ["fit", str(path), "--all", "--delay", "fit"])
+    bad = CliRunner().invoke(app, ["fit", path, "--all", "--delay", "fit"])
     assert bad.exit_code != 0
     assert "do not determine their delay" in bad.output
-
-
-def test_a_delay_needs_a_rate_and_is_not_negative():
-    run = simulate(standard(J), t_end=0.6, step=1 / 200, material_angular_velocity=(8, 9, -7))
-    assert message(sensors.gyroscope, run, delay=-0.01) == "delay must not be negative, got -0.01 s"
-    told = message(sensors.gyroscope, run, delay=0.01)
-    assert told == "a delay needs rate=, in Hz: delayed samples lie between the stored states"

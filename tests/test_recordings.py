@@ -17,17 +17,17 @@ import pandas
 import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import read_motion, rotation, twist
-from nontwist.cli import app
-from nontwist.recordings.formats import READERS, Content
+from nontwist.recordings.formats import READERS
 from nontwist.recordings.formats.apart import read_apart
 from nontwist.recordings.reading import read_rates
 from recordings.makers import (
     ACC,
     DATA,
     GYR,
+    LIBRARIES,
     apdm,
     bvh,
     made,
@@ -44,7 +44,6 @@ from recordings.makers import (
     sto,
 )
 from recordings.makers import R as MOVED
-from recordings.test_same import LIBRARIES
 from refusals import refused, warned
 
 N = 90
@@ -200,34 +199,6 @@ def test_times_that_do_not_exist_are_refused(wrong):
         read_motion(table({"Date": [wrong] * N, **quaternion()}), time_column="Date")
 
 
-def named(form, *names):
-    return [form.format(name, axis) for name in names for axis in "xyz"]
-
-
-ELSEWHERE = {  # what columns that are no orientation are taken for
-    "a gyroscope": (gyroscope(), "gyroscope-alone", {"gyroscope": "Gyr_X, Gyr_Y, Gyr_Z"}),
-    "markers": (
-        [f"{name}{axis}" for name in ("Elbow ", "ARM_", "wrist.") for axis in "XYZ"],
-        "markers",
-        {"markers": "Elbow, ARM, wrist"},
-    ),
-    "no markers": (named("{}_{}", "pos", "vel", "force"), "no-orientation", {}),
-    "sensors": (named("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow"), "no-orientation", {}),
-    "three of four": (
-        dict.fromkeys(("qw", "qx", "qy"), T),
-        "three-of-four",
-        {"three": "qw, qx, qy", "fourth": "qz"},
-    ),
-}
-
-
-@pytest.mark.parametrize("case", ELSEWHERE)
-def test_what_is_no_orientation_is_called_what_it_looks_like(case):
-    columns, code, fields = ELSEWHERE[case]
-    with refused(code, **fields):
-        read_motion(table({"time": T, **dict.fromkeys(columns, T)}))
-
-
 def test_messages_stay_short():
     with refused("no-orientation") as told:
         read_motion(io.StringIO("<html><body>" + "x" * 50_000 + "</body></html>\n"))
@@ -235,24 +206,6 @@ def test_messages_stay_short():
     with refused("no-orientation") as told:
         read_motion(table({f"a{k}z": T for k in range(500)}))
     assert told.value.fields["names"].endswith(" and 440 more")
-
-
-UNKNOWN_TIMES = {
-    "no unit": ({"time": np.arange(N) * 20}, "no-time-unit", {"name": "time", "step": 20}),
-    "ticks": ({"SampleTimeFine": np.arange(N)}, "no-time-unit", {"name": "SampleTimeFine"}),
-    # Movella DOT, an hour after it was switched on: no seconds since 1970
-    "late ticks": ({"SampleTimeFine": 4_000_000_000 + 16_667 * np.arange(N)}, "no-time-unit", {"step": 16_667}),
-    "late ticks, by another name": ({"timestamp": 4_000_000_000 + 16_667 * np.arange(N)}, "no-time-unit", {}),
-    "a word": ({"time": ["noon"] * N}, "not-a-time", {"name": "time", "value": "noon"}),
-    "two": ({"time": T, "t": 3 * T}, "several-times", {"names": "time, t"}),
-}
-
-
-@pytest.mark.parametrize("case", UNKNOWN_TIMES)
-def test_a_time_that_is_not_understood_is_refused(case):
-    columns, code, fields = UNKNOWN_TIMES[case]
-    with refused(code, **fields):
-        read_motion(table({**columns, **quaternion()}))
 
 
 SAID = {
@@ -278,12 +231,6 @@ def test_packets_that_were_lost_leave_gaps():
     assert found.time.values == pytest.approx(kept / 50)
 
 
-@pytest.mark.parametrize("names", ["q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3"])
-def test_numbered_quaternions_ask_for_the_scalar(names):
-    with refused("scalar-unknown"):
-        read_motion(table(quaternion(names)))
-
-
 @pytest.mark.parametrize(("columns", "forms"), [
     (quaternion("w x y z"), ["Upper_{}", "Shoulder {}", "r_{}", "Upper.q{}", "Upper_Quat_{}", "Upperq{}"]),
     ({key[4] + key[7]: one for key, one in MATRIX.items()}, ["Upper_{}", "Upper_r{}", "Upper_m_{}"]),
@@ -293,46 +240,6 @@ def test_bodies_may_end_in_letters_of_rotations(columns, forms):
         data = {"time": T, **quaternion("Fore_w Fore_x Fore_y Fore_z", Q)}
         data |= {form.format(x): column for x, column in columns.items()}
         same(read_motion(table(data), body=re.split(r"[_ .q{]", form)[0]))
-
-
-ABC = {"columns": ["a", "b", "c"]}
-REFUSED = {
-    "empty": ("", {}, "empty"),
-    "headers alone": ("t,qw,qx,qy,qz\n", {}, ("too-few-samples", 0, 0)),
-    "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, ("too-few-samples", 1, 1)),
-    "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, ("too-few-samples", 0, 2)),
-    "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "angles"),
-    "angles beside few rates": (
-        "t,roll (deg),pitch (deg),yaw (deg),gx,gy,gz\n0,1,2,3,0,0,1\n1,1,2,3,0,0,1\n",
-        {},
-        "angles",
-    ),
-    "no unit": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZYX"}, "no-angle-unit"),
-    "axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZZX"}, "euler"),
-    "mixed axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZyX"}, "euler"),
-    "which angles": ("t,a,b,c\n0,1,2,3\n", {"euler": "ZYX"}, "which-angles"),
-    "three columns": ("a,b,c\n0,1,2\n", ABC, "three-columns"),
-    "which vector": ("a,b,c\n0,1,2\n", {"rotation_vector": True}, "which-angles"),
-    "fields": ("t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n", {}, "fields"),
-    "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "more-fields"),
-    "unit of angles": ("a,b,c\n0,1,2\n", {"angle_unit": "grad", "euler": "ZYX", **ABC}, "type"),
-    "two quaternions": ("qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2, {}, "several-orientations"),
-    "words": ("hello world\nthis is no recording\n", {}, "no-orientation"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_refused_by_a_code(case):
-    text, options, code = REFUSED[case]
-    code, *counts = (code,) if isinstance(code, str) else code
-    with refused(code, **dict(zip(("left", "count"), counts, strict=False))):
-        quietly(text, options)
-
-
-def quietly(text, options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return twist(read_motion(io.StringIO(text), **options))
 
 
 # formats
@@ -375,6 +282,55 @@ BOTH, TWO = partial(npz, arrays={"arm": Q, "leg": Q, "t": T}), table({"time": T,
 SCALED = table({"time": T, **quaternion(values=np.round(WXYZ * 2**14).astype(int))}).getvalue()
 MIXED = mt_manager("\t", ("Acc", "Gyr", "Quat", "Euler", "Mat"))  # a matrix beside another quaternion
 MIXED = MIXED.replace("Quat_q1", "Quat_qa").replace("Quat_q2", "Quat_q1").replace("Quat_qa", "Quat_q2")
+
+
+def beside(**columns):
+    """A CSV of quaternions, and of these columns before them."""
+    return table(columns | quaternion()).getvalue()
+
+
+def unlike(form, *names):
+    """A CSV of columns that are no orientation."""
+    return table({"time": T} | {form.format(name, axis): T for name in names for axis in "xyz"}).getvalue()
+
+
+ABC, RPY, LATE = (
+    {"columns": ["a", "b", "c"]},
+    "t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n",
+    4_000_000_000 + 16_667 * np.arange(N),
+)
+NAMED = {
+    name: table(quaternion(name)).getvalue() for name in ("q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3")
+}
+TEXTS = {  # content, options; code and fields
+    "a gyroscope": (table(gyroscope()).getvalue(), {}, "gyroscope-alone", {"gyroscope": "Gyr_X, Gyr_Y, Gyr_Z"}),
+    "markers": (unlike("{}{}", "Elbow ", "ARM_", "wrist."), {}, "markers", {"markers": "Elbow, ARM, wrist"}),
+    "no markers": (unlike("{}_{}", "pos", "vel", "force"), {}, "no-orientation", {}),
+    "sensors": (unlike("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow"), {}, "no-orientation", {}),
+    "three of four": ("qw,qx,qy\n1,0,0\n1,0,0\n", {}, "three-of-four", {"three": "qw, qx, qy", "fourth": "qz"}),
+    **{name: (text, {}, "scalar-unknown", {}) for name, text in NAMED.items()},
+    "no unit of time": (beside(time=20 * np.arange(N)), {}, "no-time-unit", {"name": "time", "step": 20}),
+    "ticks": (beside(SampleTimeFine=np.arange(N)), {}, "no-time-unit", {"name": "SampleTimeFine"}),
+    # Movella DOT, an hour after it was switched on: no seconds since 1970
+    "late ticks": (beside(SampleTimeFine=LATE), {}, "no-time-unit", {"step": 16_667}),
+    "late ticks, by another name": (beside(timestamp=LATE), {}, "no-time-unit", {}),
+    "a word": (beside(time=["noon"] * N), {}, "not-a-time", {"name": "time", "value": "noon"}),
+    "two times": (beside(time=T, t=3 * T), {}, "several-times", {"names": "time, t"}),
+    "angles": (RPY, {}, "angles", {}),
+    "angles beside few rates": (table({"roll (deg)": [1, 1], "pitch (deg)": [2, 2], "yaw (deg)": [3, 3], "gx": [0, 0],
+                                       "gy": [0, 0], "gz": [1, 1]}).getvalue(), {}, "angles", {}),
+    "no unit": (RPY, {"euler": "ZYX"}, "no-angle-unit", {}),
+    "axes": (RPY, {"euler": "ZZX"}, "euler", {}),
+    "mixed axes": (RPY, {"euler": "ZyX"}, "euler", {}),
+    "which angles": ("t,a,b,c\n0,1,2,3\n", {"euler": "ZYX"}, "which-angles", {}),
+    "three columns": ("a,b,c\n0,1,2\n", ABC, "three-columns", {}),
+    "which vector": ("a,b,c\n0,1,2\n", {"rotation_vector": True}, "which-angles", {}),
+    "fields": ("t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n", {}, "fields", {}),
+    "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "more-fields", {}),
+    "unit of angles": ("a,b,c\n0,1,2\n", {"angle_unit": "grad", "euler": "ZYX", **ABC}, "type", {}),
+    "two quaternions": ("qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2, {}, "several-orientations", {}),
+    "words": ("hello world\nthis is no recording\n", {}, "no-orientation", {}),
+}  # fmt: skip
 FILES = {  # content, file, options; code and fields
     "OpenSim": (sto(), "a.sto", {}, "several-bodies", {"names": "torso_imu, humerus_imu"}),
     "OpenSim, no header": ("no header\n1\t2\n", "a.sto", {}, "no-endheader", {}),
@@ -407,6 +363,9 @@ FILES = {  # content, file, options; code and fields
     "a spreadsheet": ("PK\x03\x04\x00", "a.xlsx", {}, "unknown-format", {}),
     "CSV, counts": (SCALED, "a.csv", {}, "scaled", {"rows": "90 rows", "place": "line 2", "what": "quaternion"}),
 }  # fmt: skip
+
+
+FILES |= {name: (content, "a.csv", *refusal) for name, (content, *refusal) in TEXTS.items()}
 
 
 @pytest.mark.parametrize("case", FILES)
@@ -523,7 +482,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra
     monkeypatch.setitem(sys.modules, module, None)
     path = tmp_path / f"a{suffix}"
     path.write_text("x", encoding="utf-8")
-    result = CliRunner().invoke(app, ["twist", str(path), "--rate", "50", "--out", str(tmp_path / "o")])
+    result = nontwist("twist", path, "--rate", 50, "--out", tmp_path / "o")
     wanted = f"this format is read by {module}: pip install 'nontwist[{extra}]'\n"
     assert (result.exit_code, result.stderr) == (2, wanted)
 
@@ -537,12 +496,6 @@ def test_files_that_are_empty_or_damaged_are_refused_in_our_words(suffix, tmp_pa
             read_motion(path, rate=50)
         assert type(caught.value).__module__.split(".")[0] in ("builtins", "nontwist"), caught.value
         assert len(str(caught.value)) < 400
-
-
-def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
-    monkeypatch.setitem(READERS, ".arm", lambda path, how: Content(bodies={"arm": Q}, time=T))
-    (tmp_path / "a.arm").write_text("x", encoding="utf-8")
-    same(read_motion(tmp_path / "a.arm"))
 
 
 def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
@@ -847,6 +800,6 @@ def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_pat
 def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
     (tmp_path / "a.csv").write_text(TWO, encoding="utf-8")
     for option, word in (("--angle-unit", "grad"), ("--clocks", "foo"), ("--align", "foo")):
-        result = CliRunner().invoke(app, ["twist", str(tmp_path / "a.csv"), option, word])
+        result = nontwist("twist", tmp_path / "a.csv", option, word)
         assert result.exit_code == 2
         assert f"Error: Invalid value for '{option}': '{word}' is not one of '" in result.stderr

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import nontwist as package
-from conftest import nontwist
+from conftest import ended, nontwist
 from nontwist import Problem, join_runs, open_run, plot, simulate
 from nontwist.cli import app
 from nontwist.cli.outcomes import code_of
@@ -43,8 +43,7 @@ def files():
 def test_the_first_five_minutes(here):
     listed = nontwist("example")
     assert all(name in listed.stdout for name in example_names())
-    copied = nontwist("example", "heavy_top")
-    assert copied.exit_code == 0
+    copied = ended(0, "example", "heavy_top")
     said(copied.stderr)
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
     Path("heavy_top.toml").write_text(text, encoding="utf-8")
@@ -53,8 +52,7 @@ def test_the_first_five_minutes(here):
     for words in ("heavy_top.toml is valid", "gauss, order 8", "200 of 0.0005 s", "at most 3.", "21 states"):
         assert words in checked.stdout
     assert files() == ["heavy_top.toml"]
-    run = nontwist("run", "heavy_top.toml", "--figures")
-    assert run.exit_code == 0
+    run = ended(0, "run", "heavy_top.toml", "--figures")
     for words in (
         "Heavy top",
         "200 of 0.0005 s",
@@ -67,9 +65,7 @@ def test_the_first_five_minutes(here):
     figures = [f"heavy_top-{name}{end}" for name in ("energy", "momenta", "path") for end in (".pdf", ".png")]
     assert files() == sorted([*figures, "heavy_top.nc", "heavy_top.toml"])
     assert run.stderr.startswith("written: heavy_top.nc, heavy_top-momenta.pdf, ")
-    told = nontwist("info", "heavy_top.nc")
-    assert told.exit_code == 0
-    assert "Heavy top" in told.stdout
+    assert "Heavy top" in ended(0, "info", "heavy_top.nc").stdout
     result = open_run("heavy_top.nc")
     assert result.sizes["time"] == 21
     assert 'kind = "heavy_top"' in result.attrs["run_file"]
@@ -79,7 +75,7 @@ def test_the_result_is_that_of_simulate(here):
     from nontwist.runfile import read_run_file
 
     here(BODY + TIME + START)
-    assert nontwist("run", "run.toml").exit_code == 0
+    ended(0, "run", "run.toml")
     expected = simulate(read_run_file("run.toml").problem)
     assert np.array_equal(open_run("run.nc").directors, expected.directors)
 
@@ -121,7 +117,7 @@ def test_quiet_prints_nothing_but_warnings_and_errors(here):
         Path("run.nc").unlink(missing_ok=True)
         result = nontwist(command, "run.toml", "--quiet")
         assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
-    assert nontwist("run", "run.toml", "--quiet").exit_code == 5
+    ended(5, "run", "run.toml", "--quiet")
 
 
 def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
@@ -131,12 +127,12 @@ def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
     monkeypatch.setattr(plot, "path", lambda run: drawn.append(run) or draw(run))
     tolerance = BODY + "[time]\nt_end = 5\ntolerance = 1e-6\n[start]\nangular_velocity = { body = [0.1, 2, 0.1] }\n"
     here(tolerance)
-    assert nontwist("run", "run.toml", "--figures", "--quiet").exit_code == 0
+    ended(0, "run", "run.toml", "--figures", "--quiet")
     states, run = open_run("run.nc"), drawn[0]
     assert states.sizes["time"] < 40 < 100 < run.sizes["time"]
     assert run.sel(time=states.time).directors.values == pytest.approx(states.directors.values, abs=1e-12)
     assert run.kinetic_energy.values == pytest.approx(states.kinetic_energy.values[0], rel=1e-12)
-    assert nontwist("run", "run.toml", "--figures", "--force", "--quiet", "--set", "time.step=0.01").exit_code == 0
+    ended(0, "run", "run.toml", "--figures", "--force", "--quiet", "--set", "time.step=0.01")
     assert drawn[1].sizes["time"] == open_run("run.nc").sizes["time"] == 501
 
 
@@ -168,17 +164,17 @@ def test_a_tolerance_for_too_many_steps_is_refused(here):
     here(BODY + start + "[time]\nt_end = 1\ntolerance = 1e-20\n[integrator]\nname = 'lie-midpoint'\n")
     words = re.sub(r"\de\+\d\d", "N", nontwist("check", "run.toml").stderr)
     said(words)
-    assert nontwist("precision", "run.toml", "--target", "1e-3").exit_code == 0
+    ended(0, "precision", "run.toml", "--target", "1e-3")
 
 
 def test_info_prints_the_time_from_which_a_run_continues(here):
     """With all digits: an event ends a run at no round time."""
     here(BODY + TIME + START + '[[event]]\nkind = "axis-crosses"\nnormal = [0, 0, 1]\ncosine = 0.99\nterminal = true\n')
-    assert nontwist("run", "run.toml", "--quiet").exit_code == 0
+    ended(0, "run", "run.toml", "--quiet")
     assert float(open_run("run.nc").time[-1]) < 1
     last = re.search(r"0 s to (\S+) s", nontwist("info", "run.nc").stdout)[1]
     here(BODY + f'[start]\nrun = "run.nc"\n[time]\nt_start = {last}\nt_end = 2\n', "more.toml")
-    assert nontwist("run", "more.toml", "--quiet").exit_code == 0
+    ended(0, "run", "more.toml", "--quiet")
 
 
 def test_arguments_of_a_file_are_those_of_sensitivities_too(here):
@@ -193,9 +189,9 @@ def test_paths_of_results(here):
     here(BODY + TIME)
     Path("sub").mkdir()
     here(f'{BODY}{TIME}[output]\npath = "own.nc"\nfigures = ["energy"]\n', f"sub/{own}.toml")
-    assert nontwist("run", "run.toml", f"sub/{own}.toml").exit_code == 0
+    ended(0, "run", "run.toml", f"sub/{own}.toml")
     assert nontwist("run", "run.toml", "--out", "a.nc").exit_code == 0
-    assert nontwist("run", "run.toml", f"sub/{own}.toml", "--out", "new/folder").exit_code == 0
+    ended(0, "run", "run.toml", f"sub/{own}.toml", "--out", "new/folder")
     figures = [f"{place}-energy{end}" for place in ("sub/own", f"new/folder/{own}") for end in (".pdf", ".png")]
     results = ["run.nc", "a.nc", "sub/own.nc", "new/folder/run.nc", f"new/folder/{own}.nc"]
     assert files() == sorted(["run.toml", f"sub/{own}.toml", *results, *figures])
@@ -259,16 +255,14 @@ def test_what_is_refused_before_anything_runs(case, here):
 def test_usage(arguments, words, here):
     here(BODY + TIME)
     here(BODY + TIME, "sub.toml")
-    result = nontwist(*arguments)
-    assert result.exit_code == 2
+    result = ended(2, *arguments)
     assert words in re.sub(r"\s*│?\n│?\s*", " ", result.stderr)
 
 
 def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
     here(PUSHED, "pushed.toml")
     here(BODY + TIME)
-    result = nontwist("run", "pushed.toml", "run.toml", "--json")
-    assert result.exit_code == 4
+    result = ended(4, "run", "pushed.toml", "run.toml", "--json")
     kept = open_run("pushed.nc")
     end = float(kept.time[-1])
     assert 0 < end < 1
@@ -288,8 +282,7 @@ def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
 
 def test_a_run_that_fails_in_its_first_step(here):
     here(BODY + TIME)
-    result = nontwist("run", "run.toml", "--set", "start.angular_velocity={ body = [0, 0, 99] }")
-    assert result.exit_code == 4
+    result = ended(4, "run", "run.toml", "--set", "start.angular_velocity={ body = [0, 0, 99] }")
     assert "the completed part, up to t = 0 s, is saved in run.nc" in result.stderr
     assert open_run("run.nc").sizes["time"] == 1
 
@@ -342,8 +335,7 @@ def test_a_second_run_to_one_output_is_refused_at_once(here):
 def test_warnings_are_messages(here):
     here(f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nend = 0.55\n')
     for command in ("check", "run"):
-        result = nontwist(command, "run.toml")
-        assert result.exit_code == 0
+        result = ended(0, command, "run.toml")
         assert re.match(
             r"run\.toml: warning: 2 breakpoints of the load off the grid of step \S+ s, the first at t = 0\.275 s: ",
             result.stderr,
@@ -370,8 +362,7 @@ def test_check_asks_the_integrator(name, edit, reason, here):
 def test_check_as_json(here):
     here(BODY + TIME)
     here(f"{BODY}mass = -1\n{TIME}", "bad.toml")
-    result = nontwist("check", "run.toml", "bad.toml", "--json")
-    assert result.exit_code == 3
+    result = ended(3, "check", "run.toml", "bad.toml", "--json")
     good, bad = map(json.loads, result.stdout.splitlines())
     assert good["problems"] == []
     assert good["forecast"]["steps"] == 10
@@ -388,8 +379,7 @@ def test_precision_gives_the_papers_second_quotients(here):
     assert found["second_quotients"] == pytest.approx(SECOND_QUOTIENTS, abs=2e-6)
     assert found["times"] == pytest.approx([1, 2, 3, 4, 5])
     assert found["agrees"]
-    shown = nontwist("precision", "case2.toml")
-    assert shown.exit_code == 0
+    shown = ended(0, "precision", "case2.toml")
     assert "3.987879" in shown.stdout
     assert "observed order 1.995 (median), expected 2: PASS" in shown.stdout
     assert files() == ["case2.toml"]
@@ -405,12 +395,10 @@ def test_precision_estimates_the_error_of_the_run(here):
 
 def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(f'{BODY}{START}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [9, 0, 0]\nend = 0.57\n')
-    result = nontwist("precision", "run.toml")
-    assert result.exit_code == 1
+    result = ended(1, "precision", "run.toml")
     assert "expected 8: FAIL: the step is too coarse, or the load" in result.stdout
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
-    result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
-    assert result.exit_code == 0
+    result = ended(0, "precision", "run.toml", "--set", 'integrator.name="split"')
     assert result.stdout.splitlines()[-2:] == [
         "no order can be observed: the runs differ by round-off only",
         "take longer steps, or a lower order: --set integrator.order=2",
@@ -444,11 +432,11 @@ def test_a_run_file_resumes_a_run_bit_for_bit(here):
     here(BODY + START + TIME + MIDPOINT)
     here(REST, "rest.toml")
     assert [nontwist("run", name).exit_code for name in ("run.toml", "rest.toml")] == [0, 0]
-    assert nontwist("run", "run.toml", "--set", "time.t_end=2.0", "--out", "whole.nc").exit_code == 0
+    ended(0, "run", "run.toml", "--set", "time.t_end=2.0", "--out", "whole.nc")
     joined, whole = join_runs(open_run("run.nc"), open_run("rest.nc")), open_run("whole.nc")
     assert np.array_equal(joined["directors"], whole["directors"])
     Path("again.toml").write_text(open_run("rest.nc").attrs["run_file"], encoding="utf-8")  # with the hash of run.nc
-    assert nontwist("check", "again.toml").exit_code == 0
+    ended(0, "check", "again.toml")
     nontwist("run", "run.toml", "--force", "--set", "start.angular_velocity.body=[0, 1, 0]")
     assert "(its content has changed: its hash is " in nontwist("check", "again.toml").stderr
 
@@ -466,9 +454,8 @@ def test_a_run_file_resumes_a_run_bit_for_bit(here):
 def test_what_cannot_be_resumed(here, change):
     here(BODY + START + TIME)
     here(REST, "rest.toml")
-    assert nontwist("run", "run.toml").exit_code == 0
-    result = nontwist("check", "rest.toml", "--set", change)
-    assert result.exit_code == 3
+    ended(0, "run", "run.toml")
+    result = ended(3, "check", "rest.toml", "--set", change)
     said(result.stderr)
 
 
@@ -483,7 +470,7 @@ def test_the_dissipation_of_an_integrator_is_told(here):
 @pytest.mark.parametrize("command", ["run", "sweep"])
 def test_a_result_is_not_named_as_another_format(here, command):
     here(BODY + TIME + START)
-    assert nontwist(command, "run.toml", "--out", "a.csv").exit_code == 2
+    ended(2, command, "run.toml", "--out", "a.csv")
     assert files() == ["run.toml"]
 
 
@@ -516,11 +503,13 @@ def test_compare(here):
     assert told == ("next: nontwist precision run.toml --set time.t_end=2, nontwist run run.toml --set time.t_end=2")
     assert "integrators compared" in shown.stdout
     assert files() == ["run.toml", "work.svg"]
-    assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
+    ended(5, "compare", "run.toml", "--figure", "work.svg")
     drawn = nontwist("compare", "run.toml", *how[:2], "--figure", "steps.svg", "--against", "steps", "--quiet")
     assert (drawn.exit_code, drawn.stderr) == (0, "written: steps.svg\n")
-    alone = nontwist("compare", "run.toml", "--against", "steps")
-    assert (alone.exit_code, "--against: applies to --figure only; add --figure PATH" in alone.stderr) == (2, True)
+    assert (
+        "--against: applies to --figure only; add --figure PATH"
+        in ended(2, "compare", "run.toml", "--against", "steps").stderr
+    )
     wrong = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:two")
     assert (wrong.exit_code, "'lie-midpoint:two' is not NAME:ORDER" in wrong.stderr) == (2, True)
     gone = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:4")
@@ -542,7 +531,7 @@ def test_examples_are_copied_to_the_given_folder(here):
     Path("sub").mkdir()
     text = nontwist("example", "case1", "--out", "-").stdout
     assert text.startswith("# Case 1 of the paper")
-    assert nontwist("example", "case1", "--out", "sub").exit_code == 0
+    ended(0, "example", "case1", "--out", "sub")
     assert nontwist("example", "case1", "--out", "mine.toml").exit_code == 0
     assert files() == ["mine.toml", "sub/case1.toml"]
     assert Path("mine.toml").read_text(encoding="utf-8") == text
@@ -551,7 +540,7 @@ def test_examples_are_copied_to_the_given_folder(here):
         5,
         "mine.toml exists; choose another name, or overwrite it: --force\n",
     )
-    assert nontwist("example", "case2", "--out", "mine.toml", "--force").exit_code == 0
+    ended(0, "example", "case2", "--out", "mine.toml", "--force")
     assert Path("mine.toml").read_text(encoding="utf-8").startswith("# Case 2")
     result = nontwist("example", "case2", "--out", "no/mine.toml")
     assert (result.exit_code, result.stderr) == (5, f"there is no folder {Path.cwd()}/no; make it first\n")
@@ -564,8 +553,7 @@ def test_the_schema_is_printed():
 
 def test_debug_shows_the_traceback(here):
     here("a = 1")
-    result = nontwist("run", "run.toml", "--debug")
-    assert result.exit_code == 3
+    result = ended(3, "run", "run.toml", "--debug")
     assert "Traceback (most recent call last)" in result.stderr
     assert result.stderr.endswith(f"run.toml: a: unknown key -> {KNOWN}")
 

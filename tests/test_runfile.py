@@ -29,7 +29,7 @@ from nontwist import (
 from nontwist import nontwisting as nontwisting_body
 from nontwist.analysis.invariants import drifts
 from nontwist.cli.run_commands import example_names
-from nontwist.errors import InputError, RunFileError, SimulationError
+from nontwist.errors import RunFileError, SimulationError
 from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
@@ -42,8 +42,6 @@ from nontwist.runfile.tables import Start
 from nontwist.runfile.toml_data import document, toml_text
 from refusals import said, says
 from runfile_documents import documents
-
-A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
 
 PLACE = Path(__file__).parents[1]
 EXAMPLES = PLACE / "src" / "nontwist" / "runfile" / "examples"
@@ -399,43 +397,27 @@ def test_loads(case, write, tmp_path):
     assert np.array_equal(found.damping, expected.damping)
 
 
-CELL = {"name": "b", "place": "line 3"}
 WRONG_CSV = {
-    "0,1,2,3\n1,1,2,3\n": ("table-headers", {}),
-    "": ("empty", {}),
-    "t,a,b\n0,1,2\n": (
-        "table-columns",
-        {"found": 3, "names": "t, a, b", "choice": "columns = [...] must name 4 of them"},
-    ),
-    "t,a,b,c\n0,1,2,3\n1,1,x,3\n": ("table-cell", CELL | {"holds": "contains 'x', not a finite number,"}),
-    "t,a,b,c\n0,1,2,3\n1,1,,3\n": ("table-cell", CELL | {"holds": "is empty"}),
-    "t;a;b;c\n0;1;2.5;3\n1;1;0,5;3\n": ("table-cell", CELL | {"holds": "contains '0,5', not a finite number,"}),
-    "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": ("table-cell", CELL | {"holds": "contains 'inf', not a finite number,"}),
-    "t [ms],a,b,c\n0,1,2,3\n1,1,1,3\n": (
-        "table-unit",
-        {"name": "t [ms]", "unit": "ms", "words": ", moments in N m"},
-    ),
-    "t [s],a [N m],b (N mm),c\n0,1,2,3\n1,1,1,3\n": (
-        "table-unit",
-        {"name": "b (N mm)", "unit": "N mm", "words": ", moments in N m"},
-    ),
-    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": ("fields", {"place": "line 3", "count": 4}),
-    "t,a,b,c\n": ("no-rows", {}),
+    "headers": "0,1,2,3\n1,1,2,3\n",
+    "empty": "",
+    "columns": "t,a,b\n0,1,2\n",
+    "a word": "t,a,b,c\n0,1,2,3\n1,1,x,3\n",
+    "an empty cell": "t,a,b,c\n0,1,2,3\n1,1,,3\n",
+    "a decimal comma": "t;a;b;c\n0;1;2.5;3\n1;1;0,5;3\n",
+    "infinite": "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n",
+    "milliseconds": "t [ms],a,b,c\n0,1,2,3\n1,1,1,3\n",
+    "millimetres": "t [s],a [N m],b (N mm),c\n0,1,2,3\n1,1,1,3\n",
+    "a long row": "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n",
+    "no rows": "t,a,b,c\n",
+    "times": "t,a,b,c\n0,1,2,3\n0,1,2,3\n",
 }
 
 
-@pytest.mark.parametrize("content", WRONG_CSV)
-def test_what_is_wrong_with_a_csv_file(content, write):
-    write(content, "load.csv")
+@pytest.mark.parametrize("case", WRONG_CSV)
+def test_what_is_wrong_with_a_csv_file(case, write):
+    write(WRONG_CSV[case], "load.csv")
     (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
-    code, fields = WRONG_CSV[content]
-    assert line == f'load.0.file: "load.csv" ({InputError(code, **fields)}) -> {A_CSV_FILE}'
-
-
-def test_times_of_a_csv_file_increase(write):
-    write("t,a,b,c\n0,1,2,3\n0,1,2,3\n", "load.csv")
-    (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
-    assert "times must increase, but times[1] = 0 follows times[0] = 0" in line
+    said(line)
 
 
 def test_an_axis_of_length_zero_is_the_axis_of_the_message(write):

@@ -74,26 +74,20 @@ def test_outputs_change_no_node_and_no_other_output(name, body):
     assert np.array_equal(many.quaternion[::3], few.quaternion)
 
 
-@pytest.mark.parametrize("order", [2, 6, pytest.param(4, marks=pytest.mark.long), 8, 16])
-def test_outputs_of_gauss_have_its_order(order):
+@pytest.mark.parametrize(("scheme", "order", "counts", "within"), [
+    ("gauss", 2, (200, 400), None), ("gauss", 6, (30, 60), None), ("gauss", 8, (24, 36), None),
+    ("gauss", 16, (7, 9), None), ("gauss", 4, (100, 200), 0.35), ("lie-midpoint", 2, (100, 200), 0.35),
+    ("energy-momentum", 2, (100, 200), 0.35), ("split", 2, (100, 200), 0.35), ("split", 4, (100, 200), 0.35),
+    pytest.param("gauss", 4, (60, 120), None, marks=pytest.mark.long),
+])  # fmt: skip
+def test_outputs_have_the_order_of_the_integrator(scheme, order, counts, within):
     truth, errors = reference(TIMES), []
-    counts = {2: (200, 400), 4: (60, 120), 6: (30, 60), 8: (24, 36), 16: (7, 9)}[order]
     for n in counts:
-        run = integrate(TOP, t_end=2, step=2 / n, times=TIMES, integrator="gauss", order=order, **START)
-        errors.append(abs(run.directors - truth).max())
-    assert np.log(errors[0] / errors[1]) / np.log(counts[1] / counts[0]) > order - 0.7
-
-
-@pytest.mark.parametrize(
-    ("scheme", "order"),
-    [("lie-midpoint", 2), ("gauss", 4), ("energy-momentum", 2), ("split", 2), ("split", 4)],
-)
-def test_outputs_have_the_order_of_the_integrator(scheme, order):
-    truth, errors = reference(TIMES), []
-    for n in (100, 200):
         run = integrate(TOP, t_end=2, step=2 / n, times=TIMES, integrator=scheme, order=order, **START)
         errors.append(abs(run.directors - truth).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
+    found = np.log(errors[0] / errors[1]) / np.log(counts[1] / counts[0])
+    assert found > order - 0.7
+    assert within is None or found == pytest.approx(order, abs=within)
 
 
 @pytest.mark.parametrize("order", [2, 8, 16])

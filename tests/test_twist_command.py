@@ -8,10 +8,9 @@ import numpy as np
 import pandas
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import open_run
-from nontwist.cli import app
 from nontwist.geometry.values import error_place, error_text, number_text, text_to_place
 from refusals import said
 from test_two_sensors import MOUNTED, recordings
@@ -27,8 +26,7 @@ def written(path, rotation, time=T):
 
 
 def command(tmp_path, *arguments):
-    out = ("--no-figure", "--force", "--out", str(tmp_path / "o"))
-    return CliRunner().invoke(app, ["twist", *arguments, *out], env={"COLUMNS": "200"})
+    return nontwist("twist", *arguments, "--no-figure", "--force", "--out", tmp_path / "o")
 
 
 def rows(result):
@@ -212,11 +210,11 @@ def test_axes_in_capitals(tmp_path, capital, small):
 
 def test_the_result_of_a_twist_is_shown_and_not_twisted_again(tmp_path):
     assert command(tmp_path, written(tmp_path / "a.csv", tilted(0.1, 1.0))).exit_code == 0
-    result = CliRunner().invoke(app, ["twist", str(tmp_path / "o.nc"), "--out", str(tmp_path / "p")])
+    result = nontwist("twist", tmp_path / "o.nc", "--out", tmp_path / "p")
     assert result.exit_code == 3
     said(result.stderr)
     for again in (["info"], ["view", "--no-open", "--out", str(tmp_path / "o.html")]):
-        shown = CliRunner().invoke(app, [again[0], str(tmp_path / "o.nc"), *again[1:]])
+        shown = nontwist(again[0], tmp_path / "o.nc", *again[1:])
         assert shown.exit_code == 0, (re.sub(r"\s+", " ", shown.stderr), shown.exception)
 
 
@@ -224,6 +222,6 @@ def test_a_recording_is_not_overwritten_by_its_twist(tmp_path):
     """Not by --force either."""
     file = written(tmp_path / "a.csv", tilted(0.0, 0.1))
     before = Path(file).read_bytes()
-    done = CliRunner().invoke(app, ["twist", file, "--csv", "--force", "--out", str(tmp_path / "a")])
+    done = nontwist("twist", file, "--csv", "--force", "--out", tmp_path / "a")
     assert (done.exit_code, f"{file} is the recording itself; choose another name" in done.stderr) == (2, True)
     assert Path(file).read_bytes() == before

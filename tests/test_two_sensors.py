@@ -8,17 +8,17 @@ import io
 import json
 import re
 import warnings
+from functools import partial
 
 import numpy as np
 import pandas
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import open_run, read_motion, twist
-from nontwist.cli import app
 from nontwist.errors import InputError
-from nontwist.recordings.clocks import SURE, VAGUE, fitted_clock, speed_correlation
+from nontwist.recordings.relative import SURE, VAGUE, fitted_clock
 from refusals import refused, warned
 
 TILT = 0.9
@@ -372,6 +372,7 @@ REFUSED = {
     "no pose": ({"align": "static", "static": (7, 8)}, "no-pose", {"first": 7.0, "start": 0.0, "end": 1.98}),
     "rows": ({"rows": 20, "time": None}, "sample-counts", {"other": 100, "count": 20}),
     "drift of one": ({"relative_to": None, "clocks": "drift"}, "one-sensor", {"name": "clocks"}),
+    "shift of one": ({"relative_to": None, "clocks": "shift"}, "one-sensor", {"name": "clocks"}),
     "clocks": ({"clocks": "both"}, "clocks must be 'shared', 'shift' or 'drift', got 'both'", {}),
     "align": ({"align": "moving"}, "align must be None or 'static', got 'moving'", {}),
     "later": ({"align": "static", "static": (2, 1)}, "static must be two times, the earlier first, got [2.0, 1.0]", {}),
@@ -412,16 +413,6 @@ def test_the_command_aligns_clocks_by_shakes(tmp_path, stamped):
     assert float(drift) == pytest.approx(-300, abs=15)
 
 
-def test_the_command_refuses_shakes(tmp_path):
-    file = written(tmp_path / "one.csv", "qw qx qy qz", Rotation.from_rotvec(np.eye(3)), np.arange(3))
-    for arguments, message in (
-        (("--shake", "1,2"), "there is no second sensor: --relative-to FILE"),
-        (("--relative-to", file, "--shake", "1"), "'1' is not two times like 0,2.5"),
-    ):
-        result = command(file, *arguments, "--out", str(tmp_path / "o"))
-        assert (result.exit_code, f"Invalid value for --shake: {message}" in result.stderr) == (2, True)
-
-
 def written(path, names, rotation, time=None, **more):
     columns = dict(zip(names.split(), np.roll(rotation.as_quat(), 1, axis=1).T, strict=True))
     times = {} if time is None else {"time": time}
@@ -429,8 +420,7 @@ def written(path, names, rotation, time=None, **more):
     return str(path)
 
 
-def command(*arguments):
-    return CliRunner().invoke(app, ["twist", *arguments, "--no-figure"], env={"COLUMNS": "200"})
+command = partial(nontwist, "twist", "--no-figure")
 
 
 def test_the_command_with_two_files(tmp_path):
@@ -565,15 +555,6 @@ def test_of_other_dates_the_speeds_tell_the_shift(ahead, tmp_path):
     assert found.twist_angle.values[-1] == pytest.approx(expected[-1], abs=2e-3)
 
 
-def test_speeds_that_do_not_change_have_no_correlation():
-    t = np.arange(0, 2, 0.01)
-    still, moving = Rotation.identity(t.size), Rotation.from_rotvec(np.outer(np.sin(5 * t), [1, 0, 0]))
-    assert speed_correlation(moving, t, moving, t) == pytest.approx(1, abs=1e-12)
-    for pair in ((still, moving), (moving, still), (still, still)):
-        assert speed_correlation(pair[0], t, pair[1], t) == 0
-    assert speed_correlation(moving, t, moving, t + 100) == 0
-
-
 def test_the_second_file_has_options_of_its_own(tmp_path):
     t = np.arange(0, 20, 0.02)
     motion = Rotation.from_euler("ZYX", np.stack([np.sin(t), 0.5 * np.sin(2.3 * t), 0.3 * t], axis=1))
@@ -600,14 +581,17 @@ def test_the_second_file_has_options_of_its_own(tmp_path):
     assert abs(json.loads(swapped.stdout)["twist_angle"]) < 1e-12
 
 
+OTHER = ("--relative-to", "{}", "--relative-options")
 WRONG_OPTIONS = {
     "no file": (("--relative-options", "--inverse"), "there is no second file: --relative-to FILE"),
-    "of the first": (("--relative-to", "{}", "--relative-options", "--axis x"), "--axis is not one of --time-column"),
-    "body": (("--relative-to", "{}", "--relative-options", "--body a"), "--body is not one of"),
-    "columns": (("--relative-to", "{}", "--relative-options", "--columns a"), "--columns is not one of"),
-    "help": (("--relative-to", "{}", "--relative-options", "-h"), "nontwist twist -h lists them"),
-    "quotes": (("--relative-to", "{}", "--relative-options", "it's"), "has a quotation mark too few"),
-    "unknown": (("--relative-to", "{}", "--relative-options", "--inverted"), "No such option"),
+    "of the first": ((*OTHER, "--axis x"), "--axis is not one of --time-column"),
+    "body": ((*OTHER, "--body a"), "--body is not one of"),
+    "columns": ((*OTHER, "--columns a"), "--columns is not one of"),
+    "help": ((*OTHER, "-h"), "nontwist twist -h lists them"),
+    "quotes": ((*OTHER, "it's"), "has a quotation mark too few"),
+    "unknown": ((*OTHER, "--inverted"), "No such option"),
+    "a shake": (("--shake", "1,2"), "Invalid value for --shake: there is no second sensor: --relative-to FILE"),
+    "one time": (("--relative-to", "{}", "--shake", "1"), "value for --shake: '1' is not two times like 0,2.5"),
 }
 
 

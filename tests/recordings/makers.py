@@ -415,3 +415,7 @@ def made(content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, enco
     if isinstance(content, dict):
         content = text({"time": T, **content})
     return Made(content, file, options, truth, times, within, exact, encoding, inner)
+
+
+# the library that writes and reads a format, by its suffix; folders are bags
+LIBRARIES = {".c3d": "ezc3d", ".bag": "rosbags", "": "rosbags", ".tm": "spiceypy"}

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nontwist import read_motion, simulate, standard, twist
+from nontwist import read_motion, simulate, standard
 from nontwist.cli import app
 from nontwist.recordings.reading import read_rates
 
 from .cases import CASES, FOLDER, RATES, written
-from .makers import WXYZ, R, T, quat, spice_kernels, text
+from .makers import WXYZ, T, quat, spice_kernels, text
 
 
 def nontwist(*arguments):
@@ -96,13 +96,6 @@ def test_the_kernels_that_a_caller_has_loaded_stay(tmp_path):
         assert spiceypy.gdpool("DELTET/DELTA_T_A", 0, 1)[0] == 32.184
     finally:
         spiceypy.kclear()
-
-
-@pytest.mark.parametrize("option", [{"static": (0, 1)}, {"clocks": "drift"}, {"clocks": "shift"}])
-def test_options_without_effect_are_refused(option):
-    """E6."""
-    with pytest.raises(ValueError, match=next(iter(option))):
-        twist(R, T, **option)
 
 
 def test_times_outside_of_a_run_without_an_end_are_told_in_words():

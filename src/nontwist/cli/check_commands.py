@@ -6,7 +6,7 @@ import math
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -86,6 +86,7 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
+    from ..integrators import INTEGRATORS
 
     given = list(overrides or ())
     if target is not None:
@@ -93,7 +94,9 @@ def precision_command(
     whole = read_all([file], [*given, "sweep="])[file].prepared
     prepared = whole.on_grid
     if prepared.plan.scheme.any_times:
-        refuse_any_times(file, prepared.plan.scheme.name)
+        known = ", ".join(f'"{name}"' for name, scheme in INTEGRATORS.items() if scheme.orders)
+        name = prepared.plan.scheme.name
+        raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
     if target is not None:
         print_target(file, whole, target, given, as_json, quiet)
         return
@@ -168,14 +171,6 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
             say(hint(f"nontwist sweep {typed(file)} {chosen}"))
         elif not swept:
             say(hint(" ".join(["nontwist run", typed(file), *set_again(given)])))
-
-
-def refuse_any_times(file: Path, name: str) -> NoReturn:
-    """Refuse an integrator that has no order."""
-    from ..integrators import INTEGRATORS
-
-    known = ", ".join(f'"{name}"' for name, scheme in INTEGRATORS.items() if scheme.orders)
-    raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
 
 
 def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:

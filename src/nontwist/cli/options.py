@@ -251,7 +251,6 @@ Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no results and no progress; warnings and --json are still printed.")
 ]
 DecimalComma = Annotated[bool, Opt("Write CSV with decimal commas, and semicolons between columns.")]
-File = Path | None
 
 
 def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:

@@ -9,11 +9,11 @@ from contextlib import ExitStack, suppress
 from importlib.resources import files
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import RunFileError
+from ..errors import RunFileError, SimulationError, SimulationInterrupt
 from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, printed_warnings, say, smooth
 from .summaries import hint, in_words, print_rows, run_numbers, run_rows, say_written, typed
@@ -59,8 +59,8 @@ def run_command(
     with ExitStack() as held, sigterm_interrupts():
         writes = {path: held.enter_context(reserved(target, force=force)) for path, target in targets.items()}
         for path, run_file in run_files.items():
-            job = Job(path, targets[path], writes[path], drawn[path], force)
-            complete &= _run(run_file, job, as_json, quiet)
+            how: dict[str, Any] = {"figures": drawn[path], "force": force, "as_json": as_json, "quiet": quiet}
+            complete &= _run(run_file, path, targets[path], writes[path], **how)
     if not complete:
         raise typer.Exit(SOLVER)
 
@@ -95,16 +95,6 @@ def read_one(path: Path, overrides: list[str] | None) -> RunFile:
         raise CommandError(f"{path}: {error.strerror}{hint}", IO) from error
 
 
-class Job(NamedTuple):
-    """Where a run comes from and goes to."""
-
-    path: Path
-    target: Path
-    write: Callable[[xarray.Dataset], None]
-    figures: tuple[str, ...]
-    force: bool
-
-
 def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path:
     name = f"{path.stem}.nc"
     if out is None:
@@ -127,11 +117,18 @@ def _require_names(targets: dict[Path, Path]) -> None:
             raise CommandError(message, IO)
 
 
-def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
+def _run(
+    run_file: RunFile,
+    path: Path,
+    target: Path,
+    write: Callable[[xarray.Dataset], None],
+    *,
+    figures: tuple[str, ...],
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
-    from ..integrators import SimulationError, SimulationInterrupt
-
-    path, target = job.path, job.target
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
@@ -142,14 +139,14 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
             stopped, run = error, error.partial.to_dataset().assign_attrs(run_file.record())
     seconds = perf_counter() - started
     with about(f"cannot write {target}", OSError):
-        job.write(run)
+        write(run)
     written = [target]
     if stopped is None:
         drawn = run
-        if job.figures:
+        if figures:
             with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
                 drawn = smooth(run, run_file.prepared.plan.load)
-        written += [figure for name in job.figures for figure in _draw(drawn, job, name)]
+        written += [figure for name in figures for figure in _draw(drawn, target, name, force)]
     else:
         say(f"{path}: {stopped}", "red")
         say(f"{path}: the completed part, up to t = {float(run['time'][-1]):.12g} s, is saved in {target}", "red")
@@ -168,7 +165,7 @@ def _figure_files(target: Path, name: str) -> list[Path]:
     return [target.with_name(f"{target.stem}-{name}{suffix}") for suffix in (".pdf", ".png")]
 
 
-def _draw(run: xarray.Dataset, job: Job, name: str) -> list[Path]:
+def _draw(run: xarray.Dataset, target: Path, name: str, force: bool) -> list[Path]:
     from .. import plot
 
     if name == "momenta":
@@ -177,8 +174,8 @@ def _draw(run: xarray.Dataset, job: Job, name: str) -> list[Path]:
         drawn = plot.momenta(run, right, frame="body")
     else:
         drawn = {"energy": plot.energy, "path": plot.path}[name](run)
-    places = _figure_files(job.target, name)
-    plot.save(drawn, *places, force=job.force)
+    places = _figure_files(target, name)
+    plot.save(drawn, *places, force=force)
     return places
 
 

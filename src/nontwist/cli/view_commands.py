@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import SimulationError
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
@@ -111,7 +112,7 @@ def view_command(
     is_empty = first is not None and last is not None and first >= last
     refuse(
         (mp4 is not None and shutil.which("ffmpeg") is None, "--mp4", NO_FFMPEG),
-        (is_empty, "--to", f"must be after --from, {first}, got {last}"),
+        (is_empty, "--to", f"must be after --from, {first or 0:g}, got {last or 0:g}"),
         (at is not None and png is None, "--at", "applies to --png only; add --png PATH"),
     )
     moving = [path for path in (gif, mp4) if path is not None]
@@ -195,7 +196,6 @@ def _part(data: Any, span: slice) -> xarray.Dataset:
 
 def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset:
     """Return a part of a run, its states completed where they are far apart; or warn that they are."""
-    from ..integrators import SimulationError
     from ..viewer.content import FAR, NEEDED, STATES
 
     if "member" in run.dims or not {"quaternion", "material_angular_velocity", *NEEDED} <= {*run.data_vars}:

@@ -81,8 +81,6 @@ def _march(scheme: Integrator, problem: IVP, threads: int) -> Outcome:
     """Integrate a problem, one with wheels as that of gyrostats, member by member."""
     if not problem.load.wheels:
         return scheme.march(problem, threads)
-    if problem.observed:
-        raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
     whole = with_works(problem)
     found = of_locked(whole, one_by_one(lambda one: scheme.march(as_gyrostat(one)), whole, threads))
     if len(whole.output) == len(problem.output):

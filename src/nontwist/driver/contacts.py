@@ -328,15 +328,13 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     Raises
     ------
     ValueError
-        What `refusal` returns; statistics over steps are asked for; as the integrator.
+        What `refusal` returns; as the integrator.
     """
     from .rubbing import Rubbed, Tumbling
     from .wheel_friction import Bearings
 
     if (reason := refusal(scheme, problem)) is not None:
         raise ValueError(reason)
-    if problem.observed:
-        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
     own = problem.load.frictions
     kind: type[Rubbed | Bearings] = Bearings
     if own:

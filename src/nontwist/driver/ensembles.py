@@ -13,7 +13,7 @@ from ..analysis import ensemble_dataset, statistics
 from ..errors import warn
 from ..geometry.arrays import largest_size
 from ..geometry.values import as_whole
-from ..integrators import DEFAULT, Status
+from ..integrators import Status
 from ..integrators.base import IVP, Outcome
 from ..integrators.time_grid import stretched
 from ..models.stack import SystemStack
@@ -23,6 +23,7 @@ from .coarseness import coarseness
 from .costs import cores, members_cost
 from .grid import SMALL, free_memory
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
+from .planning import require_observed
 from .problem import OfEnsemble, Problem, every_stored, plan_of, posed, starts_of, takes
 from .tolerance import controlled, first_grid
 
@@ -117,13 +118,8 @@ def simulate_ensemble(
     plan = plan_of(task, begin, store=every_stored(task))
     systems = plan.systems
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
-    if requested and not scheme.observes:
-        raise ValueError(f"{scheme.name} takes no steps to reduce over; store states with times=, or use {DEFAULT}")
-    if requested and any(term.dead_force is None for term in load.potentials):
-        raise ValueError(
-            "reduce= supports the energy of linear potentials only; leave it out, and store the variable "
-            "potential_energy"
-        )
+    if requested:
+        require_observed(scheme, load)
     grid = plan.grid
     if grid is None and scheme.any_times and store == "end":
         grid = stretched((t0, t1), (1,))

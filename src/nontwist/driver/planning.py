@@ -179,6 +179,21 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
     return load
 
 
+def require_observed(scheme: Integrator, load: Load) -> None:
+    """Raise a ValueError where an integrator computes no statistics over its steps, or none under this load."""
+    if not scheme.observes:
+        raise ValueError(f"{scheme.name} takes no steps to reduce over; store states with times=, or use {DEFAULT}")
+    if any(term.dead_force is None for term in load.potentials):
+        raise ValueError(
+            "reduce= supports the energy of linear potentials only; leave it out, and store the variable "
+            "potential_energy"
+        )
+    if load.is_dry:
+        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
+    if load.wheels:
+        raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
+
+
 def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:
     """Return the internal states of loads with memory at a start, (m, k), None: none; a ValueError for others."""
     if not load.remembering:

@@ -36,7 +36,6 @@ from ..kernels.vectors import Quaternion, Vector
 from .records import Block, Failure, Parts, Sums, Work, places
 from .workspace import OK, copy, write
 
-MARCH, OUTPUT, NODE = range(3)
 ITERATIONS, WORKED = fields(Sums)["iterations"].place, fields(Sums)["work"].place
 
 
@@ -55,8 +54,7 @@ class Call(NamedTuple):
     forces: int
     rotor: int
     spin: int
-    op: int
-    place: int  # where its state is written
+    place: int  # where the state is written, behind which the march is put back to where it was; 0: it marches
     begins: int  # 1: a stretch begins with it
 
 
@@ -73,7 +71,7 @@ class Calls(NamedTuple):
 
 
 CALL, CALLS = places(Call), places(Calls)
-IN_BLOCK = Call._fields[: Call._fields.index("op")]
+IN_BLOCK = Call._fields[: Call._fields.index("place")]
 
 
 def joined(a: Any, b: Any, k: Any) -> Any:
@@ -135,7 +133,7 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
     for number in loop(head.calls, whilst=lambda: v.are_alive):
         row, rate = taken(b, head, number), head.rates[number]
-        is_output = row.op != MARCH
+        is_output = row.place != 0
         b.observed = select(is_output, 0, observed.address)
         for _ in when(row.begins != 0):
             forget(b, head, first, last)

@@ -177,7 +177,6 @@ def enter(address: Any) -> None:
             put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)
 
 
-NOW = fields(Work)["now"].place
 OF_OBSERVED = fields(Work)["observed"].place
 LEAST, MOST, INTEGRAL = (OF_OBSERVED + fields(Observed)[name].place for name in ("least", "most", "integral"))
 

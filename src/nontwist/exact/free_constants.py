@@ -23,6 +23,7 @@ from ..kernels.vectors import AXES, Matrix, Vector
 OK, BAD_TIME = range(2)
 FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
 _SWEEPS = 16
+NEAR = 0.008  # of arguments of R_F to their mean, from which on its series is right to round-off
 
 
 class Constants(NamedTuple):
@@ -79,16 +80,13 @@ CONSTANTS = size_of(Constants)
 
 
 @part
-def carlson_rf(x: Any, y: Any, z: Any, near: float = 0.008) -> Any:
-    """Return Carlson's symmetric integral R_F(x, y, z) by duplication (DLMF 19.36); at most one argument 0.
-
-    The arguments are duplicated until they are as `near` as this to their mean.
-    """
+def carlson_rf(x: Any, y: Any, z: Any) -> Any:
+    """Return Carlson's symmetric integral R_F(x, y, z) by duplication (DLMF 19.36); at most one argument 0."""
     v = Variables(x=x, y=y, z=z, count=0)
 
     def is_open() -> Any:
         mean = (v.x + v.y + v.z) / 3.0
-        return larger(abs(mean - v.x), larger(abs(mean - v.y), abs(mean - v.z))) >= near * abs(mean)
+        return larger(abs(mean - v.x), larger(abs(mean - v.y), abs(mean - v.z))) >= NEAR * abs(mean)
 
     v.open = is_open()
     for _ in whilst(lambda: any_of(v.open) & (v.count < 64)):

@@ -79,7 +79,7 @@ from ..geometry.attitudes import attitudes
 from ..models.system import checked_inertia
 from .border import Motion, checked_attitude, checked_times, checked_velocity
 from .free_bodies import TOO_FAR, free_standard
-from .free_constants import FARTHEST, carlson_rf
+from .free_constants import FARTHEST
 
 DIGITS = 120
 ZERO = Decimal(0)
@@ -109,44 +109,25 @@ class Gyrostat(NamedTuple):
     lattice: Lattice | None  # None: W is constant
 
 
-class Number:
-    """A complex number of many digits."""
+def number(x: Decimal, y: Decimal = ZERO) -> Any:
+    """Return the complex number x + iy of many digits, as the matrix that multiplies by it: ``@`` is the product."""
+    return np.array([[x, -y], [y, x]])
 
-    __slots__ = ("x", "y")
 
-    def __init__(self, x: Decimal, y: Decimal = ZERO) -> None:
-        self.x, self.y = x, y
+def _root(z: Any) -> Any:
+    """Return the square root, of real part >= 0."""
+    (x, _), (y, _) = z
+    size = (x * x + y * y).sqrt()
+    if not size:
+        return number(ZERO)
+    a = ((size + abs(x)) / 2).sqrt()
+    b = y / (2 * a)
+    return number(a, b) if x >= 0 else number(abs(b), a.copy_sign(y))
 
-    def __add__(self, other: Number) -> Number:
-        return Number(self.x + other.x, self.y + other.y)
 
-    def __sub__(self, other: Number) -> Number:
-        return Number(self.x - other.x, self.y - other.y)
-
-    def __mul__(self, other: Number | Decimal | int) -> Number:
-        if not isinstance(other, Number):
-            return Number(self.x * other, self.y * other)
-        return Number(self.x * other.x - self.y * other.y, self.x * other.y + self.y * other.x)
-
-    def __truediv__(self, other: int) -> Number:
-        return Number(self.x / other, self.y / other)
-
-    def conjugate(self) -> Number:
-        """Return x - iy."""
-        return Number(self.x, -self.y)
-
-    def root(self) -> Number:
-        """Return the square root, of real part >= 0."""
-        size = (self.x * self.x + self.y * self.y).sqrt()
-        if not size:
-            return Number(ZERO)
-        a = ((size + abs(self.x)) / 2).sqrt()
-        b = self.y / (2 * a)
-        return Number(a, b) if self.x >= 0 else Number(abs(b), a.copy_sign(self.y))
-
-    def rounded(self) -> complex:
-        """Return it in double precision; its zeros are positive, on the upper side of cuts."""
-        return complex(float(self.x) + 0.0, float(self.y) + 0.0)
+def _rounded(z: Any) -> complex:
+    """Return a number in double precision; its zeros are positive, on the upper side of cuts."""
+    return complex(float(z[0, 0]) + 0.0, float(z[1, 0]) + 0.0)
 
 
 def gyrostat(J: Array, c: Array, W: Array) -> Gyrostat:
@@ -180,45 +161,50 @@ def _frame(n: Vector) -> Vector:
 
 def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
     """Return the periods and poles from the `rates` Re m, -Im m and f - 2 b3, and from b and W."""
-    m, beta = Number(rates[0], -rates[1]), Number(W[0], -W[1])
-    gamma = (beta + Number(b[0], -b[1]) * 2) * -1
+    m, beta = number(rates[0], -rates[1]), number(W[0], -W[1])
+    gamma = -beta - 2 * number(b[0], -b[1])
     quartic = _quartic(m, beta, gamma, rates[2] + 2 * b[2], b[2])
     first, second, third = _roots(*_invariants(quartic))
-    is_real = not second.y
-    slope, y, a2 = Number(beta.y, beta.x) / 2, quartic[4].root(), quartic[2] / 12
+    is_real = not second[1, 0]
+    slope, y, a2 = number(-W[1], W[0]) / 2, _root(quartic[4]), quartic[2] / 12
     poles = []
     for sign in (1, -1):
-        p = a2 + slope * y * sign / 2
-        change = (quartic[1] * y * sign + slope * quartic[3]) / -4
-        poles.append(_pole([(p - e).rounded() for e in (first, second, third)], change.rounded()))
+        p = a2 + sign * slope @ y / 2
+        change = (sign * quartic[1] @ y + slope @ quartic[3]) / -4
+        poles.append(_pole([_rounded(p - e) for e in (first, second, third)], _rounded(change)))
     if is_real:
-        e1, e2, e3 = sorted((first.x, second.x, third.x), reverse=True)
+        e1, e2, e3 = sorted((first[0, 0], second[0, 0], third[0, 0]), reverse=True)
         span, upper, lower = e1 - e3, e1 - e2, e2 - e3
     else:
-        span = ((3 * first.x / 2) ** 2 + second.y**2).sqrt()
-        upper, lower = (span / 2 + sign * 3 * first.x / 4 for sign in (1, -1))
+        real_root, apart = first[0, 0], second[1, 0]
+        span = ((3 * real_root / 2) ** 2 + apart**2).sqrt()
+        upper, lower = (span / 2 + sign * 3 * real_root / 4 for sign in (1, -1))
     real, imaginary = _half_period(float(span), float(upper)), _half_period(float(span), float(lower))
     ratio = max(real, imaginary) / min(real, imaginary)
     base = complex(real) if real <= imaginary else complex(0, imaginary)
     return Lattice(real, base, complex(0, ratio) if is_real else complex(0.5, ratio / 2), (poles[0], poles[1]))
 
 
-def _quartic(m: Number, beta: Number, gamma: Number, f: Decimal, b3: Decimal) -> Any:
+def _quartic(m: Any, beta: Any, gamma: Any, f: Decimal, b3: Decimal) -> Any:
     """Return the coefficients of -(B² - 4AC)/4, B = β* + f z + γ z², A = m* + γ* z + 2 b3 z², C = β z + m z²."""
-    B = np.array([beta.conjugate(), Number(f), gamma])
-    A = np.array([m.conjugate(), gamma.conjugate(), Number(2 * b3)])
-    return np.convolve(A, np.array([Number(ZERO), beta, m])) - np.convolve(B, B) / 4
+    A, B, C = (m.T, gamma.T, number(2 * b3)), (beta.T, number(f), gamma), (number(ZERO), beta, m)
+    return [ac - bb / 4 for ac, bb in zip(_product(A, C), _product(B, B), strict=True)]
+
+
+def _product(p: Any, q: Any) -> Any:
+    """Return the coefficients of the product of two polynomials of degree two."""
+    return [sum(p[i] @ q[k - i] for i in range(3) if 0 <= k - i < 3) for k in range(5)]
 
 
 def _invariants(a: Any) -> tuple[Decimal, Decimal]:
     """Return g2 and g3, which are real."""
-    g2 = a[0] * a[4] - a[1] * a[3] / 4 + a[2] * a[2] / 12
-    g3 = a[0] * a[2] * a[4] / 6 + a[1] * a[2] * a[3] / 48 - a[2] * a[2] * a[2] / 216
-    g3 = g3 - (a[0] * a[3] * a[3] + a[1] * a[1] * a[4]) / 16
-    return g2.x, g3.x
+    outer, inner, square = a[0] @ a[4], a[1] @ a[3], a[2] @ a[2]
+    g2 = outer - inner / 4 + square / 12
+    g3 = a[2] @ (outer / 6 + inner / 48 - square / 216) - (a[0] @ a[3] @ a[3] + a[1] @ a[1] @ a[4]) / 16
+    return g2[0, 0], g3[0, 0]
 
 
-def _roots(g2: Decimal, g3: Decimal) -> tuple[Number, Number, Number]:
+def _roots(g2: Decimal, g3: Decimal) -> tuple[Any, Any, Any]:
     """Return the roots of 4 x³ - g2 x - g3; the first is real, the others are real or conjugate.
 
     The root with the sign of g3 that is farthest from 0 is never double. Newton's iteration falls to it from above.
@@ -235,9 +221,9 @@ def _roots(g2: Decimal, g3: Decimal) -> tuple[Number, Number, Number]:
     x = x.copy_sign(g3)
     rest = g2 - 3 * x * x
     half = abs(rest).sqrt() / 2
-    apart = Number(half) if rest >= 0 else Number(ZERO, half)
-    middle = Number(-x / 2)
-    return Number(x), middle + apart, middle - apart
+    apart = number(half) if rest >= 0 else number(ZERO, half)
+    middle = number(-x / 2)
+    return number(x), middle + apart, middle - apart
 
 
 def _half_period(span: float, part: float) -> float:
@@ -248,12 +234,14 @@ def _half_period(span: float, part: float) -> float:
 
 
 def _pole(apart: list[complex], slope: complex) -> complex:
-    """Return a with ℘(a) - e_i = `apart` and ℘'(a) = `slope`: Carlson's R_F of complex arguments."""
+    """Return a with ℘(a) - e_i = `apart` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut."""
+    from scipy.special import elliprf
+
     most = max(abs(x) for x in apart)
     x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in apart)
-    known = -2 * cmath.sqrt(x) * cmath.sqrt(y) * cmath.sqrt(z)
-    sign = -1.0 if abs(known + slope) < abs(known - slope) else 1.0
-    return complex(sign * carlson_rf(x, y, z, 0.003))
+    a, b, c = map(cmath.sqrt, (x, y, z))
+    sign, shift = (-1.0 if abs(slope - 2 * a * b * c) < abs(slope + 2 * a * b * c) else 1.0), a * b + b * c + c * a
+    return complex(sign * elliprf(*((u + shift) / 4 for u in (x, y, z))))
 
 
 _TERMS, _FLAT = 6, 200.0  # from this Im τ on, θ1 is a sine

@@ -1,4 +1,4 @@
-r"""The bodies that are fitted: what acts on them, what is fitted, and in which unit.
+r"""The bodies that are fitted: what acts on them, what is fitted, in which unit, and inertias as free numbers.
 
 Their equations are those of `motions`, with a damping of one number or three, and a rotor of inertia I at the speed Ω,
 I Ω its momentum.
@@ -8,10 +8,19 @@ motion nothing fixes it: u is tr J, and J has trace 1, five numbers. With a know
 momentum, J has six numbers, and u is any constant near tr J. Where m |c| is not known, u and J are in units of it, and
 J/(m|c|) is a length.
 
+**Inertias as free numbers.** A body has the second moments ``E = ∫ρ x xᵀ``, positive semidefinite, and
+``J = tr(E) I - E``. With the mass and its moment they are those of a body where the pseudo-inertia
+``[[E, m c], [m cᵀ, m]]`` is positive semidefinite. Its block Cholesky factor is ``[[L, √m c], [0, √m]]``, so
+``E = m c cᵀ + L Lᵀ`` with L lower triangular and free, c given or itself fitted. Without a known mass the first term is
+0, as m may be as small as one likes where m c is known. Of trace 1, ``tr E = 1/2``, and the entries of L are a
+direction whose length does not count. All L are bodies, and all bodies are reached; on a flat one the diagonal of L has
+a zero, and J is smooth there. Its derivative is not of full rank at such a body, so intervals never use L: they use J
+itself. The equations alone ask for less than a body: any positive definite ``J = L Lᵀ``.
+
 **A constraint.** Where a body may not turn about its axis n, ``n·J n`` has no part in the motion, and is no direction
 in which J is fitted.
 
-**Orientation.** Where attitudes are recorded their quaternion is part of the state (`orienting`).
+**Orientation.** Where attitudes are recorded their quaternion is part of the state (`measuring`).
 
 **The axis of a rotor** is known, or fitted: (a, Ω) and (-a, -Ω) are one rotor, so its sign is that of the speed, which
 the motion tells.
@@ -25,7 +34,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -44,16 +53,34 @@ TRACELESS = np.zeros((6, 5))
 TRACELESS[:3, 0], TRACELESS[:3, 1] = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
 TRACELESS[3:, 2:] = np.eye(3) / np.sqrt(2)
 WHOLE = np.concatenate([TRACELESS, np.array([[1, 1, 1, 0, 0, 0]]).T / np.sqrt(3)], axis=1)  # with the trace: (6, 6)
+TWICE = np.array([1, 1, 1, 2, 2, 2])  # as often are entries in the product of two symmetric matrices
+ROWS, COLUMNS = zip(*ENTRIES, strict=True)
+LOWER = np.tril_indices(3)
+MIXED = np.eye(6) - 1 / 3  # a reflection: no number is one entry of L alone, whose slope may vanish
+FLAT = 1e-4  # second moment, of tr J, below which no fit starts: on the wall of flat bodies L has no slope across it
 
 
 def entries(J: Array) -> Array:
-    """Return the six entries of a symmetric matrix."""
-    return np.array([J[..., i, j] for i, j in ENTRIES]).T if J.ndim > 2 else np.array([J[i, j] for i, j in ENTRIES])
+    """Return the six entries of a symmetric matrix, or of several, (..., 6)."""
+    return J[..., ROWS, COLUMNS]
 
 
 def symmetric(v: Array) -> Array:
-    """Return the symmetric matrix of six entries."""
+    """Return the symmetric matrix of six entries, or of several."""
     return np.tensordot(v, BASIS, axes=(-1, 0))
+
+
+def lower(v: Array) -> Array:
+    """Return lower triangular matrices by six numbers, (..., 6)."""
+    L = np.zeros((*v.shape[:-1], 3, 3))
+    L[..., *LOWER] = v @ MIXED
+    return L
+
+
+def unit_vector(v: Array) -> Array:
+    """Return a vector over its length; 0 as it is."""
+    found: Array = v / max(float(np.linalg.norm(v)), 1e-300)
+    return found
 
 
 @dataclass(frozen=True)
@@ -86,40 +113,12 @@ class Wheel:
     error: float
 
 
-class Kind(NamedTuple):
-    """Which terms the equations of a body have, and which of their numbers are fitted."""
-
-    has_pivot: bool
-    points: bool
-    oriented: bool
-    has_wheel: bool
-    has_axis: bool
-    has_factor: bool
-    damping: int
-    is_damped: bool
-    is_constrained: bool
-
-    @property
-    def size(self) -> int:
-        """How many numbers of a state are fitted where it starts: W, γ about a pivot, the quaternion of an attitude."""
-        return 3 + 3 * self.has_pivot + 4 * self.oriented
-
-    @property
-    def hidden(self) -> int:
-        """How many numbers of a state are not fitted: the speed and its rate."""
-        return 2 * self.has_wheel
-
-    @property
-    def more(self) -> int:
-        """How many numbers are fitted beside J: n, a, the factor of the speed, and the damping over the unit."""
-        return 3 * self.points + 3 * self.has_axis + self.has_factor + self.damping
-
-
 @dataclass(frozen=True)
 class Model:
     """What acts on the body, and the unit of its inertia.
 
-    `damping` is how many coefficients are fitted, 0, 1 or 3; `damped` are those that are known, (3,), N m s.
+    `damping` is how many coefficients are fitted, 0, 1 or 3; `damped` are those that are known, (3,), N m s. Not
+    `physical`, J is any positive definite matrix.
     """
 
     pivot: Pivot | None = None
@@ -129,24 +128,40 @@ class Model:
     constraint: Array | None = None
     unit: float = 1.0
     oriented: bool = False
+    physical: bool = True
 
     @cached_property
-    def kind(self) -> Kind:
-        """Which terms there are."""
-        is_damped = self.damping > 0 or self.damped is not None
-        has_wheel, is_constrained = self.wheel is not None, self.constraint is not None
-        has = self.pivot is not None, self.points, self.oriented, has_wheel, self.has_axis, self.has_factor
-        return Kind(*has, self.damping, is_damped, is_constrained)
-
-    @property
-    def size(self) -> int:
-        """How many numbers of a state are fitted where it starts."""
-        return self.kind.size
+    def places(self) -> dict[str, slice]:
+        """Where numbers lie that are fitted beside J: the directions n and a, a factor of I Ω, the damping over u."""
+        counts = {
+            "centre": 3 * (self.pivot is not None and self.pivot.direction is None),
+            "axis": 3 * (self.wheel is not None and self.wheel.axis is None),
+            "factor": int(self.wheel is not None and self.wheel.error > 0),
+            "damping": self.damping,
+        }
+        ends = np.cumsum([*counts.values()]).tolist()
+        return {name: slice(end - k, end) for (name, k), end in zip(counts.items(), ends, strict=True) if k}
 
     @property
     def more(self) -> int:
         """How many numbers are fitted beside J."""
-        return self.kind.more
+        return max((place.stop for place in self.places.values()), default=0)
+
+    @property
+    def size(self) -> int:
+        """How many numbers of a state are fitted where it starts: W, γ about a pivot, the quaternion of an attitude."""
+        return 3 + 3 * (self.pivot is not None) + 4 * self.oriented
+
+    @property
+    def directions(self) -> list[slice]:
+        """Which numbers of a state have the length 1 together: γ, and the quaternion."""
+        first = 3 + 3 * (self.pivot is not None)
+        return [slice(3, 6)] * (self.pivot is not None) + [slice(first, first + 4)] * self.oriented
+
+    @property
+    def directions_beside(self) -> list[slice]:
+        """Which numbers beside J have the length 1 together."""
+        return [self.places[name] for name in ("centre", "axis") if name in self.places]
 
     @property
     def is_absolute(self) -> bool:
@@ -159,59 +174,56 @@ class Model:
         return self.wheel is not None or (self.pivot is not None and self.pivot.mass is not None)
 
     @property
+    def is_damped(self) -> bool:
+        """Whether there is damping, known or fitted."""
+        return self.damping > 0 or self.damped is not None
+
+    @property
     def is_free(self) -> bool:
         """Whether nothing acts on the body."""
-        return not self.is_absolute and not self.damping and self.damped is None
+        return not self.is_absolute and not self.is_damped
 
     @property
     def words(self) -> str:
         """How the body moves, in words."""
         acting = {"about a pivot": self.pivot, "with a rotor": self.wheel, "with a constraint": self.constraint}
         how = [words for words, one in acting.items() if one is not None]
-        return " ".join(how + ["with damping"] * self.kind.is_damped) or "freely"
+        return " ".join(how + ["with damping"] * self.is_damped) or "freely"
 
-    @property
-    def points(self) -> bool:
-        """Whether the direction of the centre of mass is fitted."""
-        return self.pivot is not None and self.pivot.direction is None
-
-    @property
-    def has_axis(self) -> bool:
-        """Whether the axis of the rotor is fitted."""
-        return self.wheel is not None and self.wheel.axis is None
-
-    @property
-    def directions_beside(self) -> list[slice]:
-        """Which numbers beside J have the length 1 together: n and a, where they are fitted."""
-        return [slice(3 * k, 3 * k + 3) for k in range(self.points + self.has_axis)]
-
-    @property
-    def directions(self) -> list[slice]:
-        """Which numbers of a state have the length 1 together."""
-        first = 3 + 3 * (self.pivot is not None)
-        return [slice(3, 6)] * (self.pivot is not None) + [slice(first, first + 4)] * self.oriented
-
-    @property
-    def has_factor(self) -> bool:
-        """Whether a factor of the rotor's momentum is fitted, with a prior."""
-        return self.wheel is not None and self.wheel.error > 0
-
-    def factor(self, more: Array) -> float:
-        """Return the factor of the rotor's momentum."""
-        return float(more[3 * len(self.directions_beside)]) if self.has_factor else 1.0
+    def direction(self, more: Array) -> Array:
+        """Return the direction n of the centre; 0 without a pivot."""
+        if self.pivot is None:
+            return np.zeros(3)
+        return more[self.places["centre"]] if self.pivot.direction is None else self.pivot.direction
 
     def axis(self, more: Array) -> Array:
         """Return the axis of the rotor; 0 without one."""
         if self.wheel is None:
             return np.zeros(3)
-        return more[self.directions_beside[-1]] if self.wheel.axis is None else self.wheel.axis
+        return more[self.places["axis"]] if self.wheel.axis is None else self.wheel.axis
+
+    def factor(self, more: Array) -> float:
+        """Return the factor of the rotor's momentum."""
+        return float(more[self.places["factor"]][0]) if "factor" in self.places else 1.0
+
+    def damping_of(self, more: Array) -> Array:
+        """Return the damping over the unit, (3,)."""
+        if self.damped is not None:
+            return self.damped / self.unit
+        return np.broadcast_to(more[self.places["damping"]], (3,)) if self.damping else np.zeros(3)
+
+    def in_unit(self, more: Array, factor: float) -> tuple[Model, Array]:
+        """Return the model with a unit that is larger by a factor, and what is fitted beside J."""
+        changed = more.copy()
+        changed[len(more) - self.damping :] /= factor
+        return replace(self, unit=self.unit * factor), changed
 
     @cached_property
     def basis(self) -> Array:
         """The directions in which J can change the motion, six entries each, in columns."""
         if self.constraint is None:
             return WHOLE if self.is_absolute else TRACELESS
-        size = np.sqrt([1, 1, 1, 2, 2, 2])
+        size = np.sqrt(TWICE)
         return np.asarray(np.linalg.svd((self.idle * size[:, None]).T)[2][1:].T / size[:, None])
 
     @property
@@ -222,44 +234,62 @@ class Model:
         return entries(np.outer(self.constraint, self.constraint))[:, None]
 
     @property
-    def coordinates(self) -> int:
-        """How many numbers `chart` has for J."""
-        return 6 if self.is_absolute else 5
-
-    @property
     def weight(self) -> float:
         """The second moment m |c|² over the unit, 0 where it is not known."""
-        if self.pivot is None or self.pivot.mass is None:
+        if self.pivot is None or self.pivot.mass is None or not self.physical:
             return 0.0
         return self.pivot.mass * self.pivot.distance**2 / self.unit
-
-    def direction(self, more: Array) -> Array:
-        """Return n; 0 without a pivot."""
-        if self.pivot is None:
-            return np.zeros(3)
-        return more[:3] if self.pivot.direction is None else self.pivot.direction
-
-    def damping_of(self, more: Array) -> Array:
-        """Return the damping over the unit, (3,)."""
-        if self.damped is not None:
-            return self.damped / self.unit
-        return np.broadcast_to(more[len(more) - self.damping :], (3,)) if self.damping else np.zeros(3)
-
-    def in_unit(self, more: Array, factor: float) -> tuple[Model, Array]:
-        """Return the model with a unit that is larger by a factor, and what is fitted beside J."""
-        changed = more.copy()
-        changed[len(more) - self.damping :] /= factor
-        return replace(self, unit=self.unit * factor), changed
 
     def centred(self, more: Array) -> Array:
         """Return m c cᵀ over the unit, which the second moments about the pivot exceed; 0 where it is not known."""
         return self.weight * np.outer(*[self.direction(more)] * 2) if self.weight else np.zeros((3, 3))
 
+    def moments(self, J: Array) -> Array:
+        """Return what is positive semidefinite of an inertia, or of several: E, or J itself."""
+        return np.trace(J, axis1=-2, axis2=-1)[..., None, None] / 2 * np.eye(3) - J if self.physical else J
+
+    def of_moments(self, E: Array) -> Array:
+        """Return the inertia of second moments, or of several."""
+        return np.trace(E, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - E if self.physical else E
+
+    def thinnest(self, J: Array, more: Array) -> Array:
+        """Return the smallest second moment beside m c cᵀ, or that of several inertias: negative beyond the wall."""
+        return np.asarray(np.linalg.eigvalsh(self.moments(J) - self.centred(more))[..., 0])
+
+    def nearest(self, J: Array, more: Array, least: float = FLAT) -> Array:
+        """Return the closest inertia that a body can have, off the wall by a part of tr J."""
+        centred = self.centred(more)
+        values, vectors = np.linalg.eigh(self.moments(J) - centred)
+        E = (vectors * np.maximum(values, least * abs(np.trace(J)))) @ vectors.T + centred
+        found = self.of_moments(E)
+        return found if self.is_absolute else found / np.trace(found)
+
+    def cholesky(self, J: Array, more: Array, least: float = FLAT) -> Array:
+        """Return the entries of L of the closest inertia that a body can have; of length 1 where J has trace 1."""
+        E = self.moments(self.nearest(J, more, least)) - self.centred(more)
+        return np.asarray(np.linalg.cholesky(E / self._share)[LOWER] @ MIXED)
+
+    def inertia(self, v: Array, more: Array) -> tuple[Array, Array]:
+        """Return J by the entries of L, and the derivatives of its entries by these and what is beside J, (6, k)."""
+        E = self.centred(more) + self._share * lower(v) @ lower(v).T
+        half = self._share * lower(np.eye(6)) @ lower(v).T
+        slope = np.zeros((6, 6 + len(more)))
+        slope[:, :6] = entries(self.of_moments(half + half.mT)).T
+        if self.weight and "centre" in self.places:
+            half = self.weight * np.eye(3)[:, :, None] * self.direction(more)
+            slope[:, 6:9] = entries(self.of_moments(half + half.mT)).T
+        return self.of_moments(E), slope
+
+    @property
+    def _share(self) -> float:
+        """The trace of E where that of J is 1."""
+        return 0.5 if self.physical else 1.0
+
 
 FREE_BODY = Model()
 
 
-def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
+def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any, physical: bool = True) -> Model:
     """Return the model; a ValueError says what is wrong with its parts."""
     pivot = None if gravity is None else as_pivot(gravity)
     wheel = None if rotor is None else as_wheel(rotor)
@@ -273,23 +303,23 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
                 "constraint needs gravity or a rotor: without them the motion does not determine the scale of the "
                 "inertia, and nothing at all of a body that may not turn about a principal axis"
             )
+    model = Model(pivot, wheel=wheel, constraint=axis, physical=physical)
     if damping is None:
-        return Model(pivot, wheel=wheel, constraint=axis)
+        return model
     if isinstance(damping, str):
         if not among(damping, COUNTS):
             raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {shown(damping)}")
-        return Model(pivot, COUNTS[damping], wheel=wheel, constraint=axis)
+        return replace(model, damping=COUNTS[damping])
     C = as_floats(damping, "damping")
     C = np.full(3, as_number(damping, "damping")) if C.ndim == 0 else as_array(damping, "damping", (3,))
     if C.min() < 0:
         raise ValueError(f"damping must not be negative, got {C.min():g} N m s")
-    model = Model(pivot, damped=C, wheel=wheel, constraint=axis)
     if not model.has_scale:
         raise ValueError(
             f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia; use 'one' or 'three' to "
             "fit the damping"
         )
-    return model
+    return replace(model, damped=C)
 
 
 def as_pivot(gravity: Any) -> Pivot:
@@ -304,11 +334,10 @@ def as_pivot(gravity: Any) -> Pivot:
     g = float(as_positive(given.get("g", G), "gravity: g", (), "m/s²"))
     if "centre" in given and "distance" in given:
         raise ValueError("gravity has both centre and distance: the length of centre is the distance; leave one out")
-    if ("mass" in given) != ("centre" in given or "distance" in given):
-        lacks = "centre or distance" if "mass" in given else "mass"
+    places = "centre" in given or "distance" in given
+    if not (places and "mass" in given):
+        lacks = "centre or distance" if "mass" in given else "mass" if places else "mass, and centre or distance"
         raise ValueError(f"gravity lacks {lacks}; if unknown, use 'unknown' to fit J/(m|c|)")
-    if "mass" not in given:
-        raise ValueError("gravity lacks mass, and centre or distance; if unknown, use 'unknown' to fit J/(m|c|)")
     mass = float(as_positive(given["mass"], "gravity: mass", (), "kg"))
     if "distance" in given:
         return Pivot(mass, float(as_positive(given["distance"], "gravity: distance", (), "m")), None, g)
@@ -359,8 +388,8 @@ def of_keys(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[
 def _directed(value: Any, name: str, zero: str) -> tuple[Array, float]:
     """Return a direction and a length."""
     v = as_axis(value, name)
-    largest = abs(v).max()
+    largest = float(abs(v).max())
     if not largest > 0:
         raise ValueError(f"{name} is zero: {zero}")
     size = float(np.linalg.norm(v / largest))
-    return v / largest / size, size * float(largest)
+    return v / largest / size, size * largest

@@ -17,14 +17,13 @@ from itertools import pairwise
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import FREE_BODY, Model
+from .bodies import Model
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, with_moments
+from .measuring import finite_rows
 from .motions import RunawayError
-from .orienting import finite_rows
 from .quality import WHITE, correlation
-from .shooting import Lane, Loss, Priors, Shooting, Stretch, Unknowns
-from .solving import CALLS, Solution, nearest_body, solve
-from .speeds import refined
+from .shooting import Lane, Shooting, Stretch, Unknowns
+from .solving import CALLS, Solution, solve
 
 LANE = 1.5  # rad, of the first stage
 MOST_LANES = 40
@@ -33,7 +32,7 @@ ROUNDS, SETTLED = 4, 0.02
 HOPELESS = 0.05  # of the speed, and rad: residuals that no motion of the model leaves
 MOST_ENDS = 4  # starts from which the whole is fitted, where something acts
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
-INSIDE = 0.03  # of tr J: second moments of a first inertia beside m c cᵀ at least
+INSIDE = 0.01  # of tr J: second moments of a first inertia beside m c cᵀ at least
 
 
 def whole(stretches: Sequence[Stretch]) -> list[Lane]:
@@ -53,22 +52,23 @@ def short(stretches: Sequence[Stretch]) -> list[Lane]:
     return lanes
 
 
-def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], downs: Sequence[Array] = ()) -> Array:
+def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], guess: Guess) -> Array:
     """Return the states at the starts of lanes: W of a parabola through the first samples, γ by turns, the attitude."""
-    found = []
-    turned = [turns(one.time, one.rates) for one in stretches] if downs else []
+    found, n = [], guess.model.constraint
+    turned = [turns(one.time, one.rates) for one in stretches] if guess.downs else []
     for lane in lanes:
-        t, W = (a[lane.first : lane.last] for a in (stretches[lane.stretch].time, stretches[lane.stretch].rates))
+        one = stretches[lane.stretch]
+        t, W = (a[lane.first : lane.last] for a in (one.time, one.rates))
         speed = max(float(np.linalg.norm(W, axis=1).mean()), 1e-300)
         count = int(np.clip((t - t[0] <= 0.5 / speed).sum(), min(6, len(t)), 30))
-        degree = min(2, count - 1)
-        start = np.polynomial.polynomial.polyfit(t[:count] - t[0], W[:count], degree)[0]
-        down = [turned[lane.stretch][lane.first].T @ downs[lane.stretch]] if downs else []
-        quaternions = stretches[lane.stretch].quaternions
-        if quaternions is not None:  # the closest that there is
-            there = finite_rows(quaternions)
-            down.append(quaternions[there[np.argmin(abs(there - lane.first))]])
-        found.append(np.concatenate([start, *down]))
+        start = np.polynomial.polynomial.polyfit(t[:count] - t[0], W[:count], min(2, count - 1))[0]
+        parts = [start if n is None else start - n * (n @ start)]  # steps keep a constraint, as it is linear
+        if turned:
+            parts.append(turned[lane.stretch][lane.first].T @ guess.downs[lane.stretch])
+        if one.quaternions is not None:  # the closest that there is
+            there = finite_rows(one.quaternions)
+            parts.append(one.quaternions[there[np.argmin(abs(there - lane.first))]])
+        found.append(np.concatenate(parts))
     return np.array(found)
 
 
@@ -81,41 +81,30 @@ def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
     if model.is_free:
         energetic = pencil(pairs)
         others = [np.diag([0.25, 0.33, 0.42])] * (not found) if energetic is None else [energetic]
-        found += [Guess(model, J, np.zeros(0), []) for J in others]
+        found += [Guess(model, J, np.zeros(0)) for J in others]
     return found
 
 
 def estimate(
-    stretches: Sequence[Stretch],
-    priors: Priors,
-    noise: float,
-    loss: Loss = "linear",
-    known_noise: bool = False,
-    starts: Sequence[Guess] | None = None,
-    calls: int = CALLS,
-    model: Model = FREE_BODY,
-    tilt: float = 0.0,
+    problem: Shooting, known_noise: bool = False, starts: Sequence[Guess] | None = None, calls: int = CALLS
 ) -> Solution:
-    """Return the best solution from several starts, with the noise that its residuals have.
+    """Return the best solution of a problem from several starts, with the noise that its residuals have.
 
     Raises
     ------
     RunawayError
         No start leads to a motion.
     """
-    lanes, sensor = short(stretches), priors.sensor
-    seen = [replace(one, rates=sensor.undone(one.rates)) for one in stretches]
+    gyroscope, model, stretches = problem.gyroscope, problem.model, problem.stretches
+    lanes, begin = short(stretches), gyroscope.mean[gyroscope.free]
+    seen = [replace(one, rates=gyroscope.undone(one.rates)) for one in stretches]
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
     tried: list[Solution] = []
     for one in guesses(seen, model) if starts is None else starts:
-        first = Shooting(stretches, priors, noise, loss, lanes, one.model, tilt)
-        at = begun(seen, lanes, one.downs)
-        if one.model.constraint is not None:  # which steps keep, as it is linear
-            at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
-        inertia = nearest_body(one.model, one.inertia, one.more, INSIDE) if model.is_absolute else one.inertia
-        begin = Unknowns(inertia, np.zeros(3), 1.0, at, one.more, speeds, sensor.mean[sensor.free])
+        J = one.model.nearest(one.inertia, one.more, INSIDE)
+        at = Unknowns(J, one.more, begin, begun(seen, lanes, one), speeds)
         try:
-            tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
+            tried.append(solve(replace(problem, lanes=lanes, model=one.model), at, accuracy=ROUGH, calls=20))
         except RunawayError:
             continue
         if explains(tried[-1]):
@@ -123,13 +112,11 @@ def estimate(
     if not tried:
         raise RunawayError("no start leads to a motion")
     tried.sort(key=lambda one: one.cost)
-    firsts = np.flatnonzero([lane.first == 0 for lane in lanes])
     ends: list[Solution] = []
-    for from_there in tried[: 1 if model.is_free else MOST_ENDS]:
-        second, best = replace(from_there.problem, lanes=whole(stretches)), from_there.unknowns
-        ends.append(solve(second, replace(best, starts=best.starts[firsts]), calls=calls))
-        if explains(from_there) and not explains(ends[-1]):
-            ends.append(_merged(from_there, calls))
+    for first in tried[: 1 if model.is_free else MOST_ENDS]:
+        ends.append(_joined(first, len(lanes), calls))
+        if explains(first) and not explains(ends[-1]):
+            ends.append(_joined(first, 2, calls))
         if explains(ends[-1]):
             break
     found = min(ends, key=lambda one: one.cost)
@@ -144,13 +131,14 @@ def explains(solution: Solution) -> bool:
     return 2 * solution.cost < GOOD * len(solution.problem)
 
 
-def _merged(found: Solution, calls: int) -> Solution:
-    """Return the solution for whole recordings by lanes that are joined two by two, each time from the one before."""
-    while any(one.joined for one in found.problem.lanes):
-        kept, lanes = list[int](), list[Lane]()
+def _joined(found: Solution, many: int, calls: int) -> Solution:
+    """Return the solution for whole recordings by lanes of which so many are joined, each time from the one before."""
+    is_first = True
+    while is_first or any(one.joined for one in found.problem.lanes):
+        kept, lanes, is_first = list[int](), list[Lane](), False
         for k, lane in enumerate(found.problem.lanes):
-            if lanes and lanes[-1].joined and k == kept[-1] + 1:
-                lanes[-1] = replace(lanes[-1], last=lane.last, joined=lane.joined)
+            if lanes and lanes[-1].joined and k < kept[-1] + many:
+                lanes[-1] = lanes[-1]._replace(last=lane.last, joined=lane.joined)
             else:
                 kept.append(k)
                 lanes.append(lane)
@@ -181,15 +169,15 @@ def _with_its_noise(found: Solution, calls: int) -> Solution:
 
 def _with_more_knots(found: Solution) -> tuple[Shooting, Unknowns] | None:
     """Return a problem with more knots of the speed of a rotor; None where the residuals do not ask for them."""
-    row, stretches, speeds = 0, [], []
-    for one, own in zip(found.problem.stretches, found.problem.speed_columns, strict=True):
+    problem, x, row, stretches, speeds = found.problem, found.unknowns.flat, 0, [], [np.zeros(0)]
+    for k, one in enumerate(problem.stretches):
         left_over = found.misses[row : row + len(one.time)]
         row += len(one.time)
         white = abs(correlation(left_over)) < WHITE / np.sqrt(left_over.size)
-        finer = None if white or one.speed is None else refined(one.speed)
+        finer = None if white or one.speed is None else one.speed.refined()
         stretches.append(one if finer is None else replace(one, speed=finer))
-        values = found.unknowns.speeds[own]
-        speeds.append(values if finer is None else one.speed.at(finer.knots) @ values)  # type: ignore[union-attr]
-    if all(new is old for new, old in zip(stretches, found.problem.stretches, strict=True)):
+        values = x[problem.speeds_of(k)]
+        speeds.append(values if finer is None or one.speed is None else one.speed.at(finer.knots) @ values)
+    if all(new is old for new, old in zip(stretches, problem.stretches, strict=True)):
         return None
-    return replace(found.problem, stretches=stretches), replace(found.unknowns, speeds=np.concatenate(speeds))
+    return replace(problem, stretches=stretches), replace(found.unknowns, speeds=np.concatenate(speeds))

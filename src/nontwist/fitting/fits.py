@@ -12,20 +12,19 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputWarning
 from ..geometry.arrays import Array, as_array, as_positive
-from ..geometry.values import among, shown
+from ..geometry.values import among, as_flag, shown
 from ..recordings.options import ReadOptions
 from ..recordings.reading import Rates
 from ..spec import takes
 from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
+from .measuring import Gyroscope, as_gyroscope, plain_gyroscope
 from .motions import RunawayError
-from .orienting import noise_of_attitudes
-from .quality import noise_of, require_turning, require_unsaturated
+from .quality import noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .readings import as_readings, speed_of
 from .result import Fit, Part
-from .sensing import PLAIN, as_sensor, require_short
-from .shooting import Loss, Priors, Stretch
+from .shooting import Loss, Shooting, Stretch
 from .telling import beyond_the_wall
 from .telling import told as told_of
 
@@ -50,6 +49,7 @@ def fit_inertia(
     axis_scales: ArrayLike | Literal["fit"] | Mapping[str, Any] | None = None,
     noise: float | None = None,
     loss: Loss = "linear",
+    physical: bool = True,
     columns: Sequence[str] | None = None,
     unit: str | None = None,
     **reading: Any,
@@ -115,6 +115,9 @@ def fit_inertia(
         Standard deviation of the noise of a sample. By default it is estimated from the residuals.
     loss : "linear" or "soft_l1"
         "soft_l1" is robust: outliers have less weight, and intervals are approximate.
+    physical : bool
+        False also accepts a J that no distribution of mass has, as one with a moment larger than the sum of the others;
+        it is still positive definite.
     columns : sequence of str, optional
         Headers of the three columns of the angular velocity, preceded by that of the time if there is one.
     unit : str, optional
@@ -165,10 +168,9 @@ def fit_inertia(
     >>> fit.unit
     'kg m²'
     """
-    model = as_model(gravity, damping, rotor, constraint)
-    usual = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")
-    priors = Priors(max(float(usual[0]), KNOWN), max(float(usual[1]), KNOWN))
-    errors = {"delay": delay, "misalignment": misalignment, "axis_scales": axis_scales}
+    model = as_model(gravity, damping, rotor, constraint, as_flag(physical, "physical"))
+    deviations = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")
+    plain = plain_gyroscope(*(max(float(one), KNOWN) for one in deviations))
     sigma = 0.0 if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
         raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
@@ -179,17 +181,18 @@ def fit_inertia(
         reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
     given = as_readings(recording, reading, *as_orientation(orientation))
     model = replace(model, oriented=given[0].quaternions is not None)
-    sensor = as_sensor(errors, model, given[0].has_gyroscope, isinstance(spin, str))
-    task = Task(given, interval, spin, replace(priors, sensor=sensor), sigma, loss)
+    errors = {"delay": delay, "misalignment": misalignment, "axis_scales": axis_scales}
+    gyroscope = as_gyroscope(plain, errors, model, given[0].has_gyroscope, isinstance(spin, str))
+    task = Task(given, interval, spin, plain, gyroscope, sigma, loss)
     try:
         fit = task.fit(model)
         if not fit.is_explained and fit.untold and (other := task.what_fits(model)):
             raise ValueError(f"{task.no_motion(fit.solution.problem.stretches, fit.residual, model)}{other}")
     except NoMotionError as error:
         raise ValueError(f"{error}{task.what_fits(model)}") from error
-    told: Any
-    for told in (*task.said, *fit.warnings[len(task.said) :]):
-        warnings.warn(told, stacklevel=2)
+    said: Any = (*task.said, *fit.warnings[len(task.said) :])
+    for one in said:
+        warnings.warn(one, stacklevel=2)
     return fit
 
 
@@ -200,7 +203,8 @@ class Task:
     given: Sequence[Rates]
     interval: Any
     spin: Any
-    priors: Priors
+    plain: Gyroscope
+    gyroscope: Gyroscope
     sigma: float
     loss: Loss
 
@@ -212,36 +216,25 @@ class Task:
         NoMotionError
             No body of the model moves as recorded.
         """
-        cut = [self.cut(one, model) for one in self.given]
-        stretches = []
-        for one, (first, last, _) in zip(self.given, cut, strict=True):
-            t, y = one.time[first:last], one.rates[first:last]
-            require_turning(t, y, one.name)
-            if one.has_gyroscope:
-                require_unsaturated(t, y, one.name)
-            require_short(self.priors.sensor, y)
-            speed = None if model.wheel is None else speed_of(one, self.spin, slice(first, last))
-            q = None if one.quaternions is None else one.quaternions[first:last]
-            stretches.append(Stretch(t, y, speed, q, one.has_gyroscope))
-        tilts = [noise_of_attitudes(one.quaternions) for one in stretches if one.quaternions is not None]
-        tilt = max(tilts, default=0.0)
-        noise = _noise(self.sigma, stretches, tilt)
+        cuts = [self.cut(one, model) for one in self.given]
+        stretches = [self.stretch(one, slice(*cut[:2]), model) for one, cut in zip(self.given, cuts, strict=True)]
+        attitudes = [one.quaternions for one in stretches if one.quaternions is not None]
+        tilt = max(map(noise_of_attitudes, attitudes), default=0.0)
+        noise = self.noise(stretches, tilt)
         try:
-            found = estimate(
-                stretches, self.priors, noise, self.loss, known_noise=self.sigma > 0, model=model, tilt=tilt
-            )
+            found = estimate(Shooting(stretches, self.gyroscope, noise, self.loss, (), model, tilt), self.sigma > 0)
         except RunawayError as error:
             raise NoMotionError(self.no_motion(stretches, None, model)) from error
         if is_hopeless(found):
             raise NoMotionError(self.no_motion(stretches, found.misses, model))
-        parts, row = [], 0
-        for k, (one, stretch, (_, _, how)) in enumerate(zip(self.given, stretches, cut, strict=True)):
+        parts, row, problem, at = [], 0, found.problem, found.unknowns
+        states = [] if problem.has_gyroscope else [values for values, _ in problem.motions(at)]
+        for k, (one, stretch, (*_, how)) in enumerate(zip(self.given, problem.stretches, cuts, strict=True)):
             t, y = stretch.time, stretch.rates
-            explained = y - found.left_over[row : row + len(t)] if one.has_gyroscope else found.states[k][:, :3]
+            explained = states[k][:, :3] if states else y - found.left_over[row : row + len(t)]
             row += len(t)
-            start, down, attitude = np.split(found.unknowns.starts[k], [3, 3 + 3 * (model.pivot is not None)])
-            turned = found.problem.stretches[k].speed
-            spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
+            start, down, attitude = np.split(at.starts[k], [3, 3 + 3 * (model.pivot is not None)])
+            spun = None if stretch.speed is None else (stretch.speed.knots, at.flat[problem.speeds_of(k)])
             seen = spun, stretch.quaternions, attitude
             parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
@@ -251,6 +244,23 @@ class Task:
                 "errors; is the unit right, is the interval free of hands and impacts?"
             )
         return fit
+
+    def stretch(self, one: Rates, rows: slice, model: Model) -> Stretch:
+        """Return some samples of a recording; a ValueError where they cannot be fitted."""
+        t, y = one.time[rows], one.rates[rows]
+        require_turning(t, y, one.name)
+        if one.has_gyroscope:
+            require_unsaturated(t, y, one.name)
+        self.gyroscope.require_short(y)
+        speed = None if model.wheel is None else speed_of(one, self.spin, rows)
+        return Stretch(t, y, speed, None if one.quaternions is None else one.quaternions[rows], one.has_gyroscope)
+
+    def noise(self, stretches: Sequence[Stretch], tilt: float) -> float:
+        """Return the noise of a sample that a fit begins with."""
+        speed = max(float(abs(one.rates).max()) for one in stretches)
+        if not stretches[0].has_gyroscope:  # of gaps between short arcs alone
+            return tilt * speed
+        return self.sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed, 1e-9)
 
     def cut(self, one: Rates, model: Model) -> tuple[int, int, str]:
         """Return the samples to fit, from the first to before the last, and how they were found."""
@@ -282,10 +292,9 @@ class Task:
                 "(interval=) name the interval between release and catch, --all (interval='all') uses every sample"
             )
         require_turning(one.time, one.rates, one.name)
-        seen = replace(one, rates=self.priors.sensor.undone(one.rates))
-        known = replace(self.priors, sensor=PLAIN)
+        seen = replace(one, rates=self.gyroscope.undone(one.rates))
         try:
-            return Search(seen, self.spin, replace(model, oriented=False), known).found()
+            return Search(seen, self.spin, replace(model, oriented=False), self.plain).found()
         except NoMotionError as error:
             require_unsaturated(one.time, one.rates, one.name)
             raise NoMotionError(f"{one.name}: {error}") from error
@@ -333,16 +342,16 @@ class Task:
 def _others(model: Model) -> Iterator[tuple[Model, Callable[[Fit], str]]]:
     """Yield models that are close to one, with words on what they fit."""
     if model.wheel is not None and model.wheel.axis is not None:
-        turned = replace(model.wheel, axis=-model.wheel.axis)
+        turned, free = (replace(model.wheel, axis=axis) for axis in (-model.wheel.axis, None))
         yield (
             replace(model, wheel=turned),
             lambda fit: f"the rotor turning the other way: axis={_listed(fit.rotor_axis[0])}",
         )
         yield (
-            replace(model, wheel=replace(model.wheel, axis=None)),
+            replace(model, wheel=free),
             lambda fit: f"the axis of the rotor along {_listed(fit.rotor_axis[0])}: axis=fit",
         )
-    if model.pivot is not None and not model.points:
+    if model.pivot is not None and model.pivot.direction is not None:
         yield (
             replace(model, pivot=replace(model.pivot, direction=None)),
             lambda fit: f"the centre of mass along {_listed(fit.centre[0])}, or opposite: mass and distance",
@@ -354,13 +363,8 @@ def _listed(v: Array) -> str:
 
 
 def _beyond(model: Model) -> str:
+    if not model.physical:
+        return "its smallest moment would be negative"
     if model.weight:
         return "its second moments would fall short of those that mass and centre alone have"
     return "its largest moment would exceed the sum of the others"
-
-
-def _noise(sigma: float, stretches: Sequence[Stretch], tilt: float) -> float:
-    speed = max(float(abs(one.rates).max()) for one in stretches)
-    if not stretches[0].has_gyroscope:  # of gaps between short arcs alone
-        return tilt * speed
-    return sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed, 1e-9)

@@ -28,11 +28,12 @@ from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
 from .estimating import estimate
 from .linear import Guess, turns, with_moments
-from .motions import Motion, RunawayError, responses
+from .measuring import Gyroscope
+from .motions import NO_KICKS, Motion, RunawayError, response
 from .quality import noise_of
 from .readings import speed_of
-from .shooting import Priors, Stretch
-from .solving import Solution
+from .shooting import Shooting, Stretch
+from .solving import Solution, inverse
 
 THIN = 0.05  # rad, of the fastest turn
 SEED, SHARE = (2.0, 4.0), 0.2  # rad, least and most, for a free body; of all that it turns
@@ -69,7 +70,7 @@ class Search:
     recording: Rates
     spin: Any
     model: Model
-    priors: Priors
+    gyroscope: Gyroscope
     tried: dict[tuple[int, int], Solution | None] = field(default_factory=dict, repr=False, compare=False)
 
     def found(self) -> tuple[int, int, str]:
@@ -105,7 +106,7 @@ class Search:
         speed = np.linalg.norm(self.rates[1:] + self.rates[:-1], axis=1) / 2
         return np.concatenate([[0.0], np.cumsum(speed * np.diff(self.time))])
 
-    @property
+    @cached_property
     def many(self) -> float:
         """How many times as many numbers as of a free body are fitted."""
         fitted = self.model.basis.shape[1] + self.model.more + 3 * (self.model.pivot is not None)
@@ -192,9 +193,9 @@ class Search:
         """
         if b - a < FEWEST:
             return None
-        shut_first = shut_last = False
         found: tuple[int, int] | None = None
         starts: list[Guess] | None = None
+        open_first = open_last = True
         for _ in range(ROUNDS):
             speed = float(np.sqrt((self.rates[a:b] ** 2).sum(axis=1).mean()))
             noise = max(noise_of(self.rates[a:b]), FLOOR * speed)
@@ -203,10 +204,11 @@ class Search:
             fit = self.tried[a, b] if starts is None else self.fitted(a, b, noise, starts)
             if fit is None or fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
                 return found
-            found, length, n = (a, b), b - a, len(self.time)
-            before = 0 if shut_first else self.agreeing(fit, a, np.arange(a - 1, max(a - 1 - length, -1), -1), noise)
-            after = 0 if shut_last else self.agreeing(fit, a, np.arange(b, min(b + length, n)), noise)
-            shut_first, shut_last = shut_first or before < min(length, a), shut_last or after < min(length, n - b)
+            found, length = (a, b), b - a
+            earlier = np.arange(a - 1, max(a - 1 - length, -1), -1)[: length * open_first]
+            later = np.arange(b, min(b + length, len(self.time)))[: length * open_last]
+            before, after = (self.agreeing(fit, a, rows, noise) for rows in (earlier, later))
+            open_first, open_last = 0 < before == len(earlier), 0 < after == len(later)
             a, b = a - before, b + after
             starts = [self.guess(fit, a, a + before)]
             if before + after == 0:
@@ -216,9 +218,9 @@ class Search:
     def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None) -> Solution | None:
         """Return the fit of samples `a` to before `b`; None where no start leads to a motion."""
         spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
-        how: dict[str, Any] = {"known_noise": True, "starts": starts, "calls": CALLS, "model": self.model}
+        stretch = Stretch(self.time[a:b], self.rates[a:b], spun)
         try:
-            return estimate([Stretch(self.time[a:b], self.rates[a:b], spun)], self.priors, noise, **how)
+            return estimate(Shooting([stretch], self.gyroscope, noise, model=self.model), True, starts, CALLS)
         except RunawayError:
             return None
 
@@ -233,32 +235,25 @@ class Search:
         """Return how many samples beyond a fit from `a` on agree with what it predicts for them."""
         if not len(rows):
             return 0
-        (start,), more, s, model = fit.unknowns.starts, fit.unknowns.more, fit.unknowns.scale, fit.problem.model
-        sense = -1 if rows[0] < a else 1
-        times, flipped = sense * self.time[rows], np.ones(len(start))
-        kicks, of_speeds = None, np.zeros((0, 0))
-        flipped[:3] = sense
-        begin = flipped * start
+        at, model, sense = fit.unknowns, fit.problem.model, -1 if rows[0] < a else 1
+        times, flip, kicks, of_speeds = sense * self.time[rows], np.ones(model.size), NO_KICKS, np.zeros((0, 0))
+        flip[:3] = sense
         if model.wheel is not None:
             speed = speed_of(self.recording, self.spin, np.arange(a, rows[-1] + sense, sense), sense)
-            kicks = [speed.kicks(sense * self.time[a], times[-1], speed.values)]
-            begin = np.concatenate([begin, kicks[0].start_by @ speed.values])
-            of_speeds = np.asarray(np.linalg.pinv(speed.rows[0].T @ speed.rows[0], hermitian=True), dtype=float)
-        motion = Motion(model, fit.unknowns.inertia, more, sense)
+            kicks, of_speeds = speed.kicks(sense * self.time[a], times[-1], speed.values), speed.rows[0]
+        motion = Motion(model, at.inertia, at.more, sense)
         try:
-            (W,), (D,) = responses(motion, begin[None], [times - sense * self.time[a]], kicks)
+            values, D = response(motion, flip * at.starts[0], times - sense * self.time[a], kicks)
         except RunawayError:
             return 0
-        W, D = sense * W[:, :3], sense * s * D[:, :3]
-        by_J, by_more, by_speeds = np.split(D[:, :, len(begin) :], [6, 6 + len(more)], axis=2)
-        unit = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
-        P = np.concatenate([by_J @ model.basis, by_more, unit, W[:, :, None], D[:, :, : len(start)] * flipped], axis=2)
+        y, by_W, by_gyroscope = self.gyroscope.reads(sense * values[:, :3], None, at.gyroscope)
+        start, own, by_speeds = np.split(sense * by_W @ D[:, :3], [model.size, model.size + 6 + model.more], axis=2)
+        P = np.concatenate([own[:, :, :6] @ model.basis, own[:, :, 6:], by_gyroscope, start * flip], axis=2)
         A = fit.weighted[1]
-        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-        covariance = np.linalg.pinv((A / scale).T @ (A / scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
-        own, by_speeds = covariance[: P.shape[2], : P.shape[2]], by_speeds[:, :, : len(of_speeds)]
-        variance = floor**2 + sum(((X @ C) * X).sum(axis=2) for X, C in ((P, own), (by_speeds, of_speeds)))
-        off = ((self.rates[rows] - s * W - fit.unknowns.bias) ** 2 / variance).mean(axis=1)
+        C = inverse(A.T @ A)[: P.shape[2], : P.shape[2]]
+        parts = (P, C), (by_speeds, np.linalg.pinv(of_speeds.T @ of_speeds, hermitian=True))
+        variance = floor**2 + sum(((X @ covariance) * X).sum(axis=2) for X, covariance in parts)
+        off = ((self.rates[rows] - y) ** 2 / variance).mean(axis=1)
         smooth = np.convolve(off, np.ones(SMOOTHED) / SMOOTHED, "same") if len(off) >= SMOOTHED else off
         bad = np.flatnonzero((smooth > OFF) | (off > 4 * OFF))
         return len(rows) if not len(bad) else max(int(bad[0]) - SMOOTHED, 0)

@@ -27,12 +27,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES, LEVI
-from .bodies import TRACELESS, Model, entries, symmetric
+from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere
@@ -131,7 +132,7 @@ class Guess:
     model: Model
     inertia: Array
     more: Array
-    downs: Sequence[Array]
+    downs: Sequence[Array] = ()
     misfit: float = 0.0  # of the weak form, r.m.s., of the moments that turning by a radian takes
 
 
@@ -147,25 +148,23 @@ def with_moments(
     `round_by` is how much J costs that is not a sphere, over what it does to the equations. Without that, noise makes
     the moments large that a swing in a plane does not tell, and so all else small beside the trace.
     """
-    pivot, count = model.pivot, len(stretches)
+    pivot, wheel, count = model.pivot, model.wheel, len(stretches)
     own = 0 if pivot is None else 3 if pivot.direction is not None else 9
-    rows, wheel = [], model.wheel
     axes = np.zeros((3, 0)) if wheel is None else np.eye(3) if wheel.axis is None else wheel.axis[:, None]
-    spun = own * count + model.damping
-    for k, (time, rates) in enumerate(stretches):
+    spun, rows = own * count + model.damping, []
+    for k, ((time, rates), speed) in enumerate(zip(stretches, speeds or repeat(None), strict=False)):
         acting = np.zeros((len(time), 3, spun + axes.shape[1]))
         momenta = np.zeros_like(acting)
-        if own:
-            R = turns(time, rates)
-            by = np.einsum("ijk,nlk->nijl", LEVI, R)
-            if own == 3:
-                by = np.einsum("nijl,j->nil", by, model.direction(np.zeros(0)))
+        if pivot is not None:
+            by = np.einsum("ijk,nlk->nijl", LEVI, turns(time, rates))
+            if pivot.direction is not None:
+                by = np.einsum("nijl,j->nil", by, pivot.direction)
             acting[:, :, own * k : own * (k + 1)] = by.reshape(len(time), 3, own)
         if model.damping:
-            damping = slice(own * count, own * count + model.damping)
-            acting[:, :, damping] = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
-        if wheel is not None:
-            momenta[:, :, spun:] = wheel.inertia * np.multiply.outer(speeds[k], axes)  # type: ignore[arg-type]
+            damping = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
+            acting[:, :, spun - model.damping : spun] = damping
+        if wheel is not None and speed is not None:
+            momenta[:, :, spun:] = wheel.inertia * np.multiply.outer(speed, axes)
             acting[:, :, spun:] = np.cross(momenta[:, :, spun:], rates[:, :, None], axis=1)
         weak = weak_rows(time, rates, width, acting, momenta)
         if model.constraint is not None:  # whose moment is along n
@@ -177,31 +176,27 @@ def with_moments(
     A = np.concatenate([every[:, :6] @ TRACELESS, every[:, 6:]], axis=1)
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     size[:5] = size[:5].max()
-    round_rows = round_by * np.eye(5, A.shape[1])
     aims = np.concatenate([-every[:, :6] @ SPHERE, np.zeros(5)])
-    w = np.linalg.lstsq(np.concatenate([A / size, round_rows]), aims, rcond=1e-6 if model.is_free else 1e-4)[0] / size
+    whole, rcond = np.concatenate([A / size, round_by * np.eye(5, A.shape[1])]), 1e-6 if model.is_free else 1e-4
+    w = np.linalg.lstsq(whole, aims, rcond=rcond)[0] / size
     misfit = float(np.sqrt(np.mean((every[:, :6] @ SPHERE + A @ w) ** 2)))
     J = symmetric(SPHERE + TRACELESS @ w[:5])
-    damping, momentum = w[5 + own * count : 5 + spun], w[5 + spun :]  # the latter over the unit
-    per_unit = float(np.linalg.norm(momentum) if model.has_axis else momentum.sum())
-    axis = momentum / max(per_unit, 1e-300) if model.has_axis else np.zeros(0)
-    beside = np.concatenate([axis, np.ones(int(model.has_factor)), damping])
-    if pivot is None:
-        if wheel is not None and not per_unit > 0:
-            return None
-        return Guess(model if wheel is None else replace(model, unit=1 / per_unit), J, beside, [], misfit)
-    found = w[5 : 5 + own * count]
-    if own == 3:
-        b = found.reshape(count, 3)
-        arm = float(np.sqrt((b**2).sum(axis=1).mean()))
-        more, downs = beside, b
-    else:
-        M = np.concatenate(found.reshape(count, 3, 3), axis=1)
-        U, sizes, V = np.linalg.svd(M)
-        arm, n, downs = sizes[0] / np.sqrt(count), U[:, 0], V[0].reshape(count, 3)
-        sign = np.sign(n[int(np.argmax(abs(n)))])  # a choice: both have the same motion
-        more, downs = np.concatenate([sign * n, beside]), sign * downs
-    if not arm > 0:
+    arms, damping, momentum = np.split(w[5:], [own * count, spun])  # the latter over the unit
+    axis = unit_vector(momentum) if "axis" in model.places else np.zeros(0)
+    centre, downs, unit = np.zeros(0), np.zeros((0, 3)), 1.0
+    if pivot is None and wheel is not None:
+        per_unit = float(np.linalg.norm(momentum)) if len(axis) else float(momentum[0])
+        unit = 1 / per_unit if per_unit > 0 else np.nan
+    elif pivot is not None:
+        if pivot.direction is not None:
+            downs = arms.reshape(count, 3)
+            arm = float(np.sqrt((downs**2).sum(axis=1).mean()))
+        else:
+            U, sizes, V = np.linalg.svd(np.concatenate(arms.reshape(count, 3, 3), axis=1))
+            sign = np.sign(U[np.argmax(abs(U[:, 0])), 0])  # a choice: both have the same motion
+            arm, centre, downs = float(sizes[0] / np.sqrt(count)), sign * U[:, 0], sign * V[0].reshape(count, 3)
+        unit = pivot.moment / arm if arm > 0 else np.nan
+    if np.isnan(unit):
         return None
-    downs = downs / np.maximum(np.linalg.norm(downs, axis=1), 1e-300)[:, None]
-    return Guess(replace(model, unit=pivot.moment / arm), J, more, list(downs), misfit)
+    more = np.concatenate([centre, axis, np.ones(int("factor" in model.places)), damping])
+    return Guess(replace(model, unit=unit), J, more, [unit_vector(one) for one in downs], misfit)

@@ -23,15 +23,14 @@ depends on that at its beginning, x_k, and on p, and ``dx = Φ dx_k + Ψ dp``; t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import cached_property, lru_cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import ENTRIES
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual
 from ..kernels.elements import larger, logical_not, power, smaller
@@ -40,7 +39,7 @@ from ..kernels.memory import Doubles, View, doubles, view_of
 from ..kernels.series import Recurrence, Stored
 from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
-from .bodies import Kind, Model
+from .bodies import Model, entries
 
 ORDER, EXACT = 20, 1e-11
 LANES, TINY, HUGE = 4, 1e-300, 1e300
@@ -49,6 +48,23 @@ MOST_STEPS = 1000, 5  # of a lane; and for each sample: a body that is recorded 
 
 class RunawayError(ArithmeticError):
     """A motion has left the numbers: the parameters are far off."""
+
+
+class Kind(NamedTuple):
+    """Which terms the equations of a body have, which of its vectors vary, and in how many directions, full lanes."""
+
+    has_pivot: bool
+    oriented: bool
+    has_wheel: bool
+    is_damped: bool
+    is_constrained: bool
+    varied: tuple[bool, ...]
+    directions: int
+
+    @property
+    def size(self) -> int:
+        """How many numbers a state has."""
+        return 3 + 3 * self.has_pivot + 4 * self.oriented + 2 * self.has_wheel
 
 
 class Parameters(NamedTuple):
@@ -63,51 +79,35 @@ class Parameters(NamedTuple):
     along: Vector  # c
 
     @classmethod
-    def of(cls, J: Matrix, arm: Vector, drag: Vector, wheel: Vector, axis: Vector, is_constrained: bool) -> Parameters:
+    def of(cls, J: Matrix, vectors: Iterable[Vector], axis: Vector, is_constrained: bool) -> Parameters:
         """Return them by the ones that are given."""
         inverse = inverse_of(*J)
         along = inverse @ axis
+        arm, drag, wheel = vectors
         return cls(J, arm, drag, wheel, axis, inverse, along / (axis @ along) if is_constrained else axis)
 
 
-class State(NamedTuple):
-    """What changes: W, γ, the attitude, the speed of a rotor and its rate; None where there is none."""
-
-    W: Vector
-    down: Vector | None = None
-    q: tuple[Any, ...] | None = None
-    speed: tuple[Any, Any] | None = None
-
-    @classmethod
-    def of(cls, kind: Kind, numbers: Sequence[Any]) -> State:
-        """Return a state by its numbers."""
-        n = iter(numbers)
-        W = Vector(next(n), next(n), next(n))
-        down = Vector(next(n), next(n), next(n)) if kind.has_pivot else None
-        q = tuple(next(n) for _ in range(4)) if kind.oriented else None
-        return cls(W, down, q, (next(n), next(n)) if kind.has_wheel else None)
-
-
-def rates(kind: Kind, p: Parameters, x: State) -> list[Any]:
-    """Return the rates of the numbers of a state but the last, which is constant between kicks."""
-    W = x.W
+def rates(kind: Kind, p: Parameters, x: Sequence[Any]) -> list[Any]:
+    """Return the rates of a state, W, γ, the attitude and Ω; the last, Ω', is constant between kicks."""
+    W = Vector(*x[:3])
     torque = cross(p.J @ W, W)
-    if x.down is not None:
-        torque = torque + cross(p.arm, x.down)
+    if kind.has_pivot:
+        down = Vector(*x[3:6])
+        torque = torque + cross(p.arm, down)
     if kind.is_damped:
         torque = torque - p.drag * W
-    if x.speed is not None:
-        torque = torque + cross(p.wheel, W) * x.speed[0] - p.wheel * x.speed[1]
+    if kind.has_wheel:
+        torque = torque + cross(p.wheel, W) * x[-2] - p.wheel * x[-1]
     u = p.inverse @ torque
     if kind.is_constrained:
         u = u - p.along * (p.axis @ u)
     found = [*u]
-    if x.down is not None:
-        found += cross(x.down, W)
-    if x.q is not None:
-        v, w = Vector(*x.q[:3]), x.q[3]
-        found += [*((W * w + cross(v, W)) * 0.5), (v @ W) * -0.5]
-    return found if x.speed is None else [*found, x.speed[1]]
+    if kind.has_pivot:
+        found += cross(down, W)
+    if kind.oriented:
+        *v, w = x[len(found) : len(found) + 4]
+        found += [*((W * w + cross(v, W)) * 0.5), (Vector(*v) @ W) * -0.5]
+    return [*found, x[-1]] if kind.has_wheel else found
 
 
 @dataclass(frozen=True)
@@ -123,24 +123,49 @@ class Motion:
     more: Array
     sense: float = 1.0
 
-    def rate(self, x: Array) -> Array:
-        """Return W' of states, (n, 3)."""
-        kind = self.model.kind
-        return np.stack(
-            rates(kind, Parameters.of(*self.vectors, kind.is_constrained), State.of(kind, list(x.T)))[:3], axis=1
-        )
+    @cached_property
+    def kind(self) -> Kind:
+        """Which terms there are."""
+        model = self.model
+        has = model.pivot is not None, model.oriented, model.wheel is not None, model.is_damped
+        varied = "centre" in model.places, model.damping > 0, bool({"axis", "factor"} & model.places.keys())
+        states = model.size + 2 * (model.wheel is not None)
+        directions = -(-(states + 6 + model.more) // LANES) * LANES
+        return Kind(*has, model.constraint is not None, varied, directions)
+
+    @cached_property
+    def vectors(self) -> tuple[Array, Array]:
+        """The vectors m g c, C and h a over the unit, (3, 3) in rows, and their derivatives by `more`, (3, 3, k)."""
+        model, more = self.model, self.more
+        values, by = np.zeros((3, 3)), np.zeros((3, 3, len(more)))
+        if model.pivot is not None:
+            arm = model.pivot.moment / model.unit
+            values[0] = arm * model.direction(more)
+        values[1] = self.sense * model.damping_of(more)
+        if model.wheel is not None:
+            momentum = self.sense * model.wheel.inertia / model.unit
+            values[2] = momentum * model.factor(more) * model.axis(more)
+        for name, place in model.places.items():
+            if name == "centre":
+                by[0, :, place] = arm * np.eye(3)
+            elif name == "axis":
+                by[2, :, place] = momentum * model.factor(more) * np.eye(3)
+            elif name == "factor":
+                by[2, :, place] = momentum * model.axis(more)[:, None]
+            else:
+                by[1, :, place] = self.sense * (np.eye(3) if model.damping == 3 else np.ones((3, 1)))
+        return values, by
 
     @property
-    def vectors(self) -> tuple[Matrix, Vector, Vector, Vector, Vector]:
-        """J, m g c, C, h a and n."""
-        model, more = self.model, self.more
-        arm = 0.0 if model.pivot is None else model.pivot.moment / model.unit
-        wheel, axis = np.zeros(3), np.zeros(3) if model.constraint is None else model.constraint
-        if model.wheel is not None:
-            wheel = self.sense * model.factor(more) * model.wheel.inertia / model.unit * model.axis(more)
-        drag = self.sense * model.damping_of(more)
-        vectors = (Vector(*x) for x in (arm * model.direction(more), drag, wheel, axis))
-        return Matrix(*self.J), *vectors  # type: ignore[return-value]
+    def constraint(self) -> Array:
+        """The axis n; 0 without one."""
+        return np.zeros(3) if self.model.constraint is None else self.model.constraint
+
+    def rate(self, x: Array) -> Array:
+        """Return W' of states, (n, 3)."""
+        vectors = Matrix(*self.vectors[0])
+        p = Parameters.of(Matrix(*self.J), vectors, Vector(*self.constraint), self.kind.is_constrained)
+        return np.stack(rates(self.kind, p, list(x.T))[:3], axis=1)
 
 
 @dataclass(frozen=True)
@@ -153,43 +178,37 @@ class Kicks:
         From the start of the lane, ascending, positive.
     jumps : (k,) array
     jumps_by : (k, q) array
+    start : (2,) array
     start_by : (2, q) array
     """
 
     times: Array
     jumps: Array
     jumps_by: Array
+    start: Array
     start_by: Array
+
+
+NO_KICKS = Kicks(np.zeros(0), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)))
 
 
 class Run(NamedTuple):
     """What the kernel is called with."""
 
     J: Symmetric
-    arm: Vector
-    drag: Vector
-    wheel: Vector
+    vectors: Matrix  # m g c, C and h a in rows
     axis: Vector
-    arm_by: float  # derivative of the arm by the direction of the centre
-    wheel_by: Vector  # of the momentum of the rotor by its factor
-    axis_by: float  # and by its axis
     start: Doubles  # (d,)
+    by: Doubles  # (d + 15, directions) derivatives of the state, of J and of the vectors, by all that varies
     knots: Doubles  # (k + 1,) times of the kicks, and the end
     jumps: Doubles  # (k,)
     kicks: int
     times: Doubles  # (n,) ascending
     samples: int
     most_steps: int
-    unit: Doubles  # the unit matrix of as many rows as there are directions
     out: Doubles  # (n, d, 1 + directions) at samples
     ends: Doubles  # (k, d, 1 + directions) at kicks
     failed: int
-
-
-def sizes(kind: Kind) -> tuple[int, int]:
-    """Return how many numbers a state has, and how many directions there are, full lanes."""
-    d = kind.size + kind.hidden
-    return d, -(-(d + 6 + kind.more) // LANES) * LANES
 
 
 @lru_cache
@@ -204,32 +223,23 @@ def kernel_of(kind: Kind) -> Kernel:
 
 def follow(kind: Kind, run: View) -> None:
     """Follow a motion over its pieces, steps, and samples."""
-    d, directions = sizes(kind)
+    d, directions = kind.size, kind.directions
     lanes = 1 if tracer() is None else LANES
     recurrence = Recurrence(ORDER, directions // lanes, lanes)
 
-    def seeded(x: Any, k: Any) -> Dual:
-        """Return a number with the derivative 1 in a direction."""
-        return Dual(x, [run.unit.load(k * directions + g * lanes, lanes) for g in range(directions // lanes)])
+    def seeded(x: Any, row: int) -> Dual:
+        """Return a number with its derivatives."""
+        return Dual(x, [run.by.load(row * directions + g * lanes, lanes) for g in range(directions // lanes)])
 
     plain = Dual(0.0, [0.0] * (directions // lanes)).lifted
-    place = d + 6
     J = Symmetric(*(seeded(x, d + k) for k, x in enumerate(run.J)))
-    arm, drag, wheel, axis = (Vector(*map(plain, getattr(run, name))) for name in ("arm", "drag", "wheel", "axis"))
-    if kind.points:
-        arm = Vector(*(x + run.arm_by * seeded(0.0, place + k) for k, x in enumerate(arm)))
-        place += 3
-    if kind.has_axis:
-        wheel = Vector(*(x + run.axis_by * seeded(0.0, place + k) for k, x in enumerate(wheel)))
-        place += 3
-    if kind.has_factor:
-        wheel = Vector(*(x + b * seeded(0.0, place) for x, b in zip(wheel, run.wheel_by, strict=True)))
-        place += 1
-    if kind.damping:
-        drag = Vector(*(x + seeded(0.0, place + k * (kind.damping == 3)) for k, x in enumerate(drag)))
-    p = Parameters.of(J.matrix, arm, drag, wheel, axis, kind.is_constrained)
+    vectors = [
+        Vector(*(seeded(x, d + 6 + 3 * k + i) if kind.varied[k] else plain(x) for i, x in enumerate(vector)))
+        for k, vector in enumerate(run.vectors)
+    ]
+    p = Parameters.of(J.matrix, vectors, Vector(*map(plain, run.axis)), kind.is_constrained)
     unknowns = [recurrence.unknown() for _ in range(d)]
-    changes = rates(kind, p, State.of(kind, unknowns))
+    changes = rates(kind, p, unknowns)
     changing, size = unknowns[: len(changes)], d * recurrence.size
     if kind.has_wheel:
         for n in loop(1, ORDER + 1):
@@ -288,74 +298,60 @@ def reach_of(series: Sequence[Stored]) -> Any:
     return smaller(*(power(EXACT * size(0) / larger(size(n), TINY), 1.0 / n) for n in (ORDER - 1, ORDER)))
 
 
-def responses(
-    motion: Motion, starts: Array, times: list[Array], kicks: Sequence[Kicks] | None = None
-) -> tuple[list[Array], list[Array]]:
-    """Return the states of several motions at their times, and the derivatives by start and parameters.
+def response(motion: Motion, start: Array, times: Array, kicks: Kicks = NO_KICKS) -> tuple[Array, Array]:
+    """Return the states of a motion at times, and the derivatives by its start and its parameters.
 
     Parameters
     ----------
     motion : Motion
-    starts : (lanes, d) array
-        At the time 0 of each lane.
-    times : list of (n,) array, s
-        Of each lane; before 0 as far as the series of the start reaches.
-    kicks : sequence of Kicks, optional
-        Of each lane.
+    start : (m,) array
+        At the time 0, without the speed of a rotor, which `kicks` have.
+    times : (n,) array, s
+        Before 0 as far as the series of the start reaches.
+    kicks : Kicks, optional
 
     Returns
     -------
-    values : list of (n, d) array
-    derivatives : list of (n, d, d + p + q) array
-        By the start first, then by the parameters, then by what the kicks depend on.
+    values : (n, d) array
+        With the speed of a rotor and its rate last.
+    derivatives : (n, d, m + p + q) array
+        By the start first, then by J and `more`, then by what the kicks depend on.
 
     Raises
     ------
     RunawayError
         Numbers are not finite any more, or steps become too short.
     """
-    found = [
-        _response(motion, start, t, None if kicks is None else kicks[k])
-        for k, (start, t) in enumerate(zip(starts, times, strict=True))
-    ]
-    return [values for values, _ in found], [derivatives for _, derivatives in found]
-
-
-def _response(motion: Motion, start: Array, times: Array, kicks: Kicks | None) -> tuple[Array, Array]:
-    model = motion.model
-    (d, directions), p = sizes(model.kind), 6 + model.more
-    order, at = np.argsort(times, kind="stable"), np.zeros(0) if kicks is None else kicks.times
+    kind, (vectors, vectors_by) = motion.kind, motion.vectors
+    d, m, p, at = kind.size, len(start), 6 + len(motion.more), kicks.times
+    order = np.argsort(times, kind="stable")
     sorted_times, run = np.ascontiguousarray(times[order]), view_of(Run)
-    J, run.arm, run.drag, run.wheel, run.axis = motion.vectors
-    run.J = Symmetric(*(J[i][j] for i, j in ENTRIES))
-    if model.pivot is not None:
-        run.arm_by = model.pivot.moment / model.unit
-    if model.wheel is not None:
-        momentum = motion.sense * model.wheel.inertia / model.unit
-        run.wheel_by, run.axis_by = Vector(*(momentum * model.axis(motion.more))), momentum * model.factor(motion.more)
-    out, ends = (np.empty((n, d, 1 + directions)) for n in (len(times), len(at)))
-    run.start, run.times, run.samples = np.ascontiguousarray(start, dtype=float), sorted_times, len(times)
+    run.J, run.vectors, run.axis = Symmetric(*entries(motion.J)), Matrix(*vectors), Vector(*motion.constraint)
+    by = np.eye(d + 15, kind.directions)
+    by[d + 6 :] = 0.0
+    by[d + 6 :, d + 6 : d + p] = vectors_by.reshape(9, -1)
+    out, ends = (np.empty((n, d, 1 + kind.directions)) for n in (len(times), len(at)))
+    run.start, run.by, run.times = np.concatenate([start, kicks.start]), by, sorted_times
     run.knots, run.kicks = np.append(at, times.max(initial=0.0)), len(at)
-    run.jumps = np.zeros(0) if kicks is None else kicks.jumps
+    run.jumps, run.samples = kicks.jumps, len(times)
     run.most_steps = MOST_STEPS[0] + MOST_STEPS[1] * len(times)
-    run.unit, run.out, run.ends = np.eye(directions), out, ends
-    kernel_of(model.kind)(run.address)
+    run.out, run.ends = out, ends
+    kernel_of(kind)(run.address)
     if run.failed or not (np.isfinite(out).all() and np.isfinite(ends).all()):
         raise RunawayError("the motion is not finite, or needs too many steps")
     values, slopes = np.empty((len(times), d)), np.empty((len(times), d, d + p))
     values[order], slopes[order] = out[:, :, 0], out[:, :, 1 : 1 + d + p]
-    slopes[:, :, d + p - model.damping :] *= motion.sense
-    if kicks is None:
+    if m == d:
         return values, slopes
-    piece, found = np.searchsorted(at, times, "right"), np.empty((len(times), d, d + p + kicks.start_by.shape[1]))
-    by = np.zeros(found.shape[1:])  # the state at the beginning of a piece
-    by[:, :d], by[d - 2 :, d + p :] = np.eye(d), kicks.start_by
+    piece, found = np.searchsorted(at, times, "right"), np.empty((len(times), d, m + p + kicks.start_by.shape[1]))
+    own = np.eye(d, found.shape[2])  # of the state at the beginning of a piece
+    own[m:, m:], own[m:, m + p :] = 0.0, kicks.start_by
     for k in range(len(at) + 1):
-        own = piece == k
-        found[own] = slopes[own][:, :, :d] @ by
-        found[own, :, d : d + p] += slopes[own, :, d:]
+        there = piece == k
+        found[there] = slopes[there][:, :, :d] @ own
+        found[there, :, m : m + p] += slopes[there, :, d:]
         if k < len(at):
-            by = ends[k, :, 1 : 1 + d] @ by
-            by[:, d : d + p] += ends[k, :, 1 + d : 1 + d + p]
-            by[-1, d + p :] += kicks.jumps_by[k]
+            own = ends[k, :, 1 : 1 + d] @ own
+            own[:, m : m + p] += ends[k, :, 1 + d : 1 + d + p]
+            own[-1, m + p :] += kicks.jumps_by[k]
     return values, found

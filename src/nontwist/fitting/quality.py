@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.arrays import Array
+from .measuring import finite_rows
 
 FEWEST, LEAST_TURN, MOST_TURN = 12, 1.0, 1.5  # samples; rad over all; rad from sample to sample
 PLATEAU, EQUAL = 4, 0.1  # equal largest values in a row that are no chance; share of other equal ones in coarse data
@@ -13,6 +14,7 @@ STRAY = 8.0  # times the noise: no noise
 WINDOW, TURN, DEGREE = 14, 1.5, 8  # samples and rad, at least, of a window; of the polynomial in it
 MISFIT = 2.0  # residuals over the scatter of the samples: no noise leaves these
 EXACT = 1e-4  # of the speed: residuals that need no noise
+FINE = 1e-9  # rad: noise of attitudes at least
 DIFFERENCES = np.array([1, -6, 15, -20, 15, -6, 1])
 
 
@@ -41,6 +43,19 @@ def scatter_of(time: Array, samples: Array, rates: Array | None = None) -> float
         squares += float(((samples[rows] - A @ np.linalg.lstsq(A, samples[rows], rcond=None)[0]) ** 2).sum())
         free += 3 * (len(rows) - degree - 1)
     return float(np.sqrt(squares / free))
+
+
+def noise_of_attitudes(quaternions: Array) -> float:
+    """Return the standard deviation of the noise of attitudes, rad: of a quaternion it is half as large."""
+    return max(2 * noise_of(quaternions[finite_rows(quaternions)]), FINE)
+
+
+def scatter_of_attitudes(time: Array, quaternions: Array | None, rates: Array) -> float:
+    """Return the standard deviation of attitudes about a smooth motion of these angular velocities, rad; 0 without."""
+    if quaternions is None:
+        return 0.0
+    good = finite_rows(quaternions)
+    return 2 * scatter_of(time[good], quaternions[good], rates[good])
 
 
 def require_turning(time: Array, rates: Array, where: str) -> None:

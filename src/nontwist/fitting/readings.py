@@ -16,8 +16,7 @@ from ..geometry.values import shown
 from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.reading import Rates, of_run, read_motion, read_rates
-from .orienting import continuous, derived_rates, finite_rows
-from .speeds import Speed, as_speed, constant
+from .measuring import Speed, as_speed, constant, continuous, derived_rates, finite_rows
 
 SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well
 

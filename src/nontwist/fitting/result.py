@@ -12,10 +12,9 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
-from .orienting import scatter_of_attitudes
-from .quality import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of
-from .sensing import AXES, DELAY, SCALES
-from .shooting import Shooting, Unknowns
+from .estimating import whole
+from .measuring import PLACES
+from .quality import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
 from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
@@ -185,7 +184,7 @@ class Fit:
         well.
         """
         model, more = self.solution.problem.model, self.solution.unknowns.more
-        return self._direction(model.pivot, model.points, 0, model.direction(more))
+        return self._direction("centre", model.pivot, model.direction(more))
 
     @cached_property
     def rotor_axis(self) -> tuple[Array, float]:
@@ -195,15 +194,15 @@ class Fit:
         hand where its speed is positive.
         """
         model, more = self.solution.problem.model, self.solution.unknowns.more
-        return self._direction(model.wheel, model.has_axis, -1, model.axis(more))
+        return self._direction("axis", model.wheel, model.axis(more))
 
-    def _direction(self, of: Any, is_fitted: bool, k: int, n: Array) -> tuple[Array, float]:
-        """Return a direction beside J, the k-th of those that are fitted, and the half-width of its interval."""
+    def _direction(self, name: str, of: Any, n: Array) -> tuple[Array, float]:
+        """Return a direction beside J and the half-width of its interval; 0 where it is not fitted."""
         if of is None:
             return np.full(3, np.nan), np.nan
-        if not is_fitted:
+        if (place := self.solution.problem.model.places.get(name)) is None:
             return n, 0.0
-        place, n = self.solution.problem.model.directions_beside[k], n / np.linalg.norm(n)
+        n = n / np.linalg.norm(n)
         across = np.eye(3) - np.outer(n, n)
         widest = float(np.linalg.eigvalsh(across @ self.solution.beside[place, place] @ across)[-1])
         return n, quantile(self.solution) * float(np.sqrt(widest))
@@ -251,14 +250,14 @@ class Fit:
         """Ratio of reading to angular velocity."""
         return self.solution.unknowns.scale
 
-    def _error(self, place: slice) -> tuple[Array, Array]:
+    def _error(self, name: str) -> tuple[Array, Array]:
         """Return an error of the gyroscope and its 95 % intervals; nan where it is not told beyond what was known."""
-        sensor = self.solution.problem.priors.sensor
-        width = np.zeros(7)
-        width[sensor.free] = np.sqrt(self.solution.of_errors.diagonal())
-        width[width > TOLD * sensor.deviation] = np.nan
+        gyroscope = self.solution.problem.gyroscope
+        width = np.zeros(len(gyroscope.mean))
+        width[gyroscope.free] = np.sqrt(self.solution.of_gyroscope.diagonal())
+        width[width > TOLD * gyroscope.deviation] = np.nan
         width *= quantile(self.solution)
-        values = sensor.whole(self.solution.unknowns.errors)
+        values, place = gyroscope.whole(self.solution.unknowns.gyroscope), PLACES[name]
         return values[place], np.stack([values - width, values + width], axis=1)[place]
 
     @property
@@ -267,18 +266,18 @@ class Fit:
 
         As for `misalignment` and `axis_scales`, the interval is nan if the recording adds nothing to the prior.
         """
-        values, intervals = self._error(DELAY)
+        values, intervals = self._error("delay")
         return float(values[0]), intervals[0]
 
     @property
     def misalignment(self) -> tuple[Array, Array]:
         """Rotation vector from the axes of the body to those of the gyroscope, (3,), rad, and its 95 % intervals."""
-        return self._error(AXES)
+        return self._error("misalignment")
 
     @property
     def axis_scales(self) -> tuple[Array, Array]:
         """Scales of the single axes, (3,), in addition to the common scale, and their 95 % intervals, (3, 2)."""
-        return self._error(SCALES)
+        return self._error("axis_scales")
 
     @cached_property
     def correlation(self) -> float:
@@ -308,7 +307,8 @@ class Fit:
         About 1 where the model is right. Slow noise, of which a smooth motion takes up all but what is new at each
         sample, counts by that. Residuals below 0.01 % of the speed count as explained.
         """
-        found = [self.solution.tilt / max(self._scatter(scatter_of_attitudes), EXACT)]
+        of_attitudes = self._scatter(lambda part: scatter_of_attitudes(part.time, part.quaternions, part.measured))
+        found = [self.solution.tilt / max(of_attitudes, EXACT)]
         if self.has_gyroscope:
             scatter = self._scatter(lambda part: scatter_of(part.time, part.measured))
             least = max(scatter / new_of(self.solution.left_over), self.stated_noise)
@@ -333,17 +333,20 @@ class Fit:
         others and the effect of the error of their inertia on the prediction. About 1 if one body explains all
         recordings; empty for a single recording.
         """
-        stretches = self.solution.problem.stretches
+        problem, at = self.solution.problem, self.solution.unknowns
         found = []
-        for k, lane in enumerate(self.solution.problem.lanes if len(stretches) > 1 else ()):
-            rest = [one for n, one in enumerate(stretches) if n != k]
-            starts = self.solution.unknowns.starts
-            own, speeds = self.solution.problem.speed_columns[k], self.solution.unknowns.speeds
-            others = _unknowns(self, np.delete(starts, k, axis=0), np.delete(speeds, own))
-            of_rest = solve(_only(self.solution.problem, rest), others)
-            alone = replace(_unknowns(self, starts[k : k + 1], speeds[own]), inertia=of_rest.unknowns.inertia)
-            predicted = solve(_only(self.solution.problem, [stretches[lane.stretch]]), alone, fixed_inertia=True)
-            found.append(predicted.surprise(of_rest.information) * self.solution.problem.noise / of_rest.spread)
+        for k in range(len(problem.stretches) if len(problem.stretches) > 1 else 0):
+            own, speeds = problem.speeds_of(k), at.flat
+            rest = [one for n, one in enumerate(problem.stretches) if n != k]
+            others = replace(problem, stretches=rest, lanes=whole(rest))
+            begin = replace(
+                at, starts=np.delete(at.starts, k, axis=0), speeds=np.delete(speeds, own)[problem.ends[3] :]
+            )
+            of_rest = solve(others, begin)
+            alone = replace(problem, stretches=problem.stretches[k : k + 1], lanes=whole(problem.stretches[k : k + 1]))
+            begin = replace(at, starts=at.starts[k : k + 1], speeds=speeds[own], inertia=of_rest.unknowns.inertia)
+            predicted = solve(alone, begin, fixed_inertia=True)
+            found.append(predicted.surprise(of_rest.information) * problem.noise / of_rest.spread)
         return np.array(found)
 
     def table(self) -> dict[str, str]:
@@ -430,13 +433,3 @@ class Fit:
             told = f"it leaves open {self.untold[-1].name}"
             raise ValueError(f"the recording does not determine the whole inertia, which a problem needs: {told}")
         return RunFile.model_validate(as_run(self, part)).problem
-
-
-def _only(problem: Shooting, stretches: list[Any]) -> Shooting:
-    from .estimating import whole
-
-    return replace(problem, stretches=stretches, lanes=whole(stretches))
-
-
-def _unknowns(fit: Fit, starts: Array, speeds: Array) -> Unknowns:
-    return replace(fit.solution.unknowns, starts=starts, speeds=speeds)

@@ -21,10 +21,12 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     model = fit.solution.problem.model
     said = "the rotor is a load" if model.wheel is not None else "moments of inertia in parts of their sum"
     J, W = fit.solution.unknowns.inertia * fit.size, part.start
-    body: dict[str, Any] = {"kind": standard(J).name, "inertia": J.tolist()}
+    body: dict[str, Any] = {"kind": standard(J, physical=model.physical).name, "inertia": J.tolist()}
+    if not model.physical:
+        body["physical"] = False
     if model.constraint is not None:
         n = model.constraint
-        body |= {"kind": suslov(J, n).name, "axis": n.tolist()}
+        body |= {"kind": suslov(J, n, physical=model.physical).name, "axis": n.tolist()}
         W = W - n * (n @ W)
     start: dict[str, Any] = {"angular_velocity": {"body": W.tolist()}}
     if len(part.attitude):
@@ -39,7 +41,7 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
         weight = {"mass": mass, "centre_of_mass": (distance * n).tolist(), "gravity": [0.0, 0.0, -model.pivot.gravity]}
         body |= weight
         if model.constraint is None:
-            body["kind"] = heavy_top(J, mass, distance * n).name
+            body["kind"] = heavy_top(J, mass, distance * n, physical=model.physical).name
         start["rotation"] = {"matrix": _upright(part.down).tolist()}
     if model.constraint is not None:
         said += "; the moment of inertia about the constrained axis is arbitrary"

@@ -1,18 +1,18 @@
 r"""A motion as it was recorded beside that of a model: unknowns, residuals and their derivatives, by shooting.
 
-A gyroscope reads ``y_k = s W(t_k) + b + noise``, with further errors where they are asked for (`sensing`); attitudes
-may be recorded as well, or alone (`orienting`). Unknown are J (five numbers, or six, `chart`), what the model has
-beside it (`bodies`), b, s, the errors that are fitted, and the start of every lane, a part of a recording that is
-integrated by itself: W, and about a pivot the direction γ of gravity. Residuals are divided by the standard deviation σ
-of the noise; b and s have priors of mean 0 and 1, errors their own. Where a lane ends and the next one of the same
-recording begins, the gap between the two states is a residual as well. The lengths of γ, of the direction of the
-centre and of the axis of a rotor are held at 1 by a residual of large weight.
+Unknown are J (five numbers, or six), what the model has beside it (`bodies`), the errors of the gyroscope that are
+fitted (`measuring`), the start of every lane, a part of a recording that is integrated by itself, and the speeds of a
+rotor at its knots. A start is W, about a pivot the direction γ of gravity, and the attitude where that is recorded.
+Residuals are divided by the standard deviation σ of the noise; errors of the gyroscope have priors. Where a lane ends
+and the next one of the same recording begins, the gap between the two states is a residual as well. The lengths of γ,
+of the quaternion, of the direction of the centre and of the axis of a rotor are held at 1 by a residual of large
+weight.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -20,13 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .bodies import FREE_BODY, Model
-from .motions import Kicks, Motion, responses
-from .orienting import finite_rows, gaps, gaps_by
-from .sensing import PLAIN, Sensor
-from .speeds import Speed, triangle
+from .bodies import FREE_BODY, Model, entries, symmetric
+from .measuring import BIAS, SCALE, Gyroscope, Speed, finite_rows, gaps, triangle
+from .motions import NO_KICKS, Kicks, Motion, response
 
-COMMON = 4  # bias and scale, which the errors of the gyroscope that are fitted follow
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
 Loss = Literal["linear", "soft_l1"]
@@ -47,17 +44,7 @@ class Stretch:
     has_gyroscope: bool = True
 
 
-@dataclass(frozen=True)
-class Priors:
-    """What is known of a gyroscope: standard deviations of bias, rad/s, and scale, and its other errors."""
-
-    bias: float
-    scale: float
-    sensor: Sensor = PLAIN
-
-
-@dataclass(frozen=True)
-class Lane:
+class Lane(NamedTuple):
     """Samples `first` to `last` of a stretch; `joined` to the next lane, which is of the same stretch."""
 
     stretch: int
@@ -67,30 +54,42 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class Shooting:
-    """What is fitted: stretches, priors, the noise, rad/s, the loss, lanes, and the model."""
+class Unknowns:
+    """Values of all that is fitted: J, what is beside it, the gyroscope's errors, starts, (lanes, d), and speeds."""
 
-    stretches: Sequence[Stretch]
-    priors: Priors
-    noise: float
-    loss: Loss
-    lanes: Sequence[Lane]
-    model: Model = FREE_BODY
-    tilt: float = 0.0  # noise of attitudes, rad
-
-    @cached_property
-    def times(self) -> list[Array]:
-        """Times of each lane from its start, with the start of the next one where that is joined."""
-        found = []
-        for lane in self.lanes:
-            t = self.stretches[lane.stretch].time
-            found.append(t[lane.first : lane.last + lane.joined] - t[lane.first])
-        return found
+    inertia: Array
+    more: Array
+    gyroscope: Array
+    starts: Array
+    speeds: Array
 
     @property
-    def common(self) -> int:
-        """How many numbers of the gyroscope are fitted."""
-        return COMMON + len(self.priors.sensor.free)
+    def bias(self) -> Array:
+        """That of the gyroscope, (3,), rad/s."""
+        return self.gyroscope[BIAS]
+
+    @property
+    def scale(self) -> float:
+        """That of the gyroscope."""
+        return float(self.gyroscope[SCALE])
+
+    @cached_property
+    def flat(self) -> Array:
+        """All numbers, one after the other, as they are differentiated by."""
+        return np.concatenate([entries(self.inertia), self.more, self.gyroscope, self.starts.ravel(), self.speeds])
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """What is fitted: stretches, the gyroscope, the noise, rad/s, the loss, lanes, and the model."""
+
+    stretches: Sequence[Stretch]
+    gyroscope: Gyroscope
+    noise: float
+    loss: Loss = "linear"
+    lanes: Sequence[Lane] = ()
+    model: Model = FREE_BODY
+    tilt: float = 0.0  # noise of attitudes, rad
 
     @cached_property
     def data(self) -> Array:
@@ -106,9 +105,13 @@ class Shooting:
     def gap(self) -> Array:
         """How large the gaps between lanes may be, of W, of γ and of the quaternion."""
         speed = max(float(np.sqrt((self.data**2).sum(axis=1).mean())), 1e-300)
-        angle = self.noise / speed
-        sizes = [self.noise] * 3 + [angle] * 3 * (self.model.pivot is not None) + [self.tilt / 2] * 4
+        sizes = [self.noise] * 3 + [self.noise / speed] * 3 * (self.model.pivot is not None) + [self.tilt / 2] * 4
         return np.array(sizes)[: self.model.size]
+
+    @property
+    def common(self) -> int:
+        """How many numbers of the gyroscope are fitted."""
+        return len(self.gyroscope.free)
 
     @cached_property
     def unknown(self) -> int:
@@ -119,46 +122,55 @@ class Shooting:
         return int(self.model.basis.shape[1]) + beside + free * len(self.lanes)
 
     @cached_property
-    def speed_columns(self) -> list[slice]:
-        """Where the values at the knots of each stretch are among all of them."""
-        counts = [0 if one.speed is None else len(one.speed.knots) for one in self.stretches]
-        ends = np.cumsum(counts)
-        return [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
-
-    def states(self, at: Unknowns) -> tuple[Array, list[Kicks] | None]:
-        """Return the states at the starts of lanes, with the speed of a rotor and its kicks where there is one."""
-        if self.model.wheel is None:
-            return at.starts, None
-        kicks, begin = [], []
-        for lane in self.lanes:
-            one = self.stretches[lane.stretch]
-            assert one.speed is not None
-            values, last = at.speeds[self.speed_columns[lane.stretch]], one.time[min(lane.last, len(one.time) - 1)]
-            kicks.append(one.speed.kicks(one.time[lane.first], last, values))
-            begin.append(kicks[-1].start_by @ values)
-        return np.concatenate([at.starts, begin], axis=1), kicks
+    def ends(self) -> list[int]:
+        """Where J, `more`, the gyroscope and the starts end among all unknowns, and the speeds of each stretch."""
+        knots = [0 if one.speed is None else len(one.speed.knots) for one in self.stretches]
+        counts = [6, self.model.more, self.common, self.model.size * len(self.lanes), *knots]
+        return [int(end) for end in np.cumsum(counts)]
 
     @property
     def columns(self) -> int:
-        """How many derivatives there are: by J, `more`, the gyroscope, starts and speeds."""
-        return 6 + self.model.more + self.common + self.model.size * len(self.lanes) + int(self.speed_columns[-1].stop)
+        """How many unknowns there are."""
+        return self.ends[-1]
+
+    def unknowns(self, x: Array) -> Unknowns:
+        """Return the unknowns by all numbers, one after the other."""
+        J, more, gyroscope, starts, speeds = np.split(x, self.ends[:4])
+        return Unknowns(symmetric(J), more, gyroscope, starts.reshape(-1, self.model.size), speeds)
+
+    def start_of(self, lane: int) -> slice:
+        """Return which of the unknowns are the start of a lane."""
+        first = self.ends[2] + self.model.size * lane
+        return slice(first, first + self.model.size)
+
+    def speeds_of(self, stretch: int) -> slice:
+        """Return which of the unknowns are the speeds of a stretch."""
+        return slice(*self.ends[3 + stretch : 5 + stretch])
+
+    def kicks(self, x: Array, lane: Lane) -> Kicks:
+        """Return how the speed of a rotor changes in a lane."""
+        one = self.stretches[lane.stretch]
+        if one.speed is None:
+            return NO_KICKS
+        last = one.time[min(lane.last, len(one.time) - 1)]
+        return one.speed.kicks(one.time[lane.first], last, x[self.speeds_of(lane.stretch)])
+
+    def motions(self, at: Unknowns) -> Iterator[tuple[Array, Array]]:
+        """Yield states and derivatives of each lane at its samples, and at the start of the next one if it is joined.
+
+        Those at the samples less a delay follow, where there may be one.
+        """
+        motion, delay = Motion(self.model, at.inertia, at.more), self.gyroscope.whole(at.gyroscope)[-1]
+        for lane, start in zip(self.lanes, at.starts, strict=True):
+            t = self.stretches[lane.stretch].time[lane.first : lane.last + lane.joined]
+            t = t - t[0]
+            if self.gyroscope.is_late:
+                t = np.concatenate([t, t[: lane.last - lane.first] - delay])
+            yield response(motion, start, t, self.kicks(at.flat, lane))
 
     def __len__(self) -> int:
         attitudes = [one.quaternions for one in self.stretches if one.quaternions is not None]
         return 3 * (len(self.data) * self.has_gyroscope + sum(len(finite_rows(one)) for one in attitudes))
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """Values of all that is fitted: J, bias, scale, starts, (lanes, d), what is beside J, speeds, and `sensing`."""
-
-    inertia: Array
-    bias: Array
-    scale: float
-    starts: Array
-    more: Array = field(default_factory=lambda: np.zeros(0))
-    speeds: Array = field(default_factory=lambda: np.zeros(0))
-    errors: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Rows(NamedTuple):
@@ -168,6 +180,12 @@ class Rows(NamedTuple):
     A: Array  # (n, k)
     columns: NDArray[np.intp]  # (k,)
 
+    @property
+    def reduced(self) -> Rows:
+        """As few rows as there are columns, with the same products of columns and residuals: R of a QR product."""
+        both = triangle(np.column_stack([self.A, self.r]))
+        return Rows(both[:, -1], both[:, :-1], self.columns)
+
 
 class Residuals(NamedTuple):
     """All residuals: of the gyroscope and of attitudes, lane after lane, and of what is known beside them."""
@@ -175,11 +193,6 @@ class Residuals(NamedTuple):
     rates: list[Rows]
     attitudes: list[Rows]
     beside: list[Rows]
-
-    @property
-    def rows(self) -> list[Rows]:
-        """All of them."""
-        return [*self.rates, *self.attitudes, *self.beside]
 
 
 def stacked(rows: Sequence[Rows], columns: int) -> tuple[Array, Array]:
@@ -191,74 +204,53 @@ def stacked(rows: Sequence[Rows], columns: int) -> tuple[Array, Array]:
     return np.concatenate([row.r for row in rows]), A
 
 
-def reduced(row: Rows) -> Rows:
-    """Return as few rows as there are columns, with the same products of columns and residuals: R of a QR product."""
-    both = triangle(np.column_stack([row.A, row.r]))
-    return Rows(both[:, -1], both[:, :-1], row.columns)
-
-
 def residuals(problem: Shooting, at: Unknowns) -> Residuals:
-    """Return the residuals, and their derivatives: by J, `more`, bias, scale, errors, starts, speeds."""
-    model, d, sensor = problem.model, problem.model.size, problem.priors.sensor
-    begin, kicks = problem.states(at)
-    times = problem.times
-    if sensor.is_late:  # what is read has been earlier
-        delay = sensor.whole(at.errors)[6]
-        times = [
-            np.concatenate([t, t[: len(t) - one.joined] - delay]) for t, one in zip(times, problem.lanes, strict=True)
-        ]
-    motion = Motion(model, at.inertia, at.more)
-    values, derivatives = responses(motion, begin, times, kicks)
-    body, size, common = 6 + model.more, begin.shape[1], problem.common
-    spun = body + common + at.starts.size
-    found = Residuals([], [], [])
-    for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
-        stretch, n, start = problem.stretches[lane.stretch], lane.last - lane.first, body + common + d * k
-        own, speeds = np.arange(start, start + d), spun + np.arange(at.speeds.size)[problem.speed_columns[lane.stretch]]
-        D = np.concatenate([D[:, :d, size : size + body], D[:, :d, :d], D[:, :d, size + body :]], axis=2)
-        columns = np.concatenate([np.arange(body), own, speeds])
+    """Return the residuals, and their derivatives by the unknowns."""
+    model, d, gyroscope, x = problem.model, problem.model.size, problem.gyroscope, at.flat
+    every, (body, common), found = np.arange(problem.columns), problem.ends[1:3], Residuals([], [], [])
+    for k, (lane, (v, D)) in enumerate(zip(problem.lanes, problem.motions(at), strict=True)):
+        stretch, n, start = problem.stretches[lane.stretch], lane.last - lane.first, problem.start_of(k)
+        columns = np.concatenate([every[start], every[:body], every[problem.speeds_of(lane.stretch)]])
         if stretch.has_gyroscope:
-            seen = slice(-n, None) if sensor.is_late else slice(n)
-            W, rates = v[seen, :3], motion.rate(v[seen]) if sensor.is_late else None
-            y, by_W, by_errors = sensor.reads(W, rates, at.errors)
-            by = [np.broadcast_to(-np.eye(3), (n, 3, 3)), -y[:, :, None], -at.scale * by_errors]
-            A = np.concatenate([-at.scale * by_W @ D[seen, :3], *by], axis=2) / problem.noise
-            r = (stretch.rates[lane.first : lane.last] - at.scale * y - at.bias) / problem.noise
-            all_columns = np.concatenate([columns, np.arange(body, body + common)])
-            found.rates.append(Rows(r.ravel(), A.reshape(3 * n, -1), all_columns))
-        if model.oriented:
-            assert stretch.quaternions is not None
+            seen = slice(-n, None) if gyroscope.is_late else slice(n)
+            late = Motion(model, at.inertia, at.more).rate(v[seen]) if gyroscope.is_late else None
+            y, by_W, by_errors = gyroscope.reads(v[seen, :3], late, at.gyroscope)
+            A = np.empty((n, 3, len(columns) + problem.common))  # the largest of all: no copies
+            np.matmul(by_W / -problem.noise, D[seen, :3], out=A[:, :, : len(columns)])
+            A[:, :, len(columns) :] = by_errors / -problem.noise
+            r = (stretch.rates[lane.first : lane.last] - y).ravel() / problem.noise
+            found.rates.append(Rows(r, A.reshape(3 * n, -1), np.concatenate([columns, every[body:common]])))
+        if stretch.quaternions is not None:
             recorded = stretch.quaternions[lane.first : lane.last]
             there = finite_rows(recorded)
-            q, Q = v[there, d - 4 : d], D[there, d - 4 :]
-            gap = gaps(recorded[there], q)
-            A = gaps_by(gap, q, Q).reshape(-1, len(columns))
-            found.attitudes.append(Rows(gap.ravel() / problem.tilt, A / problem.tilt, columns))
+            gap, A = gaps(recorded[there], v[there, d - 4 : d], D[there, d - 4 : d])
+            found.attitudes.append(Rows(gap.ravel() / problem.tilt, A.reshape(gap.size, -1) / problem.tilt, columns))
         if lane.joined:
-            A = np.concatenate([D[n], -np.eye(d)], axis=1) / problem.gap[:, None]
+            A = np.concatenate([D[n, :d], -np.eye(d)], axis=1) / problem.gap[:, None]
             gap = (v[n, :d] - at.starts[k + 1]) / problem.gap
-            found.beside.append(Rows(gap, A, np.concatenate([columns, own + d])))
-        found.beside.extend(_of_length_one(at.starts[k, part], own[part]) for part in model.directions)
+            found.beside.append(Rows(gap, A, np.concatenate([columns, every[problem.start_of(k + 1)]])))
         if model.constraint is not None:
             A = model.constraint[None] / problem.noise * CONSTRAINED
-            found.beside.append(Rows(A @ at.starts[k, :3], A, own[:3]))
-    found.beside.extend(_of_length_one(at.more[one], 6 + np.arange(model.more)[one]) for one in model.directions_beside)
-    if model.wheel is not None:
-        for stretch, part in zip(problem.stretches, problem.speed_columns, strict=True):
-            assert stretch.speed is not None
-            hats, readings = stretch.speed.rows
-            found.beside.append(Rows(readings - hats @ at.speeds[part], -hats, spun + np.arange(at.speeds.size)[part]))
-        if model.has_factor:
-            r, A = np.array([model.factor(at.more) - 1]), np.ones((1, 1))
-            place = np.array([6 + 3 * len(model.directions_beside)])
-            found.beside.append(Rows(r / model.wheel.error, A / model.wheel.error, place))
-    free = sensor.free
-    deviations = np.array([problem.priors.bias] * 3 + [problem.priors.scale, *sensor.deviation[free]])
-    r = np.concatenate([at.bias, [at.scale - 1], at.errors - sensor.mean[free]]) / deviations
-    found.beside.append(Rows(r, np.diag(1 / deviations), np.arange(body, body + common)))
+            found.beside.append(Rows(A @ at.starts[k, :3], A, every[start][:3]))
+    for one in lengths(problem):
+        length = (x[one] @ x[one] - 1) / 2
+        found.beside.append(Rows(np.array([length]) / UNIT, x[None, one] / UNIT, every[one]))
+    for k, stretch in enumerate(problem.stretches):
+        if stretch.speed is not None:
+            (hats, readings), own = stretch.speed.rows, problem.speeds_of(k)
+            found.beside.append(Rows(readings - hats @ x[own], -hats, every[own]))
+    if model.wheel is not None and "factor" in model.places:
+        place = every[6 : problem.ends[1]][model.places["factor"]]
+        found.beside.append(Rows((x[place] - 1) / model.wheel.error, np.eye(1) / model.wheel.error, place))
+    mean, deviation = (one[gyroscope.free] for one in gyroscope)
+    found.beside.append(Rows((at.gyroscope - mean) / deviation, np.diag(1 / deviation), every[body:common]))
     return found
 
 
-def _of_length_one(direction: Array, columns: NDArray[np.intp]) -> Rows:
-    """Return a residual that keeps a direction at the length 1."""
-    return Rows(np.array([(direction @ direction - 1) / 2 / UNIT]), direction[None] / UNIT, columns)
+def lengths(problem: Shooting) -> list[slice]:
+    """Return which of the unknowns have the length 1 together."""
+    found = [slice(6 + one.start, 6 + one.stop) for one in problem.model.directions_beside]
+    for k in range(len(problem.lanes)):
+        first = problem.start_of(k).start
+        found += [slice(first + one.start, first + one.stop) for one in problem.model.directions]
+    return found

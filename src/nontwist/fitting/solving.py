@@ -10,16 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import Model
-from .chart import THINNEST, Chart, Weighed, of_a_body, of_trace_one
-from .motions import Motion, RunawayError, responses
+from .motions import RunawayError
 from .quality import correlation
-from .shooting import COMMON, Residuals, Rows, Shooting, Unknowns, reduced, residuals, stacked
+from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
 
 FINE, CALLS = 1e-8, 40  # of cost and unknowns, relative; trials
 HELD = 1e6  # weight of what is held
@@ -39,7 +36,7 @@ def counted(problem: Shooting, found: Residuals) -> tuple[Array, Array]:
             Rows(row.r * np.sqrt(2 / (1 + s)), (np.sqrt((1 + s) / 2) / s)[:, None] * row.A, row.columns)
             for row, s in zip(data, roots, strict=True)
         ]
-    return stacked([reduced(row) for row in (*data, *found.beside)], problem.columns)
+    return stacked([row.reduced for row in (*data, *found.beside)], problem.columns)
 
 
 def without(A: Array, others: Array) -> Array:
@@ -47,6 +44,12 @@ def without(A: Array, others: Array) -> Array:
     scale = np.maximum(np.linalg.norm(others, axis=0), 1e-300)
     rest = np.linalg.qr(others / scale)[0]
     return np.asarray(A - rest @ (rest.T @ A))
+
+
+def inverse(A: Array, rcond: float = 1e-12) -> Array:
+    """Return the pseudo-inverse of a positive semidefinite matrix of which the scales of rows differ."""
+    size = np.sqrt(np.maximum(A.diagonal(), 1e-300))
+    return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=rcond, hermitian=True) / np.outer(size, size))
 
 
 def _root(A: Array) -> Array:
@@ -74,22 +77,12 @@ class Solution:
     @cached_property
     def left_over(self) -> Array:
         """What the model leaves of the angular velocities, rad/s, (n, 3)."""
-        return (
-            np.concatenate([np.zeros(0), *(row.r for row in self.residuals.rates)]).reshape(-1, 3) * self.problem.noise
-        )
+        return _left(self.residuals.rates) * self.problem.noise
 
     @cached_property
     def turned_by(self) -> Array:
         """What the model leaves of the attitudes, rad, (n, 3)."""
-        left = np.concatenate([np.zeros(0), *(row.r for row in self.residuals.attitudes)])
-        return left.reshape(-1, 3) * self.problem.tilt
-
-    @cached_property
-    def states(self) -> list[Array]:
-        """The states of each lane at its times."""
-        begin, kicks = self.problem.states(self.unknowns)
-        motion = Motion(self.problem.model, self.unknowns.inertia, self.unknowns.more)
-        return responses(motion, begin, self.problem.times, kicks)[0]
+        return _left(self.residuals.attitudes) * self.problem.tilt
 
     @property
     def misses(self) -> Array:
@@ -102,11 +95,16 @@ class Solution:
         r, A = counted(self.problem, self.residuals)
         return r, np.concatenate([A[:, :6] @ self.problem.model.basis, A[:, 6:]], axis=1)
 
+    @property
+    def own(self) -> int:
+        """How many numbers of J there are, along the basis of the model."""
+        return int(self.problem.model.basis.shape[1])
+
     @cached_property
     def apart(self) -> tuple[Array, Array]:
         """Residuals and derivatives by J, weighted, without what all else could take up."""
-        (r, A), k = self.weighted, self.problem.model.basis.shape[1]
-        both = without(np.concatenate([r[:, None], A[:, :k]], axis=1), A[:, k:])
+        r, A = self.weighted
+        both = without(np.concatenate([r[:, None], A[:, : self.own]], axis=1), A[:, self.own :])
         return both[:, 0], both[:, 1:]
 
     @cached_property
@@ -143,8 +141,7 @@ class Solution:
     def _scatter(self) -> Array:
         """The covariance of the derivatives of the cost by J, where noise goes on as φ^|i - j|, all else eliminated."""
         _, A = self.weighted
-        basis = self.problem.model.basis
-        k, found = basis.shape[1], self.information
+        k, found, basis = self.own, self.information, self.problem.model.basis
         others = np.linalg.lstsq(A[:, k:], A[:, :k], rcond=1e-12)[0]
         for row in self.residuals.rates:
             whole = np.zeros((len(row.r), self.problem.columns))
@@ -155,11 +152,6 @@ class Solution:
         n, p = len(self.problem), self.problem.unknown  # the fit takes up more of the variance than of white noise
         return np.asarray(found * (n - p) / max(n - times * p, n / 10))
 
-    @property
-    def effective_samples(self) -> float:
-        """As how many samples of white noise the data count for a number of the inertia."""
-        return len(self.problem) / self.inflation
-
     @cached_property
     def inflation(self) -> float:
         """How many times larger variances are than under white noise."""
@@ -168,24 +160,26 @@ class Solution:
         inverse = np.linalg.pinv(self.information, rcond=1e-12, hermitian=True)
         return max(float(np.trace(inverse @ self._scatter)) / len(inverse), 1.0)
 
+    @property
+    def effective_samples(self) -> float:
+        """As how many samples of white noise the data count for a number of the inertia."""
+        return len(self.problem) / self.inflation
+
     @cached_property
     def beside(self) -> Array:
         """Covariance of what the model has beside J, all else eliminated."""
-        k = self.problem.model.basis.shape[1]
-        return self._covariance(slice(k, k + self.problem.model.more))
+        return self._covariance(self.own, self.problem.model.more)
 
     @cached_property
-    def of_errors(self) -> Array:
+    def of_gyroscope(self) -> Array:
         """Covariance of the errors of the gyroscope that are fitted, all else eliminated."""
-        k = self.problem.model.basis.shape[1] + self.problem.model.more
-        return self._covariance(slice(k + COMMON, k + self.problem.common))
+        return self._covariance(self.own + self.problem.model.more, self.problem.common)
 
-    def _covariance(self, columns: slice) -> Array:
+    def _covariance(self, first: int, count: int) -> Array:
         _, A = self.weighted
+        columns = slice(first, first + count)
         own = without(A[:, columns], np.delete(A, columns, axis=1))
-        size = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
-        white = np.linalg.pinv((own / size).T @ (own / size), rcond=1e-14, hermitian=True) / np.outer(size, size)
-        return np.asarray(self.inflation * white)
+        return np.asarray(self.inflation * inverse(own.T @ own, 1e-14))
 
     def surprise(self, information: Array) -> float:
         """Return the residuals over what is expected r.m.s., where J came from elsewhere with this information.
@@ -195,14 +189,14 @@ class Solution:
         r, own = self.apart
         by = own.T @ r
         taken_up = float(by @ np.linalg.pinv(information + self.information, rcond=1e-12, hermitian=True) @ by)
-        own_unknowns = self.problem.unknown - self.problem.model.basis.shape[1]
-        return float(np.sqrt(max(float(r @ r) - taken_up, 0.0) / (len(self.problem) - own_unknowns)))
+        free = len(self.problem) - (self.problem.unknown - self.own)
+        return float(np.sqrt(max(float(r @ r) - taken_up, 0.0) / free))
 
     @cached_property
     def newton(self) -> Array:
         """The step of J along the basis that Gauss and Newton would take from here if there were no wall."""
         r, A = self.weighted
-        return np.asarray(-np.linalg.lstsq(A, r, rcond=1e-10)[0][: self.problem.model.basis.shape[1]])
+        return np.asarray(-np.linalg.lstsq(A, r, rcond=1e-10)[0][: self.own])
 
     @property
     def spread(self) -> float:
@@ -224,25 +218,29 @@ class Solution:
     def of_trace_one(self) -> Solution:
         """Return the same solution in a unit in which tr J = 1."""
         factor = float(np.trace(self.unknowns.inertia))
-        if not self.problem.model.is_absolute:
-            return self
         model, more = self.problem.model.in_unit(self.unknowns.more, factor)
-        unknowns = replace(self.unknowns, inertia=self.unknowns.inertia / factor, more=more)
-        scale = np.ones(self.problem.columns)
-        scale[:6] = scale[6 + model.more - model.damping : 6 + model.more] = factor
-        scaled = Residuals(*([row._replace(A=row.A * scale[row.columns]) for row in rows] for rows in self.residuals))
-        return Solution(replace(self.problem, model=model), unknowns, self.cost, scaled)
+        problem, at = replace(self.problem, model=model), replace(self.unknowns, more=more)
+        at = replace(at, inertia=self.unknowns.inertia / factor)
+        return Solution(problem, at, self.cost, residuals(problem, at)) if model.is_absolute else self
+
+
+def _left(rows: list[Rows]) -> Array:
+    return np.concatenate([np.zeros(0), *(row.r for row in rows)]).reshape(-1, 3)
 
 
 def solve(
     problem: Shooting,
     start: Unknowns,
-    held: tuple[Any, float] | None = None,
+    held: tuple[Callable[[Array], tuple[float, Array]], float] | None = None,
     accuracy: float = FINE,
     calls: int = CALLS,
     fixed_inertia: bool = False,
 ) -> Solution:
     """Return the least-squares solution from a start.
+
+    Numbers of it are the unknowns, with the entries of L in the place of those of J. Directions are numbers of any
+    length, which count over their length, as a length that is held by its weight alone makes the valley narrow and the
+    way long; so is L where J has trace 1.
 
     Parameters
     ----------
@@ -264,87 +262,54 @@ def solve(
     """
     from scipy.optimize import least_squares
 
-    model, count, common = problem.model, problem.model.more, problem.common
-    own = 0 if fixed_inertia else model.coordinates
-    chart = _chart(model, start)
-    # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
-    # weight alone makes the valley narrow and the way long.
-    lengths = [slice(own + one.start, own + one.stop) for one in model.directions_beside]
-    for k in range(len(problem.lanes)):
-        begin = own + count + problem.common + model.size * k
-        lengths += [slice(begin + part.start, begin + part.stop) for part in model.directions]
-    last: dict[str, Any] = {}
+    model, more = problem.model, slice(6, problem.ends[1])
+    directions = lengths(problem) + [slice(0, 6)] * (not model.is_absolute)
 
-    def unpacked(x: Array) -> tuple[Unknowns, Array]:
-        """Return the unknowns, and the derivatives of J and `more` by the first numbers of x."""
+    def unknowns(x: Array) -> tuple[Unknowns, Array]:
+        """Return the unknowns, and the derivatives of J by the first of these numbers."""
         x = x.copy()
-        for part in lengths:
-            x[part] /= np.linalg.norm(x[part])
-        more, rest = x[own : own + count], x[own + count :]
-        J, slope = (start.inertia, np.zeros((6, count))) if fixed_inertia else chart(x[:own], more)
-        slope = np.concatenate([slope, np.eye(count, own + count, own)])
-        errors, rest = rest[:common], rest[common:]
-        starts, speeds = rest[: start.starts.size].reshape(-1, model.size), rest[start.starts.size :]
-        return Unknowns(J, errors[:3], float(errors[3]), starts, more, speeds, errors[COMMON:]), slope
+        for one in directions:
+            x[one] /= np.linalg.norm(x[one])
+        J, slope = model.inertia(x[:6], x[more])
+        at = problem.unknowns(x)
+        if fixed_inertia:
+            return replace(at, inertia=start.inertia), np.zeros_like(slope)
+        return replace(at, inertia=J), slope
 
-    def at(x: Array) -> dict[str, Any]:
-        if not last or not np.array_equal(last["x"], x):
-            unknowns, slope = unpacked(x)
-            try:
-                found = residuals(problem, unknowns)
-            except RunawayError:
-                if not last:
-                    raise
-                return {"r": np.full_like(last["r"], FAR), "B": last["B"]}
-            r, A = counted(problem, found)
-            B = np.concatenate([A[:, : 6 + count] @ slope, A[:, 6 + count :]], axis=1)
-            for part in lengths:
-                size = np.linalg.norm(x[part])
-                n = x[part] / size
-                B[:, part] = (B[:, part] - np.outer(B[:, part] @ n, n)) / size
-            if held is not None:
-                value, by_entries = held[0](unknowns.inertia)
-                r = np.append(r, (value - held[1]) * HELD)
-                row = np.zeros((1, B.shape[1]))
-                row[0, : own + count] = HELD * by_entries @ slope[:6]
-                B = np.concatenate([B, row])
-            last.update(x=x.copy(), r=r, B=B)
-        return last
+    last: tuple[Array, ...] = ()
 
-    of_gyroscope = start.bias, [start.scale], start.errors
-    x = np.concatenate([np.zeros(own), start.more, *of_gyroscope, start.starts.ravel(), start.speeds])
+    def at(x: Array) -> tuple[Array, ...]:
+        """Return residuals and derivatives."""
+        nonlocal last
+        if last and np.array_equal(last[0], x):
+            return last[1:]
+        now, slope = unknowns(x)
+        try:
+            r, A = counted(problem, residuals(problem, now))
+        except RunawayError:
+            if not last:
+                raise
+            return np.full_like(last[1], FAR), last[2]
+        if held is not None:
+            value, by = held[0](now.inertia)
+            r, A = np.append(r, (value - held[1]) * HELD), np.append(A, np.zeros((1, A.shape[1])), axis=0)
+            A[-1, :6] = HELD * by
+        by_J = A[:, :6] @ slope
+        A = np.concatenate([by_J[:, :6], A[:, more] + by_J[:, 6:], A[:, more.stop :]], axis=1)
+        lengthwise = np.zeros((len(directions), len(x)))  # rows that let no step change a length
+        for row, one in zip(lengthwise, directions, strict=True):
+            size = np.linalg.norm(x[one])
+            n = x[one] / size
+            A[:, one] = (A[:, one] - np.outer(A[:, one] @ n, n)) / size
+            row[one] = np.linalg.norm(A[:, one]) * n
+        last = x.copy(), np.append(r, np.zeros(len(directions))), np.append(A, lengthwise, axis=0)
+        return last[1:]
+
+    x = np.concatenate([model.cholesky(start.inertia, start.more), start.flat[6:]])
     # MINPACK's method takes no more of residuals than their products with each other and with derivatives at a point,
     # so these may be the rows of a triangle, another one at each point. It needs no BLAS, whose threads take ten times
     # as long on a busy machine.
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
-    found = least_squares(lambda x: at(x)["r"], x, jac=lambda x: at(x)["B"], **how)
-    unknowns, _ = unpacked(found.x)
-    return Solution(problem, unknowns, float(found.cost), residuals(problem, unknowns))
-
-
-def _chart(model: Model, start: Unknowns) -> Callable[[Array, Array], tuple[Array, Array]]:
-    """Return J as a function of its own coordinates and of what is fitted beside it, with derivatives by both."""
-    if not model.is_absolute:
-        of_one = Chart.about(start.inertia)
-
-        def ratios(z: Array, more: Array) -> tuple[Array, Array]:
-            J, slope = of_one.inertia(z)
-            return J, np.concatenate([slope, np.zeros((6, len(more)))], axis=1)
-
-        return ratios
-    weighed = Weighed.about(start.inertia, model.weight, model.direction(start.more))
-
-    def absolute(z: Array, more: Array) -> tuple[Array, Array]:
-        J, slope = weighed.inertia(z, model.direction(more))
-        full = np.zeros((6, 6 + len(more)))
-        full[:, :6] = slope[:, :6]
-        if model.points:
-            full[:, 6:9] = slope[:, 6:]
-        return J, full
-
-    return absolute
-
-
-def nearest_body(model: Model, J: Array, more: Array, thinnest: float = THINNEST) -> Array:
-    """Return the closest inertia that a body can have; where something acts, off the wall by a part of tr J."""
-    return of_a_body(J, model.centred(more), thinnest) if model.is_absolute else of_trace_one(J)
+    found = least_squares(lambda x: at(x)[0], x, jac=lambda x: at(x)[1], **how)
+    best, _ = unknowns(found.x)
+    return Solution(problem, best, float(found.cost), residuals(problem, best))

@@ -20,12 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import ENTRIES
-from .bodies import entries, symmetric
-from .chart import LOWER, inertia_of, lower
+from ..geometry.tensors import BASIS, ENTRIES
+from .bodies import TWICE, entries, symmetric
 from .estimating import INSIDE
 from .motions import RunawayError
-from .solving import Solution, nearest_body, solve
+from .solving import Solution, solve
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
 SINGULAR = 1e-12  # of the largest information: none
@@ -34,7 +33,6 @@ LEAST = 1e-4  # information of a direction that is not told, as inertias of trac
 THIN = 0.005  # of the trace: a smallest moment that may be the choice of the noise
 LINEAR = 0.02  # of the trace: a standard error up to which the problem is linear
 LEVEL = 0.95
-TWICE = np.array([1, 1, 1, 2, 2, 2])  # as often are entries in the product of two symmetric matrices
 APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
 WALL = 0.5  # of the trace: the largest moment of a flat body
 FEWEST = 10.0  # effective samples of each number of the inertia
@@ -108,34 +106,35 @@ def told(solution: Solution, white: bool = False) -> Told:
     values = np.where(values > SINGULAR * values[-1], values, 0.0)[::-1]
     vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
-    if values[-1] * UNTOLD**2 > 1 and smallest > THIN:
-        return Told(values, vectors, solution.problem.model.idle)
-    wide = quantile(solution)
-    for k, w in enumerate(vectors.T):
-        if values[k] * UNTOLD**2 > 1 and _rise(solution, w) < wide:
-            values[k] = 0.0
+    if not (values[-1] * UNTOLD**2 > 1 and smallest > THIN):
+        wide = quantile(solution)
+        for k, w in enumerate(vectors.T):
+            if values[k] * UNTOLD**2 > 1 and _rise_along(solution, w) < wide:
+                values[k] = 0.0
     order = np.argsort(-values, kind="stable")
     return Told(values[order], vectors[:, order], solution.problem.model.idle)
 
 
-def _rise(solution: Solution, w: Array) -> float:
-    """Return the root of twice the rise of the cost where the inertia is moved along w, on the side that costs less."""
-    by, J, model = w * TWICE, solution.unknowns.inertia, solution.problem.model
-    at = float(by @ entries(J))
+def _rise(solution: Solution, found: Solution) -> float:
+    """Return the root of twice the rise of the cost from one solution to another."""
+    return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
+
+
+def _rise_along(solution: Solution, w: Array) -> float:
+    """Return the rise of the cost where the inertia is moved along w, on the side that costs less."""
+    by, J, at = w * TWICE, solution.unknowns.inertia, solution.unknowns
     rises = []
-    for sign in (-1, 1):
-        there = nearest_body(model, J + sign * UNTOLD * symmetric(w), solution.unknowns.more)
-        start = replace(solution.unknowns, inertia=there)
+    for change in (-UNTOLD, UNTOLD):
+        start = replace(at, inertia=solution.problem.model.nearest(J + change * symmetric(w), at.more))
+        held = (lambda J: (float(by @ entries(J)), by)), float(by @ entries(J)) + change
         try:
-            found = solve(
-                solution.problem, start, held=(lambda J: (float(by @ entries(J)), by), at + sign * UNTOLD), calls=30
-            )
+            found = solve(solution.problem, start, held=held, calls=30)
         except RunawayError:
             continue
         moved = found.unknowns.inertia - J
-        if abs(by @ entries(moved) - sign * UNTOLD) < UNTOLD / 10 and abs(moved).max() < FAR:
-            rises.append(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
-    return float(min(rises, default=np.inf))
+        if abs(by @ entries(moved) - change) < UNTOLD / 10 and abs(moved).max() < FAR:
+            rises.append(_rise(solution, found))
+    return min(rises, default=np.inf)
 
 
 def directions(solution: Solution, found: Told) -> list[Direction]:
@@ -151,24 +150,21 @@ def directions(solution: Solution, found: Told) -> list[Direction]:
 
 def _name(N: Array) -> str:
     """Return what changes along a direction given in principal axes."""
-    shares = {(i, j): 2 * N[i, j] ** 2 for i, j in ENTRIES[3:]}
-    (i, j), most = max(shares.items(), key=lambda item: item[1])
-    diagonal = N.diagonal()
-    if most > (diagonal**2).sum():
+    changes, diagonal = entries(N), N.diagonal()
+    k = 3 + int(np.argmax(abs(changes[3:])))
+    if 2 * changes[k] ** 2 > (diagonal**2).sum():
+        i, j = sorted(ENTRIES[k])
         return f"the directions of the principal axes {i + 1} and {j + 1} in their plane"
-    alone = int(np.argmax(abs(diagonal)))
-    others = [k for k in range(3) if k != alone]
-    same = diagonal[others] * diagonal[alone] > 0
-    if same.all() and abs(diagonal[others]).min() > 0.3 * abs(diagonal[alone]):
-        return "all principal moments together"
-    if abs(diagonal[others]).max() < 0.3 * abs(diagonal[alone]):
-        return f"the principal moment {alone + 1}"
-    if abs(diagonal[others]).min() < 0.3 * abs(diagonal[alone]):
-        partner = others[int(np.argmax(abs(diagonal[others])))]
-        low, high = sorted((alone, partner))
+    weakest, middle, most = np.argsort(abs(diagonal), kind="stable")
+    is_large = abs(diagonal) >= 0.3 * abs(diagonal[most])
+    if not is_large[middle]:
+        return f"the principal moment {most + 1}"
+    if not is_large[weakest]:
+        low, high = sorted((most, middle))
         what = "sum" if diagonal[low] * diagonal[high] > 0 else "difference"
         return f"the {what} of the principal moments {low + 1} and {high + 1}"
-    return f"the principal moment {alone + 1} beside the two others"
+    together = abs(np.sign(diagonal).sum()) == 3
+    return "all principal moments together" if together else f"the principal moment {most + 1} beside the two others"
 
 
 def covariance(found: Told) -> Array:
@@ -181,11 +177,10 @@ def quantile(solution: Solution) -> float:
     """Return how many standard errors the intervals have to each side; nan where too few samples count."""
     from scipy.stats import t
 
-    if solution.effective_samples < FEWEST and solution.memory:
+    if solution.memory and solution.effective_samples < FEWEST:
         return float("nan")
-
-    free = max(len(solution.problem) / solution.inflation - solution.problem.unknown - solution.problem.common, 1)
-    return float(t.ppf((1 + LEVEL) / 2, free))
+    free = len(solution.problem) / solution.inflation - solution.problem.unknown - solution.problem.common
+    return float(t.ppf((1 + LEVEL) / 2, max(free, 1)))
 
 
 def principal(solution: Solution, C: Array) -> Principal:
@@ -198,7 +193,7 @@ def principal(solution: Solution, C: Array) -> Principal:
     by = np.array([[_product(axes[:, i], axes[:, j]) for j in range(3)] for i in range(3)])
     errors = wide * np.sqrt(np.einsum("iim,mn,iin->i", by, C, by))
     intervals = np.stack([values - errors, values + errors], axis=1)
-    if not solution.problem.model.is_absolute and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
+    if _has_an_end(solution) and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
         intervals[2] = to_the_wall(solution, wide, C)
     if _has_a_wall(solution):
         for k in range(3):
@@ -219,7 +214,7 @@ def principal(solution: Solution, C: Array) -> Principal:
 
 def _product(a: Array, b: Array) -> Array:
     """Return ``∂(a·J b)/∂(entries of J)``."""
-    return np.array([a[i] * b[j] if i == j else a[i] * b[j] + a[j] * b[i] for i, j in ENTRIES])
+    return np.asarray(entries(np.outer(a, b) + np.outer(b, a)) * TWICE / 2)
 
 
 def beyond_the_wall(solution: Solution, found: Told) -> float:
@@ -229,11 +224,16 @@ def beyond_the_wall(solution: Solution, found: Told) -> float:
     """
     if not found.information[-1] * LINEAR**2 > 1:
         return 0.0
-    model, J = solution.problem.model, solution.unknowns.inertia
-    asked = J + symmetric(model.basis @ solution.newton)
-    values, vectors = np.linalg.eigh(np.trace(asked) / 2 * np.eye(3) - asked - model.centred(solution.unknowns.more))
-    by = np.array([0.5, 0.5, 0.5, 0, 0, 0]) - _product(vectors[:, 0], vectors[:, 0])
+    model, more = solution.problem.model, solution.unknowns.more
+    asked = solution.unknowns.inertia + symmetric(model.basis @ solution.newton)
+    values, vectors = np.linalg.eigh(model.moments(asked) - model.centred(more))
+    by = np.einsum("i,kij,j->k", vectors[:, 0], model.moments(BASIS), vectors[:, 0])
     return max(-float(values[0]) / float(np.sqrt(by @ covariance(found) @ by)), 0.0)
+
+
+def _has_an_end(solution: Solution) -> bool:
+    """Return whether the largest moment of trace 1 ends where bodies are flat."""
+    return solution.problem.model.physical and not solution.problem.model.is_absolute
 
 
 def _has_a_wall(solution: Solution) -> bool:
@@ -241,77 +241,57 @@ def _has_a_wall(solution: Solution) -> bool:
     model = solution.problem.model
     if not np.linalg.eigvalsh(solution.information)[0] * LINEAR**2 > 1:
         return False
-    return model.is_absolute and model.constraint is None and not (model.points and model.weight)
+    return model.is_absolute and model.constraint is None and not ("centre" in model.places and model.weight)
 
 
 def meets_the_wall(solution: Solution, by: Array, error: float, C: Array) -> bool:
     """Return whether the linear problem asks for what is no body, at its best or at the ends of an interval."""
-    model, J = solution.problem.model, solution.unknowns.inertia
-    shift = symmetric(C @ by / np.sqrt(by @ C @ by)) * error / np.sqrt(by @ C @ by)
-    places = np.array([symmetric(model.basis @ solution.newton), -shift, shift]) + J
-    E = np.trace(places, axis1=1, axis2=2)[:, None, None] / 2 * np.eye(3) - places
-    return bool((np.linalg.eigvalsh(E - model.centred(solution.unknowns.more))[:, 0] < 0).any())
+    model = solution.problem.model
+    shift = symmetric(C @ by) * error / (by @ C @ by)
+    places = solution.unknowns.inertia + np.array([symmetric(model.basis @ solution.newton), -shift, shift])
+    return bool((model.thinnest(places, solution.unknowns.more) < 0).any())
 
 
 def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
     """Return the interval of the largest moment by its profile likelihood; the wall is its end where it is reached.
 
-    The square root of twice the rise of the cost is nearly linear in the value that is held, so the secant rule finds
-    where it equals `wide`.
+    The square root of twice the rise of the cost is nearly linear in the value that is held.
     """
+    from scipy.optimize import brentq
 
     def largest(J: Array) -> tuple[float, Array]:
         values, vectors = np.linalg.eigh(J)
         return float(values[2]), _product(vectors[:, 2], vectors[:, 2])
 
-    best, by = largest(solution.unknowns.inertia)
     at = solution.unknowns
+    best, by = largest(at.inertia)
+    error, room = wide * float(np.sqrt(by @ C @ by)), WALL - best
 
-    def rise(value: float) -> float:
-        found = solve(solution.problem, at, held=(largest, value), calls=30)
-        return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
+    def beyond(value: float) -> float:
+        if value == best:
+            return -wide
+        return _rise(solution, solve(solution.problem, at, held=(largest, value), calls=30)) - wide
 
-    ends = []
-    for sign in (-1.0, 1.0):
-        if sign > 0 and WALL - best < 1e-5:
-            ends.append(WALL)
-            continue
-        error = abs(WALL - best) if sign > 0 else wide * float(np.sqrt(by @ C @ by))
-        value = best + sign * error * (1 - 1e-3)
-        high = rise(value)
-        if sign > 0 and high < wide:
-            ends.append(WALL)
-            continue
-        low_at, low = best, 0.0
-        for _ in range(SEARCH):
-            if abs(high - wide) < ACCURACY * wide or high == low:
-                break
-            trial = value + (wide - high) * (value - low_at) / (high - low)
-            trial = min(trial, WALL - 1e-6)
-            low_at, low = value, high
-            value, high = trial, rise(trial)
-        ends.append(value)
-    return np.array(ends)
-
-
-def _squares() -> Array:
-    """Return K, (6, 6, 6), with the six entries of J = K(ℓ, ℓ), of the second moments L Lᵀ and the entries ℓ of L."""
-    E = np.einsum("pia,qja->pqij", *[lower(np.eye(6))] * 2)
-    return np.asarray(entries(inertia_of((E + np.swapaxes(E, 2, 3)) / 2)).T)
+    low, high = best - error, WALL
+    while beyond(low) < 0 and low > best - FAR:
+        low -= error
+    low = brentq(beyond, low, best, xtol=ACCURACY * error)
+    if room > 1e-5 and beyond(best + room * (1 - 1e-3)) > 0:
+        high = brentq(beyond, best, best + room * (1 - 1e-3), xtol=ACCURACY * min(error, room))
+    return np.array([low, high])
 
 
 def walled(solution: Solution, by: Array, sign: float, wide: float) -> float:
     """Return how far below or above its value a moment of derivative `by`, (6,), may be; see the module."""
     from scipy.optimize import brentq, minimize
 
-    model, J = solution.problem.model, solution.unknowns.inertia
-    centred, information, asked = model.centred(solution.unknowns.more), solution.information, solution.newton
-    onto = model.basis.T * TWICE
-    K = np.einsum("ij,jpq->ipq", onto, _squares())
-    still = onto @ (entries(inertia_of(centred)) - entries(J))
-    b = model.basis.T @ by
-    inside = nearest_body(model, J, solution.unknowns.more, INSIDE)
-    begin = np.linalg.cholesky(np.trace(inside) / 2 * np.eye(3) - inside - centred)[LOWER]
+    model, J, more = solution.problem.model, solution.unknowns.inertia, solution.unknowns.more
+    information, asked = solution.information, solution.newton
+    onto, b = model.basis.T * TWICE, model.basis.T @ by
+    # J is K(ℓ, ℓ) beside m c cᵀ, and w along the basis, of the numbers ℓ of L
+    K = np.stack([onto @ model.inertia(e, more)[1][:, :6] / 2 for e in np.eye(6)], axis=2)
+    still = onto @ entries(model.inertia(np.zeros(6), more)[0] - J)
+    begin = model.cholesky(J, more, INSIDE)
 
     def least(multiplier: float) -> tuple[float, float]:
         """Return the cost and the change of the moment where the cost and a part of that change are least."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.tensors import ENTRIES
+from .measuring import IDEAL, PLACES, UNITS
 from .quality import STRAY
-from .sensing import NONE, PLACES, UNITS
 from .telling import FEWEST, quantile
 
 if TYPE_CHECKING:
@@ -47,18 +47,18 @@ def _rotor(fit: Fit) -> str:
     model, speeds = fit.solution.problem.model, fit.solution.unknowns.speeds
     momentum = abs(speeds).max() * model.wheel.inertia  # type: ignore[union-attr]
     noise = max(one.speed.noise for one in fit.solution.problem.stretches if one.speed is not None)
-    factor = f", times {model.factor(fit.solution.unknowns.more):.5f}" if model.has_factor else ""
+    factor = f", times {model.factor(fit.solution.unknowns.more):.5f}" if "factor" in model.places else ""
     axis, tilt = fit.rotor_axis
-    about = f" about {_vector(axis)} ± {np.degrees(tilt):.2g}°" if model.has_axis else ""
+    about = f" about {_vector(axis)} ± {np.degrees(tilt):.2g}°" if "axis" in model.places else ""
     return f"momentum up to {momentum:.4g} kg m² s⁻¹{about}{factor}; noise of its speed {noise:.3g} rad/s"
 
 
 def _errors(fit: Fit) -> dict[str, str]:
     """Return rows of the errors of the gyroscope that are given or fitted."""
     found = {}
-    sensor = fit.solution.problem.priors.sensor
+    sensor = fit.solution.problem.gyroscope
     for name, place in PLACES.items():
-        if np.array_equal(sensor.mean[place], NONE[place]) and not sensor.deviation[place].any():
+        if np.array_equal(sensor.mean[place], IDEAL[place]) and not sensor.deviation[place].any():
             continue
         value, intervals = getattr(fit, name)
         each = [
@@ -96,7 +96,7 @@ def rows(fit: Fit) -> dict[str, str]:
     told["scale"] = ROTOR if model.wheel is not None and model.pivot is None else SCALES[fit.unit]
     if model.pivot is not None:
         n, tilt = fit.centre
-        how = f" ± {np.degrees(tilt):.2g}°{OPPOSITE}" if model.points else ", as given"
+        how = f" ± {np.degrees(tilt):.2g}°{OPPOSITE}" if "centre" in model.places else ", as given"
         told["centre of mass"] = f"along {_vector(n)}{how}"
     if model.constraint is not None:
         held = _vector(model.constraint)

@@ -24,7 +24,7 @@ from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
 from ..engine.marching import kernel_of
-from ..engine.outputs import CALL, CALLS, NODE, OUTPUT, carry_out, carry_out_outputs
+from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, put, side_by_side, spans
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
@@ -441,7 +441,7 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
     rows[free, CALL.unloaded_from] = coasting.begin[within[free]]
     rows[free, CALL.loaded_from] = coasting.end[within[free]]
     if march.loads is not NOTHING:
-        rows[:, CALL.times : CALL.op] = addresses(march.loads, march.count * march.sampled_before(begin, first))
+        rows[:, CALL.times : CALL.place] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
 
 
@@ -476,11 +476,10 @@ def _with_outputs(
     begin[free] = origin
     own = _rows(march, begin, (inside | free).astype(np.int64), 0, lengths, np.arange(n))
     own[free, CALL.unloaded_from] = origin
-    own[:, CALL.op], own[:, CALL.place] = np.where(inside | free, OUTPUT, NODE), here + 1
+    own[:, CALL.place], own[:, CALL.begins] = here + 1, np.isin(begin, stack.grid.numbers[1:-1])
     t, h = stack.times(node[is_step]), since[is_step]
     loads = march.sampled_at(lambda: (t[:, None] + h[:, None] * middles).ravel(), lambda: (t, t + h, h), middles)
-    own[is_step, CALL.times : CALL.op] = addresses(loads, march.count * np.arange(len(t)))
-    own[:, CALL.begins] = np.isin(begin, stack.grid.numbers[1:-1])
+    own[is_step, CALL.times : CALL.place] = addresses(loads, march.count * np.arange(len(t)))
     rates = np.append(march.unit / outputs.length[here], np.ones(len(steps)))
     rows = np.concatenate([own, steps])
     order = np.argsort(rows[:, CALL.first], kind="stable")

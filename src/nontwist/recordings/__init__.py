@@ -5,7 +5,7 @@
 - `attitudes` makes a `Reading` of each way to read an orientation; `checks` compares them with the `Evidence` beside;
   rows that are missing are found: a `Motion`. `reading` does likewise for angular velocities: `Rates`.
 - `motions` takes a motion of any form, and cleans it: `Samples`.
-- `relative` brings two to one clock (`clocks`) and to the axes of their segments.
+- `relative` brings two to one clock and to the axes of their segments.
 - `twisting` measures the twist and its errors, `counting` counts it live.
 """
 

@@ -209,15 +209,15 @@ def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
     in_file = tuple(h for h in table.headers if h in found.headers)
     order = found.headers if how.columns or not found.ordered else in_file
     readings = _quaternions(table.vectors(order), how, f"columns {', '.join(order)}")
-    names = (*order[1:], order[0]), order
+    by_order = dict(zip(((*order[1:], order[0]), order), readings, strict=True))
     if how.scalar_first is not None:
         labels = next((one.headers for one in headers.orientations(order) if one.ordered), None)
-        return [replace(one, unlike=labels not in (None, own)) for one, own in zip(readings, names, strict=True)]
+        return [replace(one, unlike=labels not in (None, own)) for own, one in by_order.items()]
     if not found.ordered:
         return readings
+    by_order.pop(found.headers, None)
     words = f"orientation: quaternion {', '.join((found.headers[3], *found.headers[:3]))}"
-    unlike = [replace(one, stated=False) for one, own in zip(readings, names, strict=True) if own != found.headers]
-    return [Reading(words, values.__getitem__, True), *unlike]
+    return [Reading(words, values.__getitem__, True), *(replace(one, stated=False) for one in by_order.values())]
 
 
 def _quaternions(values: Array, how: ReadOptions, what: str) -> list[Reading]:
@@ -228,12 +228,10 @@ def _quaternions(values: Array, how: ReadOptions, what: str) -> list[Reading]:
         if k in (0, 3) and abs(row[k]) > 0.99 and np.delete(abs(row), k).max() < IDENTITY:
             first, why = k == 0, f"the first row is ({', '.join(f'{x:g}' for x in row)})"
     readings = []
-    for is_first in (True, False):
-        is_stated = first == is_first
-        told = f"{'first' if is_first else 'last'}{f' ({why})' if is_stated else ''}"
-        make = np.roll(values, -1, axis=1).__getitem__ if is_first else values.__getitem__
+    for is_first, told, ordered in ((True, "first", np.roll(values, -1, axis=1)), (False, "last", values)):
+        words = f"orientation: quaternion, scalar {told}{f' ({why})' if first == is_first else ''}, {what}"
         is_allowed = how.scalar_first in (None, is_first)
-        readings.append(Reading(f"orientation: quaternion, scalar {told}, {what}", make, is_stated, is_allowed))
+        readings.append(Reading(words, ordered.__getitem__, first == is_first, is_allowed))
     return readings
 
 
@@ -241,10 +239,9 @@ def _three(table: Table, how: ReadOptions) -> tuple[str, ...]:
     """Return the columns of angles or a rotation vector by their headers."""
     own = [h for h in table.headers if how.body is None or plain(h).startswith(plain(how.body))]
     letters = how.euler or "xyz"
+    what, three = f"the angles {letters}", headers.angles(own, letters)
     if how.rotation_vector:
         what, three = "the rotation vector", headers.rotation_vector(own)
-    else:
-        what, three = f"the angles {letters}", headers.angles(own, letters) if len(set(letters)) == 3 else None
     if three is None:
         raise InputError("which-angles", what=what, names=listed(table.headers))
     return three

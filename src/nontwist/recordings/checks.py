@@ -38,6 +38,7 @@ from .table import Table
 FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are compared, in blocks
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
 SAME = 2.0  # of the shortfall from 1 of the best reading: those within fit as well
+SAME_ATTITUDE = 1e-9  # by which the product of quaternions of readings that give the same may differ from 1
 SURE = 0.9  # the agreement that takes a reading in place of the stated one
 FITS, MOUNTED = 0.7, 0.95  # least agreement with a gyroscope, and with one whose axes are turned
 FACTOR = 0.1  # by which times may disagree with a gyroscope
@@ -201,7 +202,7 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
             another = str(readings[int(np.nanargmax(scores))])
             _warn("options-contradicted", told=told, mine=mine, best=best, another=another)
             return stated, ()
-        elif len(own) == 1 or _alike([quats[j] for j in own]):
+        elif all(np.nanmin(abs((quats[own[0]] * quats[j]).sum(axis=1))) > 1 - SAME_ATTITUDE for j in own[1:]):
             chosen = readings[own[int(np.argmax(scores[own]))]]
             if stated:
                 _warn("reading-by-evidence", told=told, best=best, mine=mine, chosen=str(chosen), stated=str(stated))
@@ -216,11 +217,6 @@ def _turns(quat: Array) -> bool:
     quat = quat[known(quat)]
     dots = abs((quat[1:] * quat[:1]).sum(axis=1)) / np.maximum(np.linalg.norm(quat[1:], axis=1), 1e-300)
     return bool(dots.min(initial=1.0) < np.cos(TURNS / 2))
-
-
-def _alike(quats: Sequence[Array]) -> bool:
-    """Whether readings give the same attitudes."""
-    return all(np.nanmin(abs((quats[0] * other).sum(axis=1))) > 1 - 1e-9 for other in quats[1:])
 
 
 def _mounted(turned: Array, measured: Array) -> float:

@@ -164,7 +164,8 @@ def angles(headers: Sequence[str], letters: str) -> tuple[str, ...] | None:
     found = [[h for h in headers if _axis_of_angle(h) == letter.lower()] for letter in letters]
     if any(len(one) > 1 for one in found):  # Roll among DesRoll and the like
         found = [[h for h in one if _bare(h) in ANGLES] for one in found]
-    return tuple(one[0] for one in found) if all(len(one) == 1 for one in found) else None
+    is_clear = all(len(one) == 1 for one in found) and len(set(letters)) == 3
+    return tuple(one[0] for one in found) if is_clear else None
 
 
 def _axis_of_angle(header: str) -> str | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -21,7 +20,7 @@ from ..spec import takes
 from ..units import RATE, known
 from .attitudes import Motion, of_bodies, of_table
 from .checks import sensor
-from .formats import BEGINNINGS, PACKED, READERS
+from .formats import BEGINNINGS, READERS
 from .headers import ACCELEROMETER, GYROSCOPE, plain, rate_unit, sensors
 from .motions import kept_rows
 from .options import ReadOptions
@@ -92,7 +91,10 @@ def read_motion(
 
 
 def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> Content:
-    """Return what the reader of a file, or of a stream of text, finds in it."""
+    """Return what the reader of a file, or of a stream of text, finds in it.
+
+    A file that does not fit into memory, or that changes while it is read, is refused.
+    """
     if callable(getattr(source, "read", None)):
         return read_text(source, how)
     if not isinstance(source, (str, os.PathLike)):
@@ -107,33 +109,26 @@ def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> C
         raise InputError("no-content")
     suffix = path.suffix.lower()
     if suffix not in READERS:
-        suffix = next((one for magic, one in BEGINNINGS.items() if start.startswith(magic)), suffix)
-        packed = next((words for magic, words in PACKED.items() if start.startswith(magic)), None)
-        if packed is not None and suffix != ".xlsx":
-            raise InputError("packed", packed=packed)
-        if start.lstrip()[:1] in (b"{", b"["):
-            raise InputError("json")
+        found = next((one for magic, one in BEGINNINGS.items() if start.lstrip().startswith(magic)), suffix)
+        if isinstance(found, str):
+            suffix = found
+        elif suffix != ".xlsx":
+            raise InputError(found[0], packed=found[1])
         if suffix not in READERS and b"\x00" in start and start[:2] not in (b"\xff\xfe", b"\xfe\xff"):
             raise InputError("unknown-format", suffix=path.suffix, known=", ".join(READERS))
-    with _unchanged(path):
-        try:
-            return READERS.get(suffix, read_text)(path, how)
-        except InputError:
-            if suffix in BINARY and all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start):
-                raise InputError("text-inside", suffix=suffix) from None
-            raise
-
-
-@contextmanager
-def _unchanged(path: Path) -> Iterator[None]:
-    """Refuse a file that does not fit into memory, or that changes while it is read."""
     before = os.stat(path)
     if before.st_size > SHARE * (free := free_memory()):
         raise InputError("too-large", size=before.st_size / 1e9, free=free / 1e9)
-    yield
+    try:
+        content = READERS.get(suffix, read_text)(path, how)
+    except InputError:
+        if suffix in BINARY and all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start):
+            raise InputError("text-inside", suffix=suffix) from None
+        raise
     after = os.stat(path)
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise InputError("file-changed")
+    return content
 
 
 def _array(motion: Motion) -> xarray.DataArray:
@@ -222,8 +217,10 @@ def read_rates(
         table, more = own_rows(table, three)
         told += more
     values = table.vectors(three)
-    above = "".join(f"; {note}" for note in content.notes if note.startswith("stated above"))
-    symbol = _unit(three, unit, values, above)
+    largest = abs(values).max(where=np.isfinite(values), initial=0.0)
+    hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
+    hint += "".join(f"; {note}" for note in content.notes if note.startswith("stated above"))
+    symbol = _unit(three, unit, "unit", hint)
     time = clock(table, how)
     if time.time is None and content.time is not None and len(content.time) == len(values):
         time = replace(time, time=content.time, notes=("time: as the format defines, s",))
@@ -233,9 +230,7 @@ def read_rates(
     spun = None
     if speed is not None:
         table.require(speed)
-        turning = _agreed(speed_unit, rate_unit(speed), "speed-unit", speed)
-        if turning is None:
-            raise InputError("no-speed-unit", column=speed, units="|".join(RATE))
+        turning = _unit([speed], speed_unit, "speed-unit")
         spun = table.numbers(speed) * RATE[turning]
         notes += (f"speed of the rotor: {speed}, {turning}",)
     acceleration, _ = sensor(table, ACCELEROMETER)
@@ -261,21 +256,14 @@ def _one(table: Table, body: str | None) -> tuple[str, ...]:
     return found[0]
 
 
-def _agreed(unit: str | None, stated: str | None, code: str, names: str) -> str | None:
-    """Return the unit of rates, as told or as headers state it; an InputError where it is unknown, or these differ."""
+def _unit(headers: Sequence[str], unit: str | None, code: str, hint: str = "") -> str:
+    """Return the unit of rates, as told or as headers state it; an InputError where none is known, or these differ."""
+    stated, names = rate_unit(*headers), ", ".join(headers)
     found = stated if unit is None else known(unit, RATE)
     if unit is not None and found is None:
         raise InputError(code, unit=unit, units=", ".join(RATE))
+    if found is None:
+        raise InputError(f"no-{code}", names=names, hint=hint, units="|".join(RATE))
     if stated not in (None, found):
         raise InputError(f"{code}-stated", names=names, stated=stated, unit=unit)
-    return found
-
-
-def _unit(three: Sequence[str], unit: str | None, values: Array, above: str) -> str:
-    """Return the unit, as told or as all headers state it."""
-    names = ", ".join(three)
-    if (found := _agreed(unit, rate_unit(*three), "unit", names)) is None:
-        largest = abs(values).max(where=np.isfinite(values), initial=0.0)
-        hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
-        raise InputError("no-unit", names=names, hint=hint + above)
     return found

@@ -2,8 +2,35 @@
 
 **Clocks.** Times and dates are taken as they are: two recordings whose times overlap are of one clock. Where they
 cannot be, as their times do not overlap, dates that are whole or half hours apart are of two time zones; of all others
-the shift is looked for in their angular speeds, and taken if it is decisive (`clocks`). What the speeds say of a clock
-that is taken is a fact beside it, as neighbouring segments of an arm move on their own.
+the shift is looked for in their angular speeds, and taken if it is decisive. What the speeds say of a clock that is
+taken is a fact beside it, as neighbouring segments of an arm move on their own.
+
+**A shift, or a shift and a drift.** A sensor on a body turns at the angular speed |w|, whatever its axes are and
+whatever frame it reports to; so two sensors on one body, or on neighbouring ones that move together, show the same
+course of |w|. The time of the second sensor s and that of the first t are taken to be related by
+
+    t = s0 + shift + (1 + drift) (s - s0),        s0 its first sample.
+
+1. Both speeds (angles between samples over their intervals, at the midpoints) are interpolated on one uniform grid.
+2. The normalized cross-correlation r of the n points that overlap, computed with sums by FFT (D. Padfield, IEEE
+   Trans. Image Process. 21 (2012) 2706-2718: means and norms are those of the overlap), is most significant at the
+   shift: where artanh(r) √n, normal with variance 1 for independent points (R. A. Fisher), is greatest. For a drift
+   the second recording is stretched by one drift after the other, in steps of a tenth of a second over its length, as
+   shakes at both ends match at few of them only. The drift at which the shift is most significant is taken.
+3. Shift and drift are refined to a fraction of a sample: with both speeds reduced to mean zero and norm one, the sum of
+   squares of their difference is 2 (1 - correlation), whose least value Levenberg and Marquardt's method finds. Noise
+   would make a least value at every sample; for a drift the speeds are smoothed before 2.
+4. How far each of 12 parts of the recording alone would move the drift, to first order, tells how far it can be
+   trusted: that is its part of the gradient over the second derivatives of the whole. The root of the sum of squares of
+   these moves is the standard deviation of the drift (H. White, Econometrica 48 (1980) 817-838, by clusters); of 12, 24
+   and 48 parts the largest counts. It is small where both sensors are shaken together at either end, whatever the joint
+   does in between, and large where the motion of the joint decides.
+
+A shift is taken only if it is decisive: the speeds must match closely, and no other shift nearly as well. Motions that
+repeat have many, and two segments of an arm move by themselves as well: so both sensors are shaken together at the
+start, and at the end for a drift. Where the caller says when, the sums of 2, the difference of 3 and the parts of 4 are
+those of the shaken samples alone, each with all of the other recording, and must match more closely: in seconds of
+unrelated motion a correlation of 0.8 is found by chance.
 
 **Times.** Where the two have other times, the attitudes of the second are interpolated at those of the first: by a
 spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`), or along
@@ -25,9 +52,9 @@ The pose is where both turn least, within one second, or where the caller says. 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +63,29 @@ from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.values import counted, number_text
 from .attitudes import Motion
-from .clocks import fitted_clock, speed_correlation, turns, within
 from .motions import GAP, Samples, samples
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
 MOVES = np.radians(3)  # a pose that turns by more is no rest
 HALF_HOUR, MOST_ZONES, DAY = 1800.0, 28, 86400.0  # s, of which time zones are whole numbers, up to 14 h
 CLOCKS = ("shared", "shift", "drift")
+CLOSE, SURE = 0.95, 0.97  # least correlation of recordings, and of those that were shaken together
+OVERLAP = 0.3  # of the shorter recording that must overlap
+SHORTEST = 50  # samples
+WHOLE, SHAKEN = 0.5, 0.75  # of the points, that a second shift must have: one that loses a shake is none
+RIVAL = 0.03  # a second shift whose correlation comes as close leaves the shift open
+DRIFT = 1e-3  # largest drift
+SMOOTH = 0.1  # s, full width at half maximum of what smooths the speeds for a drift
+REACH = 0.025  # s, of second derivatives: noise within this time does not count
+PARTS = (12, 24, 48)  # into which a recording is cut for the uncertainty of its drift
+VAGUE = 30e-6  # a drift that is more uncertain is refused: clocks of quartz differ by little more
+TRIED, MOST_TRIED = 0.1, 32  # s by which drifts that are tried differ over the recording; how many to each side
+STEADY = 1e-9  # of the largest speed: changes below it are round-off
+MOST = 2_000_000  # points of the grid
 
 
 def relative_motion(
@@ -105,7 +147,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         notes.append(InputWarning("time-zones", hours=abs(zone) / 3600))
     if clocks in ("shift", "drift") or (clocks is None and not is_shared):
         fit = fitted_clock(A, t, B, s, drift=clocks == "drift", shake=shake)
-        s, facts = fit.times(s), (fit.words(),)
+        s, facts = fit.times, (fit.words,)
     elif clocks is None or is_dated:
         late, alike = float(s[0] - t[0]), speed_correlation(A, t, B, s)
         begins = f"by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} the other"
@@ -175,3 +217,203 @@ def _segments(bodies: Sequence[Samples], static: Array | None) -> list[Samples]:
         replace(one, quaternion=(one.rotation * M.inv()).as_quat(), notes=notes, facts=(*found.facts, note))
         for one, M in zip(bodies, means, strict=True)
     ]
+
+
+class ClockFit(NamedTuple):
+    """How the clock of the second recording differs from that of the first; its times by the first, and words for it.
+
+    `unsure` is twice the standard deviation of the drift, None where none was looked for.
+    """
+
+    shift: float
+    drift: float
+    unsure: float | None
+    times: Array
+    words: str
+
+
+def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, shake: Array | None = None) -> ClockFit:
+    """Return the clock that makes the angular speeds of a(t) and b(s) agree best.
+
+    `shake`, (k, 2), are intervals of t in which both moved as one; the speeds at other times are ignored.
+
+    Raises
+    ------
+    InputError
+        The clock is not decided: speeds do not match, several shifts match, the drift is uncertain, samples are few.
+    """
+    many = int(within(t, shake).sum())
+    if min(many, s.size) < SHORTEST:
+        code = "few-to-align" if shake is None else "few-shaken"
+        raise InputError(code, least=SHORTEST, count=many, other=s.size, first=t[0], last=t[-1])
+    step = max(min(np.median(np.diff(t)), np.median(np.diff(s))), (t[-1] - t[0]) / MOST, (s[-1] - s[0]) / MOST)
+    va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
+    grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
+    fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
+    shaken = within(grid_a, shake)
+    if shaken.sum() < min(SHORTEST, many):
+        raise InputError("long-recordings", step=step, count=shaken.sum(), length=t[-1] - t[0], other=s[-1] - s[0])
+    if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
+        raise InputError("steady-speeds")
+    lag, _, rival = _search(fa, fb, shaken)
+    shift, span = float(t[0] - s[0] - lag * step), float(max(s[-1] - s[0], step))
+
+    def clock(x: Array) -> tuple[float, float]:
+        """Return shift and drift of x: in steps, the drift those that it makes over the second recording."""
+        return float(shift + x[0] * step), float(x[1] * step / span) if drift else 0.0
+
+    def unlike(x: Array, f: Array, other: tuple[Array, Array]) -> Array:
+        ahead, slope = clock(x)
+        there = s[0] + (grid_a - s[0] - ahead) / (1 + slope)
+        inside = shaken & (there >= s[0]) & (there <= s[-1])
+        return _reduced(f, inside) - _reduced(np.interp(there, *other), inside)
+
+    unsure = None
+    if drift:
+        smooth_a, smooth_b, thin = _smoothed(fa, step), _smoothed(fb, step), max(int(SMOOTH / 2 / step), 1)
+        count = min(int(np.ceil(DRIFT * fb.size * step / TRIED)), MOST_TRIED)
+        found, slope, _ = _search(smooth_a, smooth_b, shaken, np.linspace(-DRIFT, DRIFT, 2 * count + 1), thin)
+        start, reach, most = np.array([lag - found, slope * (fb.size - 1)]), REACH / step, 2 * DRIFT * span / step
+        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken], start, max(reach, 1.0), most)
+        unsure = float(2 * deviation * step / span)
+        _, _, rival = _search(fa, fb, shaken, [clock(x)[1]])
+    else:
+        x = _fitted(unlike, np.zeros(1), args=(fa, vb))
+    correlation, least = 1 - sum_of_squares(unlike(x, fa, vb)) / 2, CLOSE if shake is None else SURE
+    if not correlation >= least:
+        raise InputError("unlike-speeds", correlation=correlation, least=least)
+    if rival is not None:
+        raise InputError("several-shifts", apart=rival[0] * step, other=rival[1], best=rival[2])
+    if unsure is not None and not (unsure <= VAGUE and unsure * min(t[-1] - t[0], span) <= step):
+        raise InputError("uncertain-drift", ppm=1e6 * unsure)
+    ahead, slope = clock(x)
+    shown, during = f"{ahead + 0.0:+.5f}".rstrip("0").rstrip("."), ""
+    if unsure is not None:
+        ppm, most = float(f"{1e6 * slope:.3g}"), float(f"{1e6 * unsure:.1g}")
+        shown += f" s at its first sample, drift {ppm:+g} ± {most:g} ppm"
+    if shake is not None:
+        during = f" from {' and '.join(f'{first:.12g} to {last:.12g} s' for first, last in shake)}:"
+    words = f"clock of relative_to: shifted by {shown}{' s' * (unsure is None)} (correlation of the angular speeds"
+    times = s[0] + ahead + (1 + slope) * (s - s[0])
+    return ClockFit(ahead, slope, unsure, times, f"{words}{during} {correlation:.3f})")
+
+
+def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known; 0 where one is steady."""
+    time, speed = _speed(a, t)
+    inside = (time >= s[0]) & (time <= s[-1])
+    return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
+
+
+def within(time: Array, shake: Array | None) -> NDArray[np.bool_]:
+    """Whether times are in one of these intervals, (k, 2), or there are none."""
+    first, last = [-np.inf, np.inf] if shake is None else shake.T
+    return np.asarray(((time[:, None] >= first) & (time[:, None] <= last)).any(axis=1))
+
+
+def turns(rotation: Rotation) -> Array:
+    """Return the angles between neighbouring attitudes, rad."""
+    return np.asarray((rotation[:-1].inv() * rotation[1:]).magnitude())
+
+
+def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:
+    """Return the midpoints of the intervals and the angular speeds, rad/s."""
+    return (time[1:] + time[:-1]) / 2, turns(rotation) / np.diff(time)
+
+
+def _reduced(f: Array, inside: Any) -> Array:
+    """Return a signal with mean zero and norm one where it counts."""
+    g = np.where(inside, f - f[inside].mean() if inside.any() else 0.0, 0.0)
+    norm = np.sqrt(sum_of_squares(g))
+    return np.asarray(g / norm if norm > 0 else g)
+
+
+def _scores(a: Array, b: Array, shaken: NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
+    """Return lags (b[i + lag] beside a[i]), how significant each correlation is, the correlation, of how many points.
+
+    It is that of the points of a that are `shaken`, where enough of them overlap with b.
+    """
+    from scipy.signal import correlate, correlation_lags
+
+    least = max(int(OVERLAP * min(shaken.sum(), b.size)), 10)
+    a, b = np.where(shaken, a - a[shaken].mean(), 0.0), b - b.mean()
+    one, other = shaken.astype(np.float64), np.ones(b.size)
+
+    def sums(x: Array, y: Array) -> Array:
+        return np.asarray(correlate(y, x, mode="full", method="fft"))
+
+    n = np.maximum(np.round(sums(one, other)), 1)
+    of_a, of_b = sums(a, other), sums(one, b)
+    above = sums(a, b) - of_a * of_b / n
+    below = np.maximum(sums(a * a, other) - of_a**2 / n, 0) * np.maximum(sums(one, b * b) - of_b**2 / n, 0)
+    scale = 1e-9 * sum_of_squares(a) * sum_of_squares(b)
+    found = np.where((n >= least) & (below > scale), above / np.sqrt(np.maximum(below, scale + 1e-300)), -1.0)
+    return correlation_lags(b.size, a.size), np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(n), found, n
+
+
+def _search(
+    a: Array, b: Array, shaken: NDArray[np.bool_], slopes: Iterable[float] = (0.0,), thin: int = 1
+) -> tuple[int, float, tuple[float, float, float] | None]:
+    """Return lag and slope at which a is found in b most clearly, where b lasts longer by one of these slopes.
+
+    And how many points away another lag fits nearly as well, with the correlations of both; every `thin`-th point
+    counts.
+    """
+    best: tuple[Any, ...] = ()
+    for slope in slopes:
+        points = np.arange(0, (1 + slope) * b.size, thin) / (1 + slope)
+        scores = _scores(a[::thin], np.interp(points, np.arange(b.size), b), shaken[::thin])
+        if not best or scores[1].max() > best[1].max():
+            best = (*scores, slope)
+    lags, score, found, n, slope = best
+    k = left = right = int(np.argmax(score))
+    while left > 0 and score[left - 1] < score[left]:
+        left -= 1
+    while right < score.size - 1 and score[right + 1] < score[right]:
+        right += 1
+    rivals = np.where(n >= (WHOLE if shaken.all() else SHAKEN) * n[k], found, -1.0)
+    rivals[left : right + 1] = -1.0
+    j = int(np.argmax(rivals))
+    rival = None if found[j] < found[k] - RIVAL else (float(lags[k] - lags[j]), float(found[j]), float(found[k]))
+    return thin * int(lags[k]), slope, rival
+
+
+def _smoothed(f: Array, step: float) -> Array:
+    """Return a signal smoothed by a window of Hann, which is symmetric and so shifts nothing."""
+    half = round(SMOOTH / step)
+    if half < 2:
+        return f
+    window = np.hanning(2 * half + 1)[1:-1]
+    return np.convolve(np.pad(f, half - 1, mode="edge"), window / window.sum(), mode="valid")
+
+
+def _fitted(unlike: Callable[..., Array], start: Array, slopes: Any = "2-point", args: tuple[Any, ...] = ()) -> Array:
+    """Return the least squares by Levenberg and Marquardt's method of MINPACK, without BLAS, whose threads compete."""
+    from scipy.optimize import least_squares
+
+    return np.asarray(least_squares(unlike, start, slopes, method="lm", args=args).x)
+
+
+def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most: float) -> tuple[Array, float]:
+    """Return what makes two signals least unlike, and the standard deviation of its second number.
+
+    It is the start, and the deviation infinite, where they are not least unlike at one place within `reach`, or where
+    that number exceeds `most`.
+    """
+
+    def slopes(x: Array) -> Array:
+        """Return derivatives, over two samples: within one the interpolated signals have corners."""
+        return np.stack([(unlike(x + e) - unlike(x - e)) / 2 for e in np.eye(2)], axis=1)
+
+    def cost(x: Array) -> float:
+        return sum_of_squares(unlike(x)) / 2
+
+    x = _fitted(unlike, start, slopes)
+    steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    bent = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
+    if abs(x[1]) > most or not np.linalg.eigvalsh(bent)[0] > 0:
+        return start, float("inf")
+    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(bent / (2 * reach) ** 2)[1]) * unlike(x)
+    counted = np.trim_zeros(moves)
+    by_parts = [[part.sum() for part in np.array_split(counted, parts)] for parts in PARTS]
+    return x, max(float(np.linalg.norm(sums)) for sums in by_parts)

@@ -119,7 +119,7 @@ SENTENCES |= {
     "unit": "unknown unit of angular velocity {unit!r}; known are {units}",
     "unit-stated": "the columns {names} state {stated}, but {option[unit]} is {unit}" + OMIT,
     "no-unit": "the columns {names} do not state their unit: {option[unit]} is rad/s or deg/s{hint}",
-    "no-speed-unit": "the column {column!r} does not state its unit: unit={units} among the settings of the rotor",
+    "no-speed-unit": "the column {names!r} does not state its unit: unit={units} among the settings of the rotor",
     "speed-unit": "unknown unit of speed {unit!r}: unit= among the settings of the rotor is one of {units}",
     "speed-unit-stated": "the column {names!r} states {stated}, but the rotor has unit={unit}" + OMIT,
     "no-speed": "a run has no column {speed!r}; give the speed of the rotor as a number, rad/s",

@@ -17,7 +17,6 @@ from .headers import plain
 from .options import ReadOptions
 
 Lines = NDArray[np.int64]
-Rows = NDArray[np.int64] | NDArray[np.bool_]
 SPARSE = 0.25  # of all rows, empty in the columns of a sensor: those of others, merged on their times
 MOST_SENSORS = 64
 OFTEN = 0.05  # of all rows, after which the next is of another sensor, where blocks may be parts of one motion
@@ -90,7 +89,7 @@ class Table:
             if name not in self.columns:
                 raise InputError("no-column", name=name, names=listed(self.columns))
 
-    def at(self, rows: Rows) -> Table:
+    def at(self, rows: NDArray[np.int64]) -> Table:
         """Return some of the rows."""
         lines = None if self.lines is None else self.lines[rows]
         return replace(self, columns={name: values[rows] for name, values in self.columns.items()}, lines=lines)

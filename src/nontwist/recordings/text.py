@@ -42,7 +42,12 @@ _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 
 def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
     """Return the table of a text, and notes."""
-    content = source if isinstance(source, bytes) else _content(source)
+    content = source.read_bytes() if isinstance(source, Path) else source
+    if not isinstance(content, bytes):
+        text = content.read(LONGEST + 1)
+        if len(text) > LONGEST:
+            raise InputError("long-stream", size=LONGEST / 1e6)
+        content = text.encode(errors="replace")
     lines = list(islice(opened(content), PREAMBLE))
     if any("\x00" in line for line in lines):
         raise InputError("not-text")
@@ -70,16 +75,6 @@ def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
         return Table({name: np.array([]) for name in names}, headless=headers is None), ()
     factors = (f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
     return replace(found[0], headless=headers is None), (*found[1], *factors)
-
-
-def _content(source: Path | TextIO) -> bytes:
-    """Return the bytes of a file, or of a stream of text."""
-    if isinstance(source, Path):
-        return source.read_bytes()
-    text = source.read(LONGEST + 1)
-    if len(text) > LONGEST:
-        raise InputError("long-stream", size=LONGEST / 1e6)
-    return text.encode(errors="replace")
 
 
 def opened(content: bytes) -> TextIO:

@@ -211,21 +211,22 @@ def twist(
     frame, flat, psi = _frame(d3, d1[0], order), _frame(d3, d1[0], 2), np.empty(len(d3))
     angles(d1, frame, psi)
     sigma = noise_level(d3, data.time)
+    noise = noise_of_twist(d3, sigma, order)
     lead = np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0]))
     tau, area = _closed(d3, lead, _swing_twist(p, n), psi)
     variables = {
-        "twist_angle": sign * psi,
-        "swing_twist_angle": principal_angle(sign * tau),
-        "solid_angle": sign * area,
-        "path_length": np.append(0.0, np.cumsum(length)),
-        "error_estimate": estimates(d3[None], order)[0],
-        "noise_estimate": noise_of_twist(d3, sigma, order),
-        "frame": frame,
+        "twist_angle": (sign * psi, "rad", "twist angle", "ψ"),
+        "swing_twist_angle": (principal_angle(sign * tau), "rad", "swing-twist angle", "τ"),
+        "solid_angle": (sign * area, "sr", "solid angle of the path, closed by a great circle", "Ω"),
+        "path_length": (np.append(0.0, np.cumsum(length)), "rad", "path length of the axis on the sphere", "s"),
+        "error_estimate": (estimates(d3[None], order)[0], "rad", "estimated error of the twist angle by sampling", "ε"),
+        "noise_estimate": (noise, "rad", "estimated deviation of the twist angle by noise", "σ"),
+        "frame": (frame, "1", "non-twisting frame, rows d1, d2, d3", "χ"),
     }
     if data.time is not None:
         scale = 2.0 ** (int(np.frexp(data.time[-1] - data.time[0])[1]) - 1)  # products of intervals do not overflow
         rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1)
-        variables["twist_rate"] = rate / scale
+        variables["twist_rate"] = (rate / scale, "rad s-1", "twist rate", "ψ'")
     where = "space" if axis_frame == "space" else "the body"
     record = {
         "format_version": FORMAT_VERSION,
@@ -243,7 +244,10 @@ def twist(
         "solid_angle modulo 2π",
     }
     time, dims = data.rows.astype(np.float64) if data.time is None else data.time, ("time", "director", "axis")
-    described = {name: (dims[: array.ndim], array, _ATTRS[name]) for name, array in variables.items()}
+    described = {
+        name: (dims[: array.ndim], array, {"units": unit, "long_name": words, "symbol": symbol})
+        for name, (array, unit, words, symbol) in variables.items()
+    }
     found = assembled(described, coordinates(dims, time=time), record)
     if data.time is None:
         found["time"].attrs = {"units": "1", "long_name": "row, from 0"}
@@ -357,16 +361,13 @@ def noise_level(d3: Array, time: Array | None) -> float:
 
 
 def _levels(d3: Array, parameter: Array) -> list[float]:
-    if not np.diff(parameter).all():
-        return [float("inf")] * len(ORDERS)
-    return [_level(d3, parameter, m) for m in ORDERS]
-
-
-def _level(d3: Array, parameter: Array, m: int) -> float:
-    """Root mean square of the divided differences of order m across the path."""
-    blocks = range(0, len(d3) - m, _BLOCK)
-    across = np.concatenate([_across(d3[k : k + _BLOCK + m], parameter[k : k + _BLOCK + m], m) for k in blocks])
-    return float(np.sqrt(np.mean(across**2))) if across.size else 0.0
+    """Root mean squares of the divided differences of each order across the path; infinite where points coincide."""
+    found = list[float]()
+    for m in ORDERS if np.diff(parameter).all() else ():
+        blocks = range(0, len(d3) - m, _BLOCK)
+        across = np.concatenate([_across(d3[k : k + _BLOCK + m], parameter[k : k + _BLOCK + m], m) for k in blocks])
+        found.append(float(np.sqrt(np.mean(across**2))) if across.size else 0.0)
+    return found or [float("inf")] * len(ORDERS)
 
 
 def _across(d3: Array, parameter: Array, m: int) -> Array:
@@ -400,15 +401,3 @@ def noise_of_twist(d3: Array, sigma: float, order: int) -> Array:
     counted = np.arange(n)
     variance = sigma**2 * np.cumsum(wide) + factor**2 * sigma**4 * counted / 2 + 2 * sigma**2 * (counted > 0)
     return np.asarray(np.sqrt(variance))
-
-
-_ATTRS = {
-    "twist_angle": {"units": "rad", "long_name": "twist angle", "symbol": "ψ"},
-    "twist_rate": {"units": "rad s-1", "long_name": "twist rate", "symbol": "ψ'"},
-    "swing_twist_angle": {"units": "rad", "long_name": "swing-twist angle", "symbol": "τ"},
-    "solid_angle": {"units": "sr", "long_name": "solid angle of the path, closed by a great circle", "symbol": "Ω"},
-    "path_length": {"units": "rad", "long_name": "path length of the axis on the sphere", "symbol": "s"},
-    "error_estimate": {"units": "rad", "long_name": "estimated error of the twist angle by sampling", "symbol": "ε"},
-    "noise_estimate": {"units": "rad", "long_name": "estimated deviation of the twist angle by noise", "symbol": "σ"},
-    "frame": {"units": "1", "long_name": "non-twisting frame, rows d1, d2, d3", "symbol": "χ"},
-}

@@ -16,7 +16,7 @@ from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
 
 from ..driver import simulate
-from ..driver.planning import known_body
+from ..driver.planning import known_body, require_observed
 from ..driver.prepared import Forecast, Prepared
 from ..driver.prepared import forecast as forecast_of
 from ..driver.problem import Problem, prepared, problem_with
@@ -197,6 +197,9 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
             further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
         if file is not None and sweep is not None and not any(fault.key.startswith("sweep") for fault in further):
             further += key_problems(sweep, file.model_dump(exclude_none=True))
+        if ready is not None and sweep is not None and sweep.reduce:
+            with further.of("sweep", sweep, "reduce"):
+                require_observed(ready.plan.scheme, ready.plan.load)
         if ready is not None and not further:
             with further.of("time", time, "step" if time.tolerance is None else "tolerance"):
                 _ = ready.states

@@ -24,7 +24,7 @@ from ..analysis.statistics import STATISTICS
 from ..analysis.variables import NODES, ROTORS, STATE
 from ..geometry.arrays import Array
 from ..geometry.values import guess
-from ..integrators import INTEGRATORS, Integrator
+from ..integrators import Integrator
 from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
 from .toml_data import Fault, shown
 
@@ -331,17 +331,6 @@ def key_problems(sweep: Sweep, data: dict[str, Any]) -> Iterator[Fault]:
         elif known[one.key] != one.form:
             form = f"{_form(one.form)} (the key holds {_form(known[one.key])})"
             yield Fault(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
-    if not sweep.reduce:
-        return
-    loads = data.get("load") or []
-    integrator = INTEGRATORS[data["integrator"]["name"]]
-    if curved := [k for k, load in enumerate(loads) if _is_curved(load)]:
-        reason = f"no reductions with load.{curved[0]}, a potential that is not linear: leave reduce out"
-        yield Fault("sweep.reduce", shown(sweep.reduce), reason)
-    if any(load["kind"] == "dry_friction" for load in loads):
-        yield Fault("sweep.reduce", shown(sweep.reduce), "no reductions under dry_friction: leave reduce out")
-    if integrator.any_times:
-        yield Fault("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
 
 
 def step_problems(step: float | None, integrator: type[Integrator], prepared: Prepared | None) -> Iterator[Fault]:
@@ -367,14 +356,6 @@ def _suggested_step(prepared: Prepared) -> float:
         if step <= longest and math.isclose(span / step, round(span / step), rel_tol=1e-12):
             return step
     return span / math.ceil(span / longest)
-
-
-def _is_curved(load: dict[str, Any]) -> bool:
-    """Whether a load is a potential that is not linear."""
-    kind = load["kind"]
-    if kind == "spring":
-        return bool(load["rest_length"])
-    return kind == "gravity_gradient" or (kind == "potential" and bool(np.any(load["quadratic"])))
 
 
 def _form(shape: tuple[int, ...]) -> str:

@@ -29,13 +29,12 @@ READERS: dict[str, Callable[[Path, ReadOptions], Content]] = {
     ".tm": read_spice,
     **dict.fromkeys((".nc", ".nc4", ".h5"), read_run),
 }
-# How files begin, where their suffix says nothing.
-BEGINNINGS = {b"\x93NUMPY": ".npy", b"HIERARCHY": ".bvh", b"#ROSBAG": ".bag", b"\x89MCAP0": ".mcap"}
-PACKED = {
-    b"PK\x03\x04": "a ZIP archive",
-    b"\x1f\x8b": "packed by gzip",
-    b"7z\xbc\xaf": "a 7z archive",
-    b"BZh": "packed by bzip2",
+# How files begin whose suffix says nothing: the suffix of their reader, or the code of an error and what they are.
+BEGINNINGS: dict[bytes, str | tuple[str, str]] = {
+    **{b"\x93NUMPY": ".npy", b"HIERARCHY": ".bvh", b"#ROSBAG": ".bag", b"\x89MCAP0": ".mcap"},
+    **{b"PK\x03\x04": ("packed", "a ZIP archive"), b"7z\xbc\xaf": ("packed", "a 7z archive")},
+    **{b"\x1f\x8b": ("packed", "packed by gzip"), b"BZh": ("packed", "packed by bzip2")},
+    **dict.fromkeys((b"{", b"["), ("json", "")),
 }
 
-__all__ = ["BEGINNINGS", "PACKED", "READERS", "Content", "ReadOptions", "readable"]
+__all__ = ["BEGINNINGS", "READERS", "Content", "ReadOptions", "readable"]

@@ -164,21 +164,16 @@ def read_opensim(path: Path, how: ReadOptions) -> Content:
     columns = (np.array(one, dtype=object) for one in zip(*cells, strict=True))
     table = Table(by_name("column", zip(labels, columns, strict=True)), places)
     if stated.get("datatype", "").lower() == "quaternion" or any("," in cell for cell in cells[0]):
-        return _quaternions(table)
+        time = next((table.numbers(label) for label in labels if label.lower() == "time"), None)
+        bodies = {}
+        for label in labels:
+            if label.lower() != "time":
+                rows = [cell.split(",") for cell in table.columns[label]]
+                bodies[label] = np.roll(stacked(rows, 4, f"quaternion {label!r}", places), -1, axis=1)
+        note = "orientation: quaternions of OpenSim, scalar first"
+        return Content(bodies=bodies, time=time, notes=(note,), lines=places)
     units: dict[str, Literal["deg", "rad"]] = {"yes": "deg", "no": "rad"}
     unit = units.get(stated.get("indegrees", "").lower())
     note = "angles: " + (f"{unit}, as inDegrees={stated['indegrees']} says" if unit else "the header has no inDegrees")
     numbers = {label: table.numbers(label) for label in labels}
     return Content(Table(numbers, places), angle_unit=unit, notes=(note,))
-
-
-def _quaternions(table: Table) -> Content:
-    bodies, time = {}, None
-    for label, cells in table.columns.items():
-        if label.lower() == "time":
-            time = table.numbers(label)
-        else:
-            numbers = stacked([cell.split(",") for cell in cells], 4, f"quaternion {label!r}", table.lines)
-            bodies[label] = np.roll(numbers, -1, axis=1)
-    note = "orientation: quaternions of OpenSim, scalar first"
-    return Content(bodies=bodies, time=time, notes=(note,), lines=table.lines)

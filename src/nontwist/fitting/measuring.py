@@ -1,0 +1,310 @@
+r"""What instruments read of a motion, with derivatives: a gyroscope, recorded attitudes, the speed of a rotor.
+
+**A gyroscope** reads ``y(t) = s E Q W(t - τ) + b + noise`` with the bias b and the common scale s. ``Q = exp(-θ̂)``
+takes components along the axes of the body to those of the gyroscope, which are turned by the rotation vector θ against
+them; ``E = diag(e₁, e₂, e₃)`` are the scales of its axes, about 1; τ is the delay behind the clock of the recording.
+The axes of the body are those in which attitudes, the centre of mass and the axis of a rotor are given. Derivatives,
+with ``δ exp(θ̂) = (T δθ)^ exp(θ̂)``:
+
+    ∂y/∂W = s E Q ,     ∂y/∂θ = s E Q Ŵ T ,     ∂y/∂e_i = s (Q W)_i ,     ∂y/∂τ = -s E Q W' .
+
+Readings of free motion alone tell none of θ, e and τ. θ is another choice of axes: V = Q W is a free motion of the
+inertia Q J Qᵀ. τ is another start. And along principal axes V = E W obeys
+
+    V₁' = k₁ e₁/(e₂ e₃) V₂ V₃ ,     k₁ = (J₂ - J₃)/J₁ ,     and so on cyclically,
+
+which is a free motion of another body wherever the three new rates obey ``k₁ + k₂ + k₃ + k₁ k₂ k₃ = 0``, as those of
+all bodies do: one condition on three scales, so that a family of two is open. What gives axes or a clock besides,
+attitudes, a centre of mass, the axis and the speed of a rotor, tells them, or some of them; where not, they are given
+or have priors.
+
+**An attitude** Λ, body to space, is a unit quaternion q = (v, w) of the state. The inertia is in recorded attitudes by
+W alone. The frame of the recording is arbitrary, as the first attitude of each is fitted. A recorded attitude is
+``Λ exp(φ̂)``, and φ, a rotation vector in body components, is its residual. Where the model turns by δ, to
+``Λ exp(δ̂)``, this becomes φ - T δ with
+
+    T = 1 - ½ φ̂ + φ̂²/12 + O(|φ|⁴) ,     δ = 2 vec(q̄ ∂q) .
+
+q and -q are one attitude. Those of a recording are chosen so that neighbours are close, as those of a motion are.
+
+**The speed of a rotor** is linear between knots. A tachometer reads ``Ω(t_k) + noise``. Its values at the knots are
+unknowns of the fit, and its readings are residuals beside those of the gyroscope, over the noise that they have about
+the best such line; so the error of the speed is part of every interval. How many knots: 1, 2, 4, ... equal intervals
+are tried, and the number with the least ``n log(rss/n) + k log n`` is found (Schwarz, Annals of Statistics 6, 1978,
+461-464). The gyroscope may feel a change of speed that the tachometer hides in its noise: where the speed is not one
+line, intervals are a quarter as long, and as long as the residuals of the gyroscope are not white they are halved. A
+speed of constant error, or a rotor whose inertia has one, is a factor with a prior (`bodies`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.attitudes import without_jumps
+from ..geometry.rotations import dexp, exp
+from ..geometry.tensors import hats
+from ..geometry.values import shown
+from .bodies import Model, of_keys
+from .motions import Kicks
+
+BIAS, SCALE = slice(0, 3), 3
+PLACES = {"misalignment": slice(4, 7), "axis_scales": slice(7, 10), "delay": slice(10, 11)}
+UNITS = {"misalignment": "rad", "axis_scales": "", "delay": "s"}
+IDEAL = np.array([0.0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 0])
+WIDE = {"misalignment": 0.2, "axis_scales": 0.05, "delay": 0.05}  # standard deviations before anything is known
+TURN = 0.5  # rad: a delay that turns the body by more is none of a sensor
+ARC, ATTITUDES = 0.4, 4  # rad to each side of a sample, and samples, whose attitudes give its angular velocity
+MOST, EXACT = 64, 1e-6  # intervals of a speed; of the largest: noise at least
+READINGS, AHEAD = 4, 2  # readings at least; halvings of the intervals that the tachometer asks for
+BLOCK, PANEL = 6000, 8  # numbers, and columns, that BLAS leaves to one thread
+
+
+class Gyroscope(NamedTuple):
+    """b, rad/s, s, θ, rad, e and τ, s, and their standard deviations before a recording; 0: given."""
+
+    mean: Array
+    deviation: Array
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """The places of what is fitted."""
+        return np.flatnonzero(self.deviation)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether there is a delay, or may be one."""
+        return bool(self.mean[-1] != 0 or self.deviation[-1] > 0)
+
+    def whole(self, fitted: Array) -> Array:
+        """Return all numbers where those that are fitted have these values."""
+        found = self.mean.copy()
+        found[self.free] = fitted
+        return found
+
+    def reads(self, W: Array, rates: Array | None, fitted: Array) -> tuple[Array, Array, Array]:
+        """Return readings, (n, 3), and their derivatives by W, (3, 3), and by what is fitted, (n, 3, k)."""
+        whole, by = self.whole(fitted), np.zeros((len(W), 3, len(IDEAL)))
+        scale, theta, e = whole[SCALE], whole[PLACES["misalignment"]], whole[PLACES["axis_scales"]]
+        Q = exp(theta).T if theta.any() else np.eye(3)
+        along, by_W = W @ Q.T, scale * e[:, None] * Q
+        by[:, :, BIAS], by[:, :, SCALE] = np.eye(3), e * along
+        if self.deviation[PLACES["misalignment"]].any():
+            by[:, :, PLACES["misalignment"]] = by_W @ hats(W) @ dexp(theta)
+        by[:, range(3), range(7, 10)] = scale * along
+        if rates is not None:
+            by[:, :, -1] = -rates @ by_W.T
+        return scale * e * along + whole[BIAS], by_W, by[:, :, self.free]
+
+    def undone(self, rates: Array) -> Array:
+        """Return readings as those of an ideal gyroscope, but for the delay."""
+        found: Array = (rates / self.mean[PLACES["axis_scales"]]) @ exp(self.mean[PLACES["misalignment"]]).T
+        return found
+
+    def require_short(self, rates: Array) -> None:
+        """Raise a ValueError where a given delay turns the body too far."""
+        turn = abs(float(self.mean[-1])) * float(np.linalg.norm(rates, axis=1).max())
+        if turn > TURN:
+            raise ValueError(
+                f"delay = {self.mean[-1]:g} s is a turn of {turn:.2g} rad, more than the {TURN} rad that are taken: "
+                "shift the times of the recording"
+            )
+
+
+def plain_gyroscope(bias: float, scale: float) -> Gyroscope:
+    """Return a gyroscope of which bias and scale are fitted, with these standard deviations."""
+    return Gyroscope(IDEAL.copy(), np.array([bias] * 3 + [scale] + [0.0] * 7))
+
+
+def as_gyroscope(
+    plain: Gyroscope, given: Mapping[str, Any], model: Model, has_gyroscope: bool, has_speeds: bool
+) -> Gyroscope:
+    """Return a gyroscope with further errors: each is None, given, "fit", or a mapping with `value` and `error`.
+
+    Raises
+    ------
+    ValueError
+        Something else; there is no gyroscope; the recording cannot tell what is to be fitted.
+    """
+    mean, deviation = plain.mean.copy(), plain.deviation.copy()
+    for name, place in PLACES.items():
+        value = given[name]
+        if value is None:
+            continue
+        if not has_gyroscope:
+            raise ValueError(f"{name} is that of a gyroscope, and attitudes alone are fitted: leave it out")
+        if isinstance(value, str):
+            if value != "fit":
+                raise ValueError(
+                    f"{name} must be numbers, 'fit', or a mapping with value and error; got {shown(value)}"
+                )
+            _require_told(name, model, has_speeds)
+            deviation[place] = WIDE[name]
+            continue
+        shape = (3,) if place.stop - place.start == 3 else ()
+        error: Any = 0.0
+        if isinstance(value, Mapping):
+            value = of_keys(value, ("value", "error"), name)
+            if "error" not in value:
+                raise ValueError(f"{name} lacks error, its standard deviation; a value without one is given as numbers")
+            error = float(as_positive(value["error"], f"{name}: error", (), UNITS[name]))
+            value = value.get("value", IDEAL[place] if shape else 0.0)
+        mean[place], deviation[place] = as_array(value, name, shape), error
+    if not (mean[PLACES["axis_scales"]] > 0).all():
+        raise ValueError(f"axis_scales must be positive, got {shown(mean[PLACES['axis_scales']].tolist())}")
+    return Gyroscope(mean, deviation)
+
+
+def _require_told(name: str, model: Model, has_speeds: bool) -> None:
+    """Raise a ValueError where nothing in a recording tells this error of a gyroscope."""
+    how = (
+        f"give {name} as numbers, or with its standard deviation: {{'value': ..., 'error': ...}} (value=...,error=...)"
+    )
+    if name == "delay" and not (model.oriented or has_speeds):
+        raise ValueError(
+            "angular velocities alone do not determine their delay; use recorded attitudes on the same clock "
+            f"(--orientation both, orientation='both') or the recorded speed of a rotor; otherwise {how}"
+        )
+    any_axis = name == "misalignment" and "axis" in model.places and model.pivot is None
+    if not model.oriented and (model.is_free or any_axis):
+        what = "its misalignment" if name == "misalignment" else "the scales of its single axes"
+        raise ValueError(
+            f"a gyroscope in free motion does not determine {what}: another body would give the same readings; use "
+            "recorded attitudes (--orientation both, orientation='both'), gravity about a pivot or a rotor; otherwise "
+            f"{how}"
+        )
+
+
+def finite_rows(quaternions: Array) -> NDArray[np.intp]:
+    """Return the rows in which there is an attitude."""
+    return np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+
+
+def continuous(quaternions: Array) -> Array:
+    """Return quaternions of either sign so that each is close to the one before."""
+    found = np.array(quaternions)
+    good = finite_rows(found)
+    found[good] = without_jumps(found[good])
+    return found
+
+
+def derived_rates(time: Array, quaternions: Array) -> Array:
+    """Return angular velocities by parabolas through the rotation vectors to neighbouring attitudes, (n, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.from_quat(quaternions)
+    steps = (R[:-1].inv() * R[1:]).magnitude()
+    half = ARC / max(float(np.sqrt(np.mean((steps / np.diff(time)) ** 2))), 1e-300)
+    first, last = np.searchsorted(time, time - half), np.searchsorted(time, time + half, "right")
+    rates = np.empty((len(time), 3))
+    for k, t in enumerate(time):
+        near = slice(min(int(first[k]), max(k - ATTITUDES, 0)), max(int(last[k]), k + ATTITUDES + 1))
+        turned = (R[k].inv() * R[near]).as_rotvec()
+        rates[k] = np.polynomial.polynomial.polyfit(time[near] - t, turned, 2)[1]
+    return rates
+
+
+def gaps(recorded: Array, model: Array, slope: Array) -> tuple[Array, Array]:
+    """Return the rotation vectors from attitudes of a model to recorded ones, in body components, and derivatives.
+
+    These are by numbers on which the quaternions of the model depend with this `slope`, (n, 4, k).
+    """
+    from scipy.spatial.transform import Rotation
+
+    gap = np.asarray((Rotation.from_quat(model).inv() * Rotation.from_quat(recorded)).as_rotvec())
+    v, w = model[:, :3], model[:, 3, None, None]
+    turned = w * slope[:, :3] - v[:, :, None] * slope[:, 3:] - hats(v) @ slope[:, :3]
+    across = hats(gap)
+    T = np.eye(3) - across / 2 + across @ across / 12
+    return gap, -2 * T @ turned / (model**2).sum(axis=1)[:, None, None]
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Readings of a speed, rad/s, at their times, the knots, first values there, and the noise of a reading."""
+
+    time: Array
+    readings: Array
+    knots: Array
+    values: Array
+    noise: float
+
+    def at(self, time: Array) -> Array:
+        """Return the speed at times by the values at the knots, (n, k)."""
+        return linear_between(self.knots, time)
+
+    @cached_property
+    def rows(self) -> tuple[Array, Array]:
+        """H and y, as few rows as there are knots: ``y - H values`` is as long as the residuals of all readings."""
+        reduced = triangle(np.column_stack([self.at(self.time), self.readings]) / self.noise)
+        return reduced[:, :-1], reduced[:, -1]
+
+    def kicks(self, first: float, last: float, values: Array) -> Kicks:
+        """Return how the speed and its rate start at one time, and change until another, by the values at the knots."""
+        slopes = np.diff(np.eye(len(self.knots)), axis=0) / np.diff(self.knots)[:, None]
+        piece = int(np.clip(np.searchsorted(self.knots, first, "right") - 1, 0, len(slopes) - 1))
+        inner = piece + 1 + np.flatnonzero(self.knots[piece + 1 : -1] < last)
+        jumps, start = np.diff(slopes, axis=0)[inner - 1], np.stack([self.at(np.array([first]))[0], slopes[piece]])
+        return Kicks(self.knots[inner] - first, jumps @ values, jumps, start @ values, start)
+
+    def refined(self) -> Speed | None:
+        """Return the same readings with twice as many intervals; None where there are enough."""
+        count = 2 * (len(self.knots) - 1)
+        if count > min(MOST, len(self.time) // 3):
+            return None
+        return of_knots(self.time, self.readings, np.linspace(self.knots[0], self.knots[-1], count + 1))
+
+
+def linear_between(knots: Array, time: Array) -> Array:
+    """Return the functions that are linear between knots, 1 at one and 0 at all others, at times, (n, k)."""
+    return np.stack([np.interp(time, knots, unit) for unit in np.eye(len(knots))], axis=1)
+
+
+def triangle(A: Array) -> Array:
+    """Return R of a product QR of a matrix; a matrix of few rows as it is.
+
+    R takes up one block of rows after the other: BLAS would share a larger one among threads, which on a busy machine
+    wait for each other a hundred times as long as they work.
+    """
+    from scipy.linalg.lapack import dtpqrt
+
+    columns = A.shape[1]
+    if len(A) <= columns:
+        return A
+    R = np.zeros((columns, columns), order="F")
+    for rows in np.array_split(A, -(-A.size // BLOCK)):
+        R = dtpqrt(0, min(PANEL, columns), R, rows)[0]
+    return np.asarray(np.triu(R))
+
+
+def as_speed(time: Array, readings: Array) -> Speed:
+    """Return readings with knots that are enough for them; those that are not finite do not count."""
+    good = np.isfinite(readings)
+    if good.sum() < READINGS:
+        raise ValueError(f"{good.sum()} readings of the speed are too few; a fit needs {READINGS}")
+    trials: list[Speed] = [of_knots(time[good], readings[good], time[[0, -1]])]
+    while (finer := trials[-1].refined()) is not None:
+        trials.append(finer)
+    scores = [len(one.time) * 2 * np.log(one.noise) + len(one.knots) * np.log(len(one.time)) for one in trials]
+    best = int(np.argmin(scores))
+    return trials[min(best + AHEAD, len(trials) - 1) if best else 0]
+
+
+def of_knots(time: Array, readings: Array, knots: Array) -> Speed:
+    """Return readings with their best values at some knots."""
+    R = triangle(np.column_stack([linear_between(knots, time), readings]))
+    values = np.asarray(np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=1e-8)[0], dtype=float)
+    rss = float(((R[:, -1] - R[:, :-1] @ values) ** 2).sum())
+    least = EXACT * max(float(abs(readings).max()), 1e-300)
+    return Speed(time, readings, knots, values, max(float(np.sqrt(rss / max(len(time) - len(knots), 1))), least))
+
+
+def constant(time: Array, value: float) -> Speed:
+    """Return a speed that is known and constant."""
+    return of_knots(time[[0, -1]], np.full(2, value), time[[0, -1]])

@@ -18,9 +18,9 @@ from nontwist import moment, view
 from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
 from nontwist.runfile import read_run_file
-from nontwist.viewer.cameras import Camera, camera_of
+from nontwist.viewer import drawing
 from nontwist.viewer.content import content, contents
-from nontwist.viewer.drawing import CLEAR, LABEL, Look, Motion, _unpacked, colours, label_places, still
+from nontwist.viewer.drawing import Camera, Look, Motion, camera_of, colours, still
 from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, _motions, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
@@ -259,7 +259,8 @@ def test_a_part_of_a_run_is_shown(runs, tmp_path, monkeypatch):
     (shown,), _ = pages_of("run.nc", "--from", 1, "--to", 2)
     assert (shown["start"], shown["end"], shown["events"]) == (1.0, 2.0, [1.5])
     assert Motion(shown).quaternion == pytest.approx(run.quaternion.sel(time=slice(1, 2)).values, abs=1e-6)
-    (moment,) = (_unpacked(c["time"]) for p in shown["panels"] if p["title"] == "Reaction moment" for c in p["curves"])
+    (panel,) = [one for one in shown["panels"] if one["title"] == "Reaction moment"]
+    moment = drawing._unpacked(panel["curves"][0]["time"])
     assert (moment.min(), moment.max(), moment.size) == (pytest.approx(0.01), pytest.approx(0.99), 50)
     assert nontwist("view", "run.nc", "--png", "a.png", "--from", 1, "--to", 2).exit_code == 0
     save_still([run.sel(time=slice(1, 2))], "b.png")
@@ -441,16 +442,16 @@ def test_labels_are_clear_of_arrows_and_of_each_other():
     for _ in range(300):
         d = Rotation.random(random_state=rng).as_matrix()[:, :2]  # three directors on the picture, and h along one
         tips = [*d, 0.66 * d[rng.integers(3)]]
-        places = label_places(tips)
+        places = drawing.label_places(tips)
         for k, place in enumerate(places):
-            assert np.hypot(*(place - tips[k])) == pytest.approx(LABEL)
+            assert np.hypot(*(place - tips[k])) == pytest.approx(drawing.LABEL)
             for j, tip in enumerate(tips):
                 along = np.clip(place @ tip / (tip @ tip), 0, 1)
-                assert j == k or np.hypot(*(place - along * tip)) > 0.6 * CLEAR[0]
-                assert j >= k or np.hypot(*(place - places[j])) > 0.6 * CLEAR[1]
-    (first, along) = label_places([np.array([1.0, 0.0]), np.array([0.66, 0.0])])
-    assert first == pytest.approx([1 + LABEL, 0])
-    assert abs(along[1]) >= CLEAR[0]  # beside the longer arrow
+                assert j == k or np.hypot(*(place - along * tip)) > 0.6 * drawing.CLEAR[0]
+                assert j >= k or np.hypot(*(place - places[j])) > 0.6 * drawing.CLEAR[1]
+    (first, along) = drawing.label_places([np.array([1.0, 0.0]), np.array([0.66, 0.0])])
+    assert first == pytest.approx([1 + drawing.LABEL, 0])
+    assert abs(along[1]) >= drawing.CLEAR[0]  # beside the longer arrow
 
 
 def test_rotors_are_wheels_with_their_momentum():

@@ -18,20 +18,11 @@ from nontwist.sweeps import sweeping
 from nontwist.sweeps.store import SweepStore, open_store
 
 BLOCK, BLOCKS = 4, 12
-FILE = """
-[body]
-kind = "nontwisting"
-inertia = [3.0, 4.0, 5.0]
-[time]
-t_end = 1.0
-step = 0.01
-[sweep]
-samples = 46
-[[sweep.over]]
-key = "start.angular_velocity.body"
-kind = "uniform"
-low = [-1.0, -1.0, 0.0]
-high = [1.0, 1.0, 0.0]
+OVER = '{ key = "start.angular_velocity.body", kind = "uniform", low = [-1.0, -1.0, 0.0], high = [1.0, 1.0, 0.0] }'
+FILE = f"""
+body = {{ kind = "nontwisting", inertia = [3.0, 4.0, 5.0] }}
+time = {{ t_end = 1.0, step = 0.01 }}
+sweep = {{ samples = 46, over = [{OVER}] }}
 """
 
 

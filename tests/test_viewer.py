@@ -18,9 +18,8 @@ from conftest import LOW_CONTRAST, PAPER_J, frames, until
 from conftest import nontwist as command
 from nontwist.loads.kinds import load_in_words
 from nontwist.paper.tables import CASES
-from nontwist.viewer.cameras import camera_of
 from nontwist.viewer.content import STATES, content
-from nontwist.viewer.drawing import Motion
+from nontwist.viewer.drawing import Motion, camera_of
 from nontwist.viewer.panels import POINTS
 from refusals import said, says
 

@@ -270,42 +270,10 @@ def observables(
 
     `rotors` is the momentum of rotors at the times of the states, (m or 1, k, 3); None: none.
     """
-    names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
-    if not set(names) <= set(STATE):
-        found |= _computed(names, systems, rotors, wheels, states.internal, *states[:4])
-    if potentials is not None and "potential_energy" in found:
-        q = attitudes(states.quaternion).swapaxes(-1, -2)
-        found["potential_energy"] = found["potential_energy"] + potentials.scale[:, None] * sum(
-            term.energy(q, potentials.times) for term in potentials.load.potentials
-        )
-    return {name: found[name] for name in names}
-
-
-def observables_of_one(
-    names: Iterable[str],
-    system: DirectorSystem,
-    states: States,
-    rotors: Array | None = None,
-    potentials: Potentials | None = None,
-    wheels: Wheels | None = None,
-) -> dict[str, Array]:
-    """Return variables of stored states of one body, (k, ...); `rotors` is (k, 3)."""
-    turning = None if rotors is None else rotors[None]
-    found = observables(names, stacked(system), states.part(None), turning, potentials, wheels)
-    return {name: array[0] for name, array in found.items()}
-
-
-def _computed(
-    names: tuple[str, ...],
-    systems: SystemStack,
-    rotors: Array | None,
-    wheels: Wheels | None,
-    internal: Array | None,
-    p: Array,
-    W: Array,
-    N: Array | None,
-    carried: Array | None,
-) -> dict[str, Array]:
+    names, (p, W, N, carried) = tuple(names), states[:4]
+    made: dict[str, Callable[[], Array]] = {"quaternion": lambda: p, "material_angular_velocity": lambda: W}
+    if set(names) <= set(made):
+        return {name: made[name]() for name in names}
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
     R = attitudes(p)
@@ -324,28 +292,52 @@ def _computed(
     if rotors is not None:
         h += rotors
     of_wheels, T = dict[str, Array](), K
-    if wheels is not None and internal is not None:
-        of_wheels, momentum, energy = wheels.states(W, internal)
+    if wheels is not None and states.internal is not None:
+        of_wheels, momentum, energy = wheels.states(W, states.internal)
         h, T = h + momentum, K + energy
     elif absent := [name for name in names if WHEELS.get(name, ((),))[0][1:] == ("wheel",)]:
         raise ValueError(f"there is no variable {absent[0]!r}, as the load has no wheels")
     whole = [Pi[i] + h[..., i] for i in range(3)]
     rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
-    made: dict[str, Callable[[], Array]] = {
+
+    def potential_energy() -> Array:
+        f = dead[:, None]
+        terms = [_dot(*([x[..., i, j] for j in range(3)] for x in (f, q))) for i in range(3)]
+        V = -(terms[0] + terms[1] + terms[2])
+        if potentials is None:
+            return V
+        of_load = sum(term.energy(R.swapaxes(-1, -2), potentials.times) for term in potentials.load.potentials)
+        return V + potentials.scale[:, None] * of_load
+
+    made |= {
         "directors": lambda: own,
         "director_velocities": lambda: director_velocities(q, W, N) if carried is None else carried[:, :, 1],
         "angular_velocity": lambda: np.stack([_dot(row, w) for row in rows], axis=-1),
         "spatial_momentum": lambda: np.stack([_dot(row, Pi) for row in rows], axis=-1),
         "material_momentum": lambda: np.stack(Pi, axis=-1),
         "kinetic_energy": lambda: K,
-        "potential_energy": lambda: _potential(dead, q),
+        "potential_energy": potential_energy,
         "twist_rate": lambda: _dot([n[:, j, None] for j in range(3)], w),
         "orthonormality_defect": lambda: orthonormality_defect(own),
         "rotor_momentum": lambda: h,
         "total_momentum": lambda: np.stack([_dot(row, whole) for row in rows], axis=-1),
+        "total_kinetic_energy": lambda: T,
     }
-    of_wheels["total_kinetic_energy"] = T
-    return {name: made[name]() if name in made else of_wheels[name] for name in names if name in {**made, **of_wheels}}
+    return {name: of_wheels[name] if name in of_wheels else made[name]() for name in names}
+
+
+def observables_of_one(
+    names: Iterable[str],
+    system: DirectorSystem,
+    states: States,
+    rotors: Array | None = None,
+    potentials: Potentials | None = None,
+    wheels: Wheels | None = None,
+) -> dict[str, Array]:
+    """Return variables of stored states of one body, (k, ...); `rotors` is (k, 3)."""
+    turning = None if rotors is None else rotors[None]
+    found = observables(names, stacked(system), states.part(None), turning, potentials, wheels)
+    return {name: array[0] for name, array in found.items()}
 
 
 def _dot(a: list[Array], b: list[Array]) -> Array:
@@ -358,9 +350,3 @@ def _of_normal(E: Array, w: list[Array], N: Array) -> tuple[list[Array], Array]:
     EN = [[_dot([E[:, i, k, None] for k in range(3)], [A[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]
     z = [EN[1][2] - EN[2][1], EN[2][0] - EN[0][2], EN[0][1] - EN[1][0]]
     return z, _dot(w, z) + (_dot(EN[0], A[0]) + _dot(EN[1], A[1]) + _dot(EN[2], A[2])) / 2
-
-
-def _potential(dead: Array, q: Array) -> Array:
-    f = dead[:, None]
-    terms = [_dot(*([x[..., i, j] for j in range(3)] for x in (f, q))) for i in range(3)]
-    return -(terms[0] + terms[1] + terms[2])

@@ -112,7 +112,7 @@ def view_command(
     is_empty = first is not None and last is not None and first >= last
     refuse(
         (mp4 is not None and shutil.which("ffmpeg") is None, "--mp4", NO_FFMPEG),
-        (is_empty, "--to", f"must be after --from, {first}, got {last}"),
+        (is_empty, "--to", f"must be after --from, {first or 0:g}, got {last or 0:g}"),
         (at is not None and png is None, "--at", "applies to --png only; add --png PATH"),
     )
     moving = [path for path in (gif, mp4) if path is not None]

@@ -1,12 +1,21 @@
-"""`reproduce`: the three cases, their tables, figures and runs, in one folder a case, and a page of all."""
+"""`reproduce`: the three cases, their tables, figures and runs, in one folder a case, and a page of all.
+
+The page, ``index.html``, shows tables and figures in the order of the paper, what it prints beside what was computed.
+It holds all pictures and uses no network. In the dark the pictures are inverted, and turned back in hue, so that
+colours stay what they are.
+"""
 
 from __future__ import annotations
 
+import base64
+import html
 import os
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,8 +29,7 @@ from ..io import save_run
 from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
 from ..plot.journals import apart
-from .page import page
-from .tables import CASES, INERTIA, STEP, T_END, Table, invariants_table, quotient_table
+from .tables import CAPTIONS, CASES, INERTIA, MISPRINT, STEP, T_END, Table, invariants_table, printed, quotient_table
 
 if TYPE_CHECKING:
     import xarray
@@ -136,7 +144,7 @@ def reproduce(
         say(f"case {number}: figures")
         for name in figures:
             with apart():
-                drawn, columns = FIGURES[name](runs["h"], quotient)
+                drawn, columns = FIGURES[name][0](runs["h"], quotient)
             _save(drawn, place / name, columns, force)
         if not quick:
             for name, run in runs.items():
@@ -181,11 +189,20 @@ def _path(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
     return plot.path(run, great_circle=True), {"time": run["time"], **columns}
 
 
-# The figures of the paper, one column a case, "energy" and "second_quotient" side by side:
+# Each figure with its caption. Those of the paper, one column a case, have one or two of them:
 #   fig-angular-momentum-ic    fig-angular-momentum-ml    fig-angular-momentum-c
 #   fig-energy-precision-ic    fig-energy-precision-ml    fig-energy-precision-c
 #   fig-trajectory-ic          fig-trajectory-ml          fig-trajectory-c
-FIGURES = {"momenta": _momenta, "energy": _energy, "second_quotient": _quotient, "path": _path}
+FIGURES: dict[str, tuple[Callable[[xarray.Dataset, xarray.DataArray], Drawing], str]] = {
+    "momenta": (_momenta, "Angular momentum over time: a along fixed axes, b along the directors."),
+    "energy": (_energy, "Kinetic energy over time."),
+    "second_quotient": (_quotient, "Second quotient of precision over time; the line is its limit 4."),
+    "path": (_path, "Path of the third director; wide and grey the great circle after the load."),
+}
+LABELS = {"angular-momentum": ["momenta"], "energy-precision": ["energy", "second_quotient"], "trajectory": ["path"]}
+TABLES = {"sqp": "second_quotient", "invariants": "invariants"}
+SUFFIX = {1: "ic", 2: "ml", 3: "c"}  # of the paper's labels
+HEADS = ("t (s)", "quantity", "printed", "computed", "difference", "")
 
 
 def _save(drawn: Axes, path: Path, columns: dict[str, xarray.DataArray], force: bool) -> None:
@@ -194,3 +211,69 @@ def _save(drawn: Axes, path: Path, columns: dict[str, xarray.DataArray], force: 
     header, table = ",".join(columns), np.column_stack([column.values for column in columns.values()])
     with written(path.with_name(f"{path.name}_data.csv"), force=force) as file:
         np.savetxt(file, table, fmt="%.17g", delimiter=",", header=header, comments="")
+
+
+def page(tables: Sequence[Table], folder: Path, *, figures: Collection[str], printed_loads: bool) -> str:
+    """Return the document for the tables of the cases, and for their figures, which lie in the folders of the cases."""
+    rows = [row for table in tables for row in table.rows]
+    agreeing = sum(row.agrees for row in rows)
+    document = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+    return Template(document).substitute(
+        inertia="[" + ", ".join("[" + ", ".join(_number(f"{x:.4g}") for x in row) + "]" for row in INERTIA) + "]",
+        t_end=f"{T_END:g}",
+        step=f"{STEP:g}",
+        loads="Loads of cases 2 and 3 are as printed."
+        if printed_loads
+        else f"Loads of cases 2 and 3 are those printed over {MISPRINT:g}, which give the printed tables.",
+        agreeing=agreeing,
+        all=len(rows),
+        **{"class": "good" if agreeing == len(rows) else "bad"},
+        missing="" if {*figures} >= {*FIGURES} else f"Drawn was {', '.join(figures)} alone: a quick reproduction.",
+        cases="\n".join(_case(number, tables, figures, folder) for number in sorted({table.case for table in tables})),
+    )
+
+
+def _case(number: int, tables: Sequence[Table], figures: Collection[str], folder: Path) -> str:
+    case, end = CASES[number], SUFFIX[number]
+    velocity = _number(", ".join(f"{x:g}" for x in case.angular_velocity))
+    parts = [f"<h2>Case {number}: {case.title}</h2>\n<p>Initial material angular velocity ({velocity}) rad/s.</p>"]
+    for label, pictures in LABELS.items():
+        if there := [name for name in pictures if name in figures]:
+            parts.append(_figure(number, printed(f"fig-{label}-{end}"), there, folder))
+    for label, name in TABLES.items():
+        (table,) = (one for one in tables if (one.case, one.name) == (number, name))
+        parts.append(_table(printed(f"tab-{label}_{end}"), table))
+    return "\n".join(parts)
+
+
+def _figure(number: int, title: str, pictures: list[str], folder: Path) -> str:
+    images, links = [], []
+    for name in pictures:
+        place, words = f"case{number}/{name}", FIGURES[name][1]
+        data = base64.b64encode((folder / f"{place}.png").read_bytes()).decode("ascii")
+        width = 820 if name == "momenta" else 400
+        images.append(
+            f'<img src="data:image/png;base64,{data}" width="{width}" alt="Case {number}: {html.escape(words)}">'
+        )
+        links += [f'<a href="{place}.pdf">{name}.pdf</a>', f'<a href="{place}_data.csv">{name}_data.csv</a>']
+    caption = f"{title}. {' '.join(FIGURES[name][1] for name in pictures)} {', '.join(links)}"
+    return f"<figure><div>{''.join(images)}</div><figcaption>{caption}</figcaption></figure>"
+
+
+def _table(title: str, table: Table) -> str:
+    heads = "".join(f'<th scope="col">{head}</th>' for head in HEADS)
+    lines = []
+    for row in table.rows:
+        name = row.quantity if row.unit == "1" else f"{row.quantity} ({row.unit.replace('m2', 'm²')})"
+        verdict = '<td class="good">agrees</td>' if row.agrees else '<td class="bad">differs</td>'
+        numbers = (f"{row.printed:.6f}", f"{row.computed:.9f}", f"{row.difference:.1e}")
+        cells = "".join(f"<td>{cell}</td>" for cell in (f"{row.time:g}", name, *map(_number, numbers)))
+        lines.append(f"<tr>{cells}{verdict}</tr>")
+    link = f'<a href="case{table.case}/{table.name}.csv">{table.name}.csv</a>'
+    caption = f"<caption>{title}. {CAPTIONS[table.name]}. {link}</caption>"
+    body = "\n".join(lines)
+    return f'<div class="scroll"><table>{caption}<thead><tr>{heads}</tr></thead>\n<tbody>{body}</tbody></table></div>'
+
+
+def _number(text: str) -> str:
+    return text.replace("-", "−")

@@ -65,14 +65,14 @@ KINDS = {"eq": "", "sec": "Section ", "subs": "Section ", "fig": "Figure ", "tab
 @cache
 def printed_numbers() -> dict[str, str]:
     """Return the printed number of each label, as ``"46"`` or ``"2.1"``, in the order of the paper."""
-    numbers: dict[str, str] = _data()["labels"]
+    numbers: dict[str, str] = _data("labels.json")["labels"]
     return numbers
 
 
 @cache
 def theorems() -> tuple[str, ...]:
     """Return the printed numbers of the theorems, which have no labels."""
-    return tuple(_data()["theorems"])
+    return tuple(_data("labels.json")["theorems"])
 
 
 def printed(label: str, row: str = "") -> str:
@@ -87,12 +87,16 @@ def printed(label: str, row: str = "") -> str:
     return f"{kind}{number}" if kind else f"({number}{row})"
 
 
-def _data() -> dict[str, dict[str, str]]:
-    data: dict[str, dict[str, str]] = json.loads(files(__package__).joinpath("labels.json").read_text(encoding="utf-8"))
+def _data(name: str) -> dict[str, Any]:
+    data: dict[str, Any] = json.loads(files(__package__).joinpath(name).read_text(encoding="utf-8"))
     return data
 
 
 QUOTIENT_TOLERANCE = 6e-5
+CAPTIONS = {
+    "second_quotient": f"Second quotient of precision; agrees within {QUOTIENT_TOLERANCE:g}",
+    "invariants": "Motion invariants; printed digits are truncated",
+}
 
 
 @dataclass(frozen=True)
@@ -134,8 +138,7 @@ class Table:
 
 def printed_tables() -> dict[str, Any]:
     """Return the numbers that the paper prints."""
-    data: dict[str, Any] = json.loads(files(__package__).joinpath("tables.json").read_text(encoding="utf-8"))
-    return data
+    return _data("tables.json")
 
 
 def invariants_table(case: int, run: xarray.Dataset) -> Table:

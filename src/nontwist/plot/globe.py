@@ -8,7 +8,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.stacks import arcs
-from ..viewer.cameras import Camera
+from ..viewer.drawing import Camera
 from .looks import LEAST, Look, contrast, handle, legend, pale
 
 if TYPE_CHECKING:

@@ -95,7 +95,7 @@ def looks(
     components: list[str], runs: list[str], given: Look, first: tuple[str, ...] = ()
 ) -> dict[tuple[str, str], Look]:
     """Return the look of every component of every run."""
-    own = _cycle_of(components, runs, first)
+    own = cycle(*(first if len(runs) == 1 or len(components) > 1 else ()))  # runs know of no colours of components
     most = max(len(components), len(runs))
     if most > len(own):
         raise ValueError(f"{most} curves cannot be distinguished, at most {len(own)}: choose fewer runs")
@@ -106,11 +106,6 @@ def looks(
         for k, r in enumerate(runs)
         for i, c in enumerate(components)
     }
-
-
-def _cycle_of(components: list[str], runs: list[str], first: tuple[str, ...]) -> list[Look]:
-    """Return the looks of components, with the colours `first`, or of runs, which know of none."""
-    return cycle(*(first if len(runs) == 1 or len(components) > 1 else ()))
 
 
 def _mark(i: int) -> Look:
@@ -124,14 +119,13 @@ def handle(label: str, look: Look) -> Any:
     return Line2D([], [], **look | {"label": label})
 
 
-def explain(ax: Axes, look: dict[tuple[str, str], Look], given: Look, first: tuple[str, ...]) -> None:
+def explain(ax: Axes, look: dict[tuple[str, str], Look], given: Look) -> None:
     """Put a legend of components and runs with these looks above the axes; none for a single curve."""
     components, runs = (list(dict.fromkeys(names)) for names in zip(*look, strict=True))
-    own = _cycle_of(components, runs, first)
     if len(runs) > 1 and len(components) > 1:
-        by_component = [handle(c, {"color": own[i]["color"]} | _mark(i) | given) for i, c in enumerate(components)]
-        by_run = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]} | given) for k, r in enumerate(runs)]
-        legend(ax, [by_component, by_run])
+        by_component = [handle(c, look[c, runs[0]] | {"linestyle": "-"} | given) for c in components]
+        grey = {"color": "0.35", "marker": ""} | given
+        legend(ax, [by_component, [handle(r, look[components[0], r] | grey) for r in runs]])
     elif len(names := runs if len(runs) > 1 else components) > 1:
         legend(ax, [[handle(name, one) for name, one in zip(names, look.values(), strict=True)]])
 

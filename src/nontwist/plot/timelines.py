@@ -68,7 +68,7 @@ def over_time(
         _time_axis(ax, [run["time"] for run in runs.values()])
         _at_least(ax, _SPAN)
         ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
-        explain(ax, look, given, first)
+        explain(ax, look, given)
     if not logarithmic:
         _warn_of_polygons(runs)
     return ax, lines

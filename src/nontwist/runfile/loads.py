@@ -160,7 +160,7 @@ class Damping(LoadSection):
 class Rotor(Tabled):
     """A rotor that turns about an axis of the body, of constant momentum or of a table: a gyrostat."""
 
-    error_key, quantity, count = "momentum", "kg m² s⁻¹", 2
+    quantity, count = "kg m² s⁻¹", 2
     kind: Literal["rotor"]
     axis: Axis = entry(AN_AXIS + "a direction in the body")
     momentum: float | None = entry("a number, kg m² s⁻¹, in place of times and values", None)
@@ -181,6 +181,11 @@ class Rotor(Tabled):
     values: list[float] | None = entry(
         "a momentum for each time, kg m² s⁻¹; constant before the first and after the last", None
     )
+
+    @property
+    def error_key(self) -> str:  # type: ignore[override]
+        """The key that a message names."""
+        return "momentum" if self.file is None else "file"
 
     def unscaled(self, place: Place) -> Load:
         """Return the load for the scale 1."""

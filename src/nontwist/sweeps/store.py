@@ -209,6 +209,8 @@ class Blocks:
             found: Array = self.group[name][first:last]
             if _sha256(found) == done.sha256[name]:
                 return found
+        except MemoryError:
+            raise
         except Exception as error:  # Zarr and its codecs raise exceptions of any kind
             cause = error
         raise self.damaged(k, f"{name} {CHANGED if self.chunk(name, k).is_file() else 'is missing'}") from cause

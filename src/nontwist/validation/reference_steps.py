@@ -172,7 +172,7 @@ def director_step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, de
     return Step(q0 + h * u, 2 * u - v0, found.x[9:], moment, work, found.iterations, failure)
 
 
-def body_step(k: int, q0: Array, v0: Array, h: float, system: DirectorSystem, load: MidpointLoad) -> Step:
+def body_step(system: DirectorSystem, k: int, q0: Array, v0: Array, h: float, load: MidpointLoad) -> Step:
     """Take one step of lie-midpoint; parameters as those of `director_step`."""
     J, axis = system.convected_inertia, np.zeros((0, 3)) if system.axis is None else system.axis[None]
     W0: Any = np.zeros(3, dtype=Extended)
@@ -197,79 +197,56 @@ def body_step(k: int, q0: Array, v0: Array, h: float, system: DirectorSystem, lo
     found = newton(residual, 3 + len(axis), 3, float(abs(W0).max()))
     W = W0 + found.x[:3]
     _, m, _ = middle(W)
-    start = h * float(np.linalg.norm(W0))
-    failure = found.failure(k, h * float(np.linalg.norm(W)), start)
+    failure = found.failure(k, h * float(np.linalg.norm(W)), h * float(np.linalg.norm(W0)))
     a = h / 2 * W
     q1: Array = (2 * (I3 + cross(a, I3) + np.outer(a, a)) / (1 + a @ a) - I3) @ q0
     v1 = cross((2 * W - W0) @ q1, q1)
     return Step(q1, v1, found.x[3:], m, h * float((W @ q0) @ m), found.iterations, failure)
 
 
-class _Reference(Integrator):
-    """A scheme in plain NumPy, step by step."""
+def _marched(problem: IVP, count: int, step: Callable[[int, Array, Array, float, MidpointLoad], Step]) -> March:
+    """March step by step, with `count` multipliers."""
+    middle = problem.nodes(np.arange(problem.steps), np.array([0.5]))
+    body, space = problem.load.sample(middle, "body"), problem.load.sample(middle, "space")
+    forces = Load(tuple(term for term in problem.load.terms if isinstance(term, DirectorForces)))
+    moments = Load(tuple(term for term in problem.load.terms if not isinstance(term, DirectorForces)))
 
-    orders: ClassVar[tuple[int, ...]] = (2,)
+    def one(k: int, q: Array, v: Array) -> Step:
+        t = middle[k]
+        moment = (lambda d, w: state_moment_at(moments, t, d, w)) if moments.depends_on_state else None
+        on_directors = (lambda d, w: forces_at(forces, t, d, w)) if forces.terms else None
+        try:
+            return step(k, q, v, problem.step_at(k), MidpointLoad(body[k], space[k], moment, on_directors))
+        except ValueError as error:
+            failure = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
+            return Step(q, v, np.zeros(count), np.zeros(3), 0.0, 0, failure)
 
-    def march_one(self, problem: IVP) -> March:
-        """Integrate `problem` step by step."""
-        middle = problem.nodes(np.arange(problem.steps), np.array([0.5]))
-        body, space = problem.load.sample(middle, "body"), problem.load.sample(middle, "space")
-        of_state = [term for term in problem.load.terms if not isinstance(term, DirectorForces)]
-        moments = Load(tuple(of_state))
-        forces = Load(tuple(term for term in problem.load.terms if isinstance(term, DirectorForces)))
-        count = self.multipliers(problem.system)
-
-        def one(k: int, q: Array, v: Array) -> Step:
-            t = middle[k]
-            moment = (lambda d, w: state_moment_at(moments, t, d, w)) if moments.depends_on_state else None
-            on_directors = (lambda d, w: forces_at(forces, t, d, w)) if forces.terms else None
-            load = MidpointLoad(body[k], space[k], moment, on_directors)
-            try:
-                return self.step_of(problem.system, k, q, v, problem.step_at(k), load)
-            except ValueError as error:
-                failure = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
-                return Step(q, v, np.zeros(count), np.zeros(3), 0.0, 0, failure)
-
-        return march(problem, count, one, Extended)
-
-    def multipliers(self, system: DirectorSystem) -> int:
-        """Return how many multipliers there are."""
-        raise NotImplementedError
-
-    def step_of(self, system: DirectorSystem, k: int, q: Array, v: Array, h: float, load: MidpointLoad) -> Step:
-        """Take a step."""
-        raise NotImplementedError
+    return march(problem, count, one, Extended)
 
 
 @dataclass(frozen=True)
-class ReferenceEnergyMomentum(_Reference):
+class ReferenceEnergyMomentum(Integrator):
     """The director scheme in 16 unknowns."""
 
     name: ClassVar[str] = "reference-energy-momentum"
+    orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 
-    def multipliers(self, system: DirectorSystem) -> int:
-        """Return the number of λ and μ."""
-        return len(constraint_matrices(system.axis))
-
-    def step_of(self, system: DirectorSystem, k: int, q: Array, v: Array, h: float, load: MidpointLoad) -> Step:
-        """Take a step."""
-        return director_step(
-            k, q, v, h, system.euler_inertia, constraint_matrices(system.axis), system.dead_force, load
-        )
+    def march_one(self, problem: IVP) -> March:
+        """Integrate `problem` step by step."""
+        A, E, dead = constraint_matrices(problem.system.axis), problem.system.euler_inertia, problem.system.dead_force
+        return _marched(problem, len(A), lambda k, q, v, h, load: director_step(k, q, v, h, E, A, dead, load))
 
 
 @dataclass(frozen=True)
-class ReferenceLieMidpoint(_Reference):
+class ReferenceLieMidpoint(Integrator):
     """The midpoint scheme of the body in W_m and μ."""
 
     name: ClassVar[str] = "reference-lie-midpoint"
+    orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 
-    def multipliers(self, system: DirectorSystem) -> int:
-        """Return the number of μ."""
-        return 0 if system.axis is None else 1
-
-    def step_of(self, system: DirectorSystem, k: int, q: Array, v: Array, h: float, load: MidpointLoad) -> Step:
-        """Take a step."""
-        return body_step(k, q, v, h, system, load)
+    def march_one(self, problem: IVP) -> March:
+        """Integrate `problem` step by step."""
+        system = problem.system
+        return _marched(problem, int(system.axis is not None), lambda *step: body_step(system, *step))

@@ -55,22 +55,20 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
     if given is not None and (len(given) != len(runs) or not all(isinstance(one, str) for one in given)):
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
         raise ValueError(f"labels must be {many}, got {shown(labels)}")
-    if len(runs) == 1:
-        found = [content(runs[0])]
-    else:
-        found = [_of_two(run, place) for run, place in zip(runs, PLACES, strict=True)]
-        titles = [each["title"] for each in found]
-        if all(titles) and titles[0] != titles[1]:
-            for each in found:
-                each["name"] = each["title"]
-        elif found[0]["name"] == found[1]["name"]:
-            files = [
-                Path(run.encoding["source"]).stem if "source" in getattr(run, "encoding", {}) else "" for run in runs
-            ]
-            for one, file, place in zip(found, files, PLACES, strict=True):
-                one["name"] += f", {file if all(files) and files[0] != files[1] else f'{place} run'}"
-    for one, label in zip(found, given or (), strict=bool(given)):
-        one["name"] = label
+    two = len(runs) == 2
+    found = [_of_two(*pair) for pair in zip(runs, PLACES, strict=True)] if two else [content(runs[0])]
+    titles, names = ([each[key] for each in found] for key in ("title", "name"))
+    if given is not None:
+        names = list(given)
+    elif two and all(titles) and titles[0] != titles[1]:
+        names = titles
+    elif two and names[0] == names[1]:
+        files = [Path(run.encoding["source"]).stem if "source" in getattr(run, "encoding", {}) else "" for run in runs]
+        differ = all(files) and files[0] != files[1]
+        which = files if differ else [f"{place} run" for place in PLACES]
+        names = [f"{name}, {one}" for name, one in zip(names, which, strict=True)]
+    for one, name in zip(found, names, strict=True):
+        one["name"] = name
     return found
 
 

@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..geometry.values import shown
 from ..io.whole import written
-from .cameras import camera_of
 from .content import as_script, contents
-from .drawing import Motion
+from .drawing import Motion, camera_of
 
 if TYPE_CHECKING:
     import xarray

@@ -1,7 +1,9 @@
-"""Free motions in closed form against 40 digits, on every branch."""
+"""Closed-form solutions: free motions against 40 digits, on every branch; the discrete scheme, loads, Suslov, phases;
+the integrator `exact`."""
 
 import re
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,9 +11,27 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import exact_reference as reference
-from conftest import PAPER_J, random_inertia
-from nontwist import exact, integrate, nontwisting, simulate_ensemble, standard
+from conftest import BODIES, PAPER_J, random_inertia
+from nontwist import (
+    DirectorSystem,
+    body_moment,
+    damping,
+    exact,
+    integrate,
+    nontwisting,
+    pulse,
+    rotations,
+    simulate,
+    simulate_ensemble,
+    sine,
+    standard,
+    suslov,
+)
+from nontwist.comparison import second_quotient
+from nontwist.curves import holonomy
 from nontwist.errors import SimulationError
+from nontwist.integrators import Continuous
+from nontwist.models.system import euler_inertia
 from refusals import refused_as
 
 FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
@@ -266,5 +286,227 @@ test_refusals = refused_as(
         "not symmetric": lambda: exact.symmetric_top([3, 4, 5], [1, 2, 3], [1]),
         "not principal": lambda: exact.free_nontwisting(FULL, [1, 0, 0], [1]),
         "twisting": lambda: exact.free_nontwisting(PAPER_J, [1, 0, 0.1], [1]),
+    }
+)
+
+
+TILTED = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
+AXIS = np.array([0.3, 0.2, 1])
+W_SUSLOV = np.array([1.0, -2.0, 0.1])  # 0.3 - 0.4 + 0.1 = 0
+FINE = Continuous(rtol=1e-13, atol=1e-14)
+
+
+def test_the_discrete_scheme_in_closed_form():
+    W, h = [6, -18, 0], 0.02
+    run = integrate(nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator="energy-momentum")
+    R, w = exact.discrete_free(PAPER_J, W, h, 100)
+    assert np.swapaxes(R, 1, 2) == pytest.approx(run.directors, abs=1e-13)
+    assert np.array_equal(w, np.tile(W, (101, 1)))
+    assert exact.discrete_angle(W, h) == pytest.approx(2 * np.arctan(np.sqrt(360) * 0.01), rel=1e-15)
+    assert exact.discrete_free(PAPER_J, [0, 0, 0], h, 1)[0] == pytest.approx(np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_the_second_quotient_of_the_paper():
+    """Case 1 of the paper, h = 0.005, as solved to round-off; and of runs of another step."""
+    W = [6, -18, 0]
+    q = exact.discrete_second_quotient(W, 0.005, [0, 1, 2, 3, 4, 5])
+    assert q[1:] == pytest.approx([3.994928, 3.994875, 3.994787, 3.994663, 3.994503], abs=6e-7)
+    assert q[0] == pytest.approx(q[1], abs=1e-4)
+    kick = {"t_end": 1, "material_angular_velocity": W, "integrator": "energy-momentum"}
+    runs = [simulate(nontwisting(PAPER_J), step=0.02 / k, **kick) for k in (1, 2, 4)]
+    measured = second_quotient(*runs)
+    assert exact.discrete_second_quotient(W, 0.02, [1]) == pytest.approx(np.ravel(measured)[-1], abs=1e-9)
+
+
+@pytest.mark.parametrize("W", [[6, -18, 0], [0.3, 0.1, 0]])
+@pytest.mark.parametrize("h", [0.1, 1e-3, 1e-8, 2e-103, 2e-104, 1e-120])
+def test_accuracy_of_the_second_quotient(W, h):
+    """Against the formula in 400 digits, where the differences of the angles have cancelled 240 of them."""
+    steps = np.array([1, 2, 3, 7, 33])
+    with mpmath.workdps(400):
+        w, H = mpmath.sqrt(sum(mpmath.mpf(x) ** 2 for x in W)), mpmath.mpf(h)
+        one, two, four = (2 * k * mpmath.atan(w * H / k / 2) for k in (1, 2, 4))
+        expected = [float(mpmath.sin(n * (one - two) / 2) / mpmath.sin(n * (two - four) / 2)) for n in steps.tolist()]
+    assert exact.discrete_second_quotient(W, h, steps * h) == pytest.approx(expected, rel=1e-13 if h > 0.01 else 1e-15)
+    assert exact.discrete_second_quotient(W, h, [0]) == pytest.approx(expected[0], rel=2e-2)
+    assert exact.discrete_second_quotient([1e-300, 0, 0], 1e-80, [0, 1e-80]) == pytest.approx(4, rel=1e-15)
+
+
+def test_the_triangle_pulse_about_a_fixed_axis():
+    """From rest, W = J⁻¹ m ∫f and the angle |J⁻¹ m| ∬f: 1/4 at the end of the pulse, then 1/2 a second (case 2)."""
+    amplitude = np.array([-123.625, -53.75, 0])
+    load, times = pulse(amplitude, 0, 1), np.array([3.0, 0.5, 1, 0, 2])
+    R, W = exact.loaded_nontwisting(PAPER_J, [0, 0, 0], load, times)
+    rate = np.linalg.solve(PAPER_J, amplitude)
+    angle, speed = np.array([1.25, 1 / 24, 0.25, 0, 0.75]), np.array([0.5, 0.25, 0.5, 0, 0.5])
+    assert pytest.approx(rotations.exp(np.outer(angle, rate)), abs=1e-13) == R
+    assert pytest.approx(np.outer(speed, rate), abs=1e-13) == W
+    Pi = exact.loaded_momentum(PAPER_J, [0, 0, 0], load, times)
+    assert Pi == pytest.approx(np.outer(speed, amplitude), abs=1e-13)
+
+
+@pytest.mark.parametrize("breakpoints", [(0.7,), ()])
+def test_momenta_are_quadratures_also_with_kinks_and_jumps(breakpoints):
+    """∫ |t - 0.7| + step at 1.3, breakpoints named or not."""
+    load = body_moment(lambda t: (abs(t - 0.7), 2.0 * (t >= 1.3), 5.0), breakpoints=breakpoints)
+    t = np.array([0.2, 1.0, 2.0])
+    Pi = exact.loaded_momentum([3, 4, 5], [1, -2, 0], load, t, t_start=0.1)
+    primitive = np.sign(t - 0.7) * (t - 0.7) ** 2 / 2 + 0.18
+    assert Pi[:, 0] == pytest.approx(3 + primitive, abs=2e-14)
+    assert Pi[:, 1] == pytest.approx(-8 + 2 * np.maximum(t - 1.3, 0), abs=2e-14)
+    assert not Pi[:, 2].any()
+
+
+SUSLOV = {
+    "cos θ0 > 0": [1.0, 0.5],
+    "cos θ0 < 0": [-1.0, -0.5],
+    "from the equilibrium that repels": [0.3, -0.4001],
+    "backwards": [2, -1],
+}
+
+
+@pytest.mark.parametrize("case", SUSLOV)
+def test_suslov_against_50_digits(case):
+    J = np.array([[3, 0, 0.4], [0, 4, -0.3], [0.4, -0.3, 5]])
+    W, t = np.array([*SUSLOV[case], 0.0]), -6.0 if case == "backwards" else 9.0
+    attitude, velocity = exact.suslov(J, [0, 0, 2], W, [t, 0.0, t / 3])
+    R, w = reference.taylor_top(J, W, t, axis3=True)
+    assert velocity[0] == pytest.approx(w, abs=1e-13)
+    assert attitude[0] == pytest.approx(R, abs=1e-12)
+    assert attitude[1] == pytest.approx(np.eye(3), abs=1e-15)
+    assert attitude[2] == pytest.approx(reference.taylor_top(J, W, t / 3, axis3=True)[0], abs=1e-12)
+
+
+STRONG = np.array([[2, 0, 0.8], [0, 2.5, -0.6], [0.8, -0.6, 3]])
+START = np.array([-1, 0.4, 0])
+
+
+def test_suslov_long_after_it_has_settled():
+    """50 digits until W is steady, from there exp(t Ŵ) of the W that the energy gives: round-off of the turn."""
+    settled, times = 80.0, np.array([80.0, 81.0, 1e6, 1e8, 1e12])
+    attitude, velocity = exact.suslov(STRONG, [0, 0, 1], START, times)
+    R, _ = reference.taylor_top(STRONG, START, settled, axis3=True)
+    with mpmath.workdps(40):
+        J, W = mpmath.matrix(STRONG), mpmath.matrix(START)
+        e = mpmath.matrix([-J[1, 2], J[0, 2], 0])  # n × J n
+        e *= mpmath.sqrt((W.T * J * W)[0] / (e.T * J * e)[0])
+        for t, got, w in zip(times, attitude, velocity, strict=True):
+            turn = reference.steady(e, mpmath.mpf(t) - settled)
+            bound = 1e-13 + 8 * np.finfo(float).eps * (t - settled) * float(mpmath.norm(e))
+            assert got == pytest.approx(R @ turn, abs=bound)
+            assert w == pytest.approx(np.array(e.T.tolist()[0], float), abs=1e-15)
+    back, _ = exact.suslov(STRONG, [0, 0, 1], -START, -times)  # a film of it run backwards
+    assert back[:3] == pytest.approx(attitude[:3], abs=1e-8)
+
+
+def test_suslov_reaches_its_permanent_rotation():
+    t = np.array([-400.0, -1, 0, 1, 400])
+    W = exact.suslov_velocity(TILTED, AXIS, W_SUSLOV, t)
+    assert pytest.approx(0, abs=1e-14) == W @ AXIS
+    assert (TILTED @ W[-1]) @ AXIS == pytest.approx(0, abs=1e-13)  # M3 = 0: nothing turns W any more
+    rest = exact.suslov_velocity(TILTED, AXIS, W[-1], [0, 5])
+    assert rest == pytest.approx(np.tile(W[-1], (2, 1)), abs=1e-13)
+    flat = exact.suslov_velocity([3, 4, 5], [0, 0, 1], [1, 2, 0], [0, 7.0])
+    assert np.array_equal(flat, np.tile([1, 2, 0], (2, 1)))
+
+
+def test_turn_of_frames_around_circles_and_polygons():
+    theta = np.array([0, 0.3, np.pi / 2, np.pi])
+    assert exact.latitude_turn(theta) == pytest.approx(2 * np.pi * (1 - np.cos(theta)), abs=1e-14)
+    phi = np.linspace(0, 2 * np.pi, 4001)[:-1]
+    circle = np.stack([np.sin(0.3) * np.cos(phi), np.sin(0.3) * np.sin(phi), np.full(4000, np.cos(0.3))], axis=1)
+    assert exact.polygon_turn(circle) == pytest.approx(float(exact.latitude_turn(0.3)), abs=1e-6)
+    assert exact.polygon_turn(np.eye(3)) == pytest.approx(np.pi / 2, abs=1e-15)
+    assert exact.polygon_turn(np.eye(3)[::-1]) == pytest.approx(-np.pi / 2, abs=1e-15)
+    rng = np.random.default_rng(1)
+    for n in (2, 3, 5, 8):
+        u = rng.normal(size=(n, 3))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        got = exact.polygon_turn(u)
+        turn = Rotation.identity()
+        for a, b in zip(u, np.roll(u, -1, axis=0), strict=True):
+            normal = np.cross(a, b)
+            turn = (
+                Rotation.from_rotvec(np.arctan2(np.linalg.norm(normal), a @ b) * normal / np.linalg.norm(normal)) * turn
+            )
+        assert turn.as_matrix() == pytest.approx(rotations.exp(got * u[0]), abs=1e-13)
+    assert float(holonomy(np.eye(3))) == pytest.approx(np.pi / 2)
+    assert -np.pi < exact.montgomery_angle([3, 4, 5], [5, 1, -1]) <= np.pi
+    assert exact.momentum_period([3, 3, 5], [1, 2, 3]) == pytest.approx(2 * np.pi / (2 / 3 * 3))
+
+
+FREE = {
+    "standard": (BODIES["standard"], None),
+    "nontwisting": (BODIES["nontwisting"], None),
+    "another axis": (lambda: DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0]), None),
+    "axis fixed under load": (
+        BODIES["nontwisting"],
+        pulse(PAPER_J @ [4, -8, 0], 0.3, 0.9) + body_moment([0, 1, 2], [[0, 0, 1], [0, 0, 2], [0, 0, 0]]),
+    ),
+    "another axis, under load": (
+        lambda: DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0]),
+        sine([1, -8, 2.5], 0.8),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FREE)
+def test_the_integrator_against_the_continuous_equations(case):
+    make, load = FREE[case]
+    W = {"s": [1, -2, 0.5], "a": [0, -2, 0.5], "n": [1, -2, 0]}[case[0]]
+    W = [1, -2, 0] if case == "axis fixed under load" else W
+    kick = {"t_start": 0.1, "times": [0.1, 0.35, 1, 1.7], "material_angular_velocity": W, "load": load}
+    start = Rotation.from_rotvec([1, 2, 3])
+    a = integrate(make(), integrator="exact", rotation=start, **kick)
+    b = integrate(make(), integrator=FINE, rotation=start, **kick)
+    for name, tolerance in (
+        ("directors", 1e-11),
+        ("director_velocities", 1e-10),
+        ("multipliers", 1e-10),
+        ("moment", 1e-10),
+        ("load_work", 1e-10),
+    ):
+        assert getattr(a, name).shape == getattr(b, name).shape
+        assert getattr(a, name) == pytest.approx(getattr(b, name), abs=tolerance), name
+    assert a.newton_iterations is None
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_spin_about_one_axis_of_the_body_does_not_warn():
+    """μ = (J W × W)·D3 + M3 is that of the load alone."""
+    start = {"rotation": rotations.exp([1e-293, 0.2, 0]), "material_angular_velocity": (0, -3, 0)}
+    load = pulse([0, 0, 2.0], 0, 1, shape="rectangle")
+    run = simulate(nontwisting([3, 4, 5]), times=[0, 0.5, 1], load=load, integrator="exact", **start)
+    assert run.reaction_moment.values == pytest.approx(-2.0)
+
+
+MOVE = sine([1, 0, 0], 1)
+
+
+def solved(body, load):
+    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": W_SUSLOV, "project": True}
+    return integrate(body, load=load, integrator="exact", **how)
+
+
+test_refusals_of_others = refused_as(
+    {
+        "the axis moves": lambda: exact.loaded_nontwisting(PAPER_J, [0, 1, 0], MOVE, [1]),
+        "damping": lambda: exact.loaded_momentum(PAPER_J, [0, 1, 0], MOVE + damping(0.1), [1]),
+        "before the start": lambda: exact.loaded_momentum(PAPER_J, [0, 1, 0], MOVE, [1, 0], t_start=0.5),
+        "Suslov, along the axis": lambda: exact.suslov_velocity(TILTED, AXIS, [1, 1, 1], [0]),
+        "Suslov, far": lambda: exact.suslov(STRONG, [0, 0, 1], START, [0, 1e16]),
+        "colatitude": lambda: exact.latitude_turn(4),
+        "one vertex": lambda: exact.polygon_turn([[1, 0, 0]]),
+        "antipodal vertices": lambda: exact.polygon_turn([[1, 0, 0], [0, 1, 0], [0, -1, 0]]),
+        "middle axis": lambda: exact.momentum_period([3, 4, 5], [0, 1, 0]),
+        "rest": lambda: exact.momentum_period([3, 4, 5], [0, 0, 0]),
+        "sphere": lambda: exact.momentum_period([2, 2, 2], [1, 2, 3]),
+        "across": lambda: exact.momentum_period([3, 3, 5], [1, 2, 0]),
+        "gravity": lambda: solved(BODIES["heavy_top"](), None),
+        "Suslov body": lambda: solved(suslov(TILTED, AXIS), None),
+        "of the state": lambda: solved(standard([3, 4, 5]), damping(0.1)),
+        "standard body": lambda: solved(standard([3, 4, 5]), MOVE),
+        "in space": lambda: solved(nontwisting(PAPER_J), sine([1, 0, 0], 1, frame="space")),
+        "moving axis": lambda: solved(nontwisting(PAPER_J), MOVE),
     }
 )

@@ -1,4 +1,4 @@
-"""Bodies: their inertias, what is refused, JSON; inertias that no distribution of mass has, and points on massless rods.
+"""Bodies: their inertias, what is refused, JSON; inertias that no distribution of mass has, points on massless rods.
 
 The motions are compared with Euler's equations and the rows d_i' = w × d_i, by SciPy at 1e-13; where an axis is held,
 with W along it taken out by the moment that the plane leaves.

@@ -150,7 +150,7 @@ integrator = { name = "NAME", order = 1, options = { dissipation = 0.5 } }
 def test_in_run_files_and_sweeps(tmp_path, scheme):
     path = tmp_path / "run.toml"
     path.write_text(FILE.replace("NAME", scheme.name), encoding="utf-8")
-    run = read_run_file(path).simulate()
+    run = nt.simulate(read_run_file(path).problem)
     how = {"t_end": 4, "step": 0.1, "material_angular_velocity": MIDDLE}
     alone = nt.simulate(nt.standard([3, 4, 5]), integrator=scheme(1, dissipation=0.5), **how)
     assert (run.quaternion.values == alone.quaternion.values).all()

@@ -12,12 +12,10 @@ import nontwist
 from nontwist.errors import InputWarning, SweepError
 from nontwist.inertia import MassProperties
 from nontwist.results import Fit, LeastEffort, Propagator, Steering, Stepper, StepperState
-from nontwist.runfile import RunFile
 
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "See Also", "Notes", "References", "Examples"]
 NO_EXAMPLE = {SweepError, InputWarning}  # a worker would have to die; as InputError
-SHOWN_BY = {RunFile: RunFile.simulate}  # its own docstring goes into the JSON Schema of run files
 NOT_CALLED = (BaseException, enum.Enum, MassProperties)  # a user reads their attributes; these have texts of their own
 # Made by functions: what they are made of is nobody's business.
 MADE = (Fit, LeastEffort, Propagator, Steering, Stepper, StepperState)
@@ -46,7 +44,7 @@ def headings(thing):
 
 @every_name
 def test_the_example_does_what_it_says(name, tmp_path, monkeypatch):
-    thing = SHOWN_BY.get(PUBLIC[name], PUBLIC[name])
+    thing = PUBLIC[name]
     if thing in NO_EXAMPLE:
         return
     assert "Examples" in headings(thing), f"{name} has no example"

@@ -248,7 +248,7 @@ def test_a_run_file_says_the_same():
         "time": {"t_end": 8, "step": 0.05},
         "load": [{"kind": "wheel", "axis": "z", "inertia": 0.2, "speed": 3, "viscous": 0.1, "coulomb": 0.05}],
     }
-    run = checked("wheel.toml", data, Folder(Path())).simulate()
+    run = nt.simulate(checked("wheel.toml", data, Folder(Path())).problem)
     assert run.wheel_speed.values[-1, 0] == 0
     assert run.wheel_loss.values[-1, 0] == pytest.approx(0.864, rel=1e-12)
     data["load"][0]["coulomb"] = -1

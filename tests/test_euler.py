@@ -90,7 +90,7 @@ angular_velocity = { body = [30.0, 0.0, 60.0], unit = "deg/s" }
 def test_run_files_take_other_units(tmp_path, unit, factor):
     path = tmp_path / "run.toml"
     path.write_text(FILE.replace("deg/s", unit), encoding="utf-8")
-    run, W = read_run_file(path).simulate(), factor * np.array([30, 0, 60])
+    run, W = simulate(read_run_file(path).problem), factor * np.array([30, 0, 60])
     assert np.allclose(run.material_angular_velocity.values[0], W, rtol=1e-15)
     turned = Rotation.from_euler("ZXZ", [10, 20, 30], degrees=True)
     assert (Rotation.from_quat(run.quaternion.values[0]) * turned.inv()).magnitude() < 1e-15

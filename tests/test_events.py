@@ -302,7 +302,7 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n", encoding="utf-8")
     (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
     file = read_run_file("run.toml")
-    run = file.simulate()
+    run = nt.simulate(file.problem)
     assert run.time.values == pytest.approx([0, 0.25, 1.5, 3 * np.pi / 4], abs=1e-11)
     assert run.event_name.values.tolist() == ["tilted", "axis_crosses", "axis_crosses"]
     assert run.attrs["message"].startswith("the event axis_crosses ended the run at t = 2.3561944")
@@ -320,7 +320,7 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
 def test_output_times_are_every_so_many_seconds_and_the_end(every, times, tmp_path):
     text = FILE[: FILE.index("[[event]]")].replace('{ file = "camera.csv", column = "t" }', f"{{ every = {every} }}")
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
-    run = read_run_file(tmp_path / "run.toml").simulate()
+    run = nt.simulate(read_run_file(tmp_path / "run.toml").problem)
     assert run.time.values == pytest.approx(times, rel=1e-14)
     assert run.time.values[-1] == 5
 

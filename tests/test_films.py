@@ -376,7 +376,7 @@ def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp
     J = nt.inertia.shift(nt.inertia.of_cuboid(mass, sides), mass=mass, offset=rho)
     text = ROD.format(inertia=J.tolist(), mass=mass, centre=rho.tolist(), gravity=gravity)
     (tmp_path / "rod.toml").write_text(text, encoding="utf-8")
-    run = read_run_file(tmp_path / "rod.toml").simulate()
+    run = nt.simulate(read_run_file(tmp_path / "rod.toml").problem)
     shown = content(run)
     half, edges, centre = (np.array(shown["box"][key]) for key in ("half", "edges", "centre"))
     assert shown["weight"]["down"] == pytest.approx([0, 0, np.sign(gravity)])

@@ -227,7 +227,7 @@ def test_the_run_file_reproduces_the_motion(tmp_path):
     fit = fit_inertia(recording)
     assert abs(model_of(fit) - fit.parts[0].model).max() < 1e-6
     fit.problem().write(tmp_path / "run.toml")
-    run = read_run_file(tmp_path / "run.toml").simulate(times=fit.parts[0].time)
+    run = simulate(read_run_file(tmp_path / "run.toml").problem, times=fit.parts[0].time)
     assert abs(fit.scale * run.material_angular_velocity.values + fit.bias - fit.parts[0].model).max() < 1e-6
 
 

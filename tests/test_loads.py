@@ -29,6 +29,7 @@ from nontwist import (
     open_sweep,
     pulse,
     rotor,
+    simulate,
     sine,
     space_moment,
     standard,
@@ -239,7 +240,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     run_file = read_run_file(path)
     assert run_file.problem.load == load
     assert 'kind = "magnet"\ndipole = [0.3, 0.0, 1.2]' in run_file.text()
-    run = run_file.simulate()
+    run = simulate(run_file.problem)
     assert json.loads(run.attrs["load"]) == load.description
     assert load_of(json.loads(run.attrs["load"])) == load
     assert "magnet: dipole (0.3, 0, 1.2) A m², field (0, 1, −2) T" in view(run).html
@@ -252,7 +253,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     sweep(path, tmp_path / "store", progress=False)
     found = open_sweep(tmp_path / "store").material_angular_velocity.values
     for k in range(3):
-        one = run_file.simulate(load=magnet([0.3, k, 1.2], [0, 1, -2]))
+        one = simulate(run_file.problem, load=magnet([0.3, k, 1.2], [0, 1, -2]))
         assert found[k] == pytest.approx(one.material_angular_velocity.values[-1], abs=1e-14)
     rows = [row for row in conserved.balances() if row.name.endswith("K + V changes by the work of the load 'magnet'")]
     assert [row.name.partition(":")[0] for row in rows] == ["lie-midpoint", "energy-momentum"]

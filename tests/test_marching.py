@@ -5,16 +5,22 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import nontwist as nt
 import texts_rule
+from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
+from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
 
 SOURCE = Path(nt.__file__).parent
+TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
 START = {"angular_velocity": (0.3, -0.2, 1.5), "t_end": 0.25, "step": 0.05, "project": True}
+STIFF = {**START, "t_end": 0.5, "step": 0.25}
+FAST = {**STIFF, "angular_velocity": (6, -4, 8)}
 
 
 def pushing(t, d, w):
@@ -26,15 +32,59 @@ def loaded():
     return load + nt.moment(pushing)
 
 
-CASES = {
-    "free": (nt.standard([3, 4, 5]), None, {}),
-    "held": (nt.nontwisting([3, 4, 5]), None, {}),
-    "suslov": (nt.suslov([[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]], (1, 2, 3)), "all", {}),
-    "top": (nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)), "all", {}),
-    "exact": (nt.standard([3, 4, 5]), "all", {"moments": "exact"}),
-    "dissipation": (nt.standard([3, 4, 5]), "all", {"dissipation": 0.5}),
-    "first order": (nt.standard([3, 4, 5]), None, {"dissipation": 0.5, "order": 1}),
+def lagging(rate):
+    """A moment that follows the angular velocity with a lag, and another that follows the first."""
+
+    def derivative(t, z, directors, W):
+        return np.array([rate * (W[0] + np.sin(t) - z[0]), 2 * z[0] * directors[0, 1] - z[1]])
+
+    def moment(t, z, directors, W):
+        return -z[0], 0.2 * z[1], 0.1 * z[0] * W[2]
+
+    return nt.memory_load(derivative, moment, (0.3, 0.1), frame="body", compiled=True)
+
+
+FREE, HELD, TOP = nt.standard([3, 4, 5]), nt.nontwisting([3, 4, 5]), nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5))
+SUSLOV, SLANTED = nt.suslov(TILTED, (0, 0, 1)), nt.suslov(TILTED, (1, 2, 3))
+DIRECTOR = {
+    "free": (FREE, None, {}),
+    "held": (HELD, None, {}),
+    "suslov": (SLANTED, loaded(), {}),
+    "top": (TOP, loaded(), {}),
+    "exact": (FREE, loaded(), {"moments": "exact"}),
+    "dissipation": (FREE, loaded(), {"dissipation": 0.5}),
+    "first order": (FREE, None, {"dissipation": 0.5, "order": 1}),
 }
+GAUSS = {
+    "steady": (HELD, None, START),
+    "free": (FREE, None, START),
+    "moved": (SUSLOV, nt.sine((1, 2, 3), 0.7), START),
+    "driven": (FREE, nt.sine((1, 2, 3), 0.7), START),
+    "heavy": (TOP, None, START),
+    "held and heavy": (nt.with_gravity(HELD, 2.0, (0, 0, 0.5)), None, START),
+    "all": (TOP, loaded(), START),
+    "slanted": (SLANTED, loaded(), START),
+    "memory": (FREE, lagging(2) + loaded(), START),
+}
+NEWTON = {  # whose fixed points do not contract
+    "large steps": (TOP, None, FAST),
+    "drag": (FREE, nt.damping([50, 200, 300]), STIFF),
+    "drag and a function": (FREE, nt.damping([50, 200, 300]) + loaded(), STIFF),
+    "memory held": (SUSLOV, lagging(300), STIFF),
+    "fast memory": (nt.standard(TILTED), lagging(300) + loaded(), STIFF),
+}
+CASES = {name: (body, load, START, EnergyMomentum(**options)) for name, (body, load, options) in DIRECTOR.items()}
+CASES |= {f"{name}, gauss {k}": (*case, Gauss(k)) for name, case in (GAUSS | NEWTON).items() for k in (2, 4)}
+NAMES = (
+    "attitude",
+    "angular_velocity",
+    "multipliers",
+    "load_work",
+    "moment",
+    "newton_iterations",
+    "twist",
+    "internal_state",
+)
 
 
 @pytest.fixture
@@ -57,18 +107,22 @@ def on_floats(monkeypatch):
     return count
 
 
+@pytest.mark.filterwarnings("ignore:damping slows:UserWarning", "ignore:the step is coarse:UserWarning")
 @pytest.mark.parametrize("case", CASES)
-def test_texts_on_floats_have_the_bits_of_their_kernels(case, request):
-    body, load, options = CASES[case]
-    scheme = nt.integrators.EnergyMomentum(**options)
-    about = {**START, "load": loaded() if load else nt.Load(), "integrator": scheme}
+def test_texts_on_floats_have_the_bits_of_their_kernels(case, request, monkeypatch):
+    """Where `gauss` needs Newton's iteration as well."""
+    body, load, start, scheme = CASES[case]
+    about = {**start, "load": load or nt.Load(), "integrator": scheme}
     machine = nt.simulate(body, **about)
+    solved, own = [], gauss_newton.newton
+    monkeypatch.setattr(gauss_newton, "newton", lambda *args: solved.append(1) or own(*args))
     count = request.getfixturevalue("on_floats")
     floats = nt.simulate(body, **about)
     assert count
-    for name in ("attitude", "angular_velocity", "multipliers", "load_work", "newton_iterations"):
+    assert bool(solved) == (case.partition(",")[0] in NEWTON)
+    for name in NAMES:
         if name in machine:
-            assert (machine[name].values == floats[name].values).all(), name
+            assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
 
 
 def test_values_are_arguments(monkeypatch):
@@ -88,3 +142,20 @@ def test_values_are_arguments(monkeypatch):
 def test_nothing_changes_behind_the_back_of_a_trace(place):
     for file in (SOURCE / place).glob("*.py"):
         assert not texts_rule.faults(file.read_text(encoding="utf-8")), file
+
+
+def test_rows_that_turn_with_the_body():
+    """Of C⁻¹ f, the derivatives by turns and by f are those of differences."""
+    rng = np.random.default_rng(1)
+    C, f, df = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=(3, 6))
+    rows = Matrix(*(turned(Vector(*row)) for row in C))
+    given = Vector(*(Dual(x, list(row)) for x, row in zip(f, df, strict=True)))
+    found, e = pulled_back_duals(rows, given), 1e-6
+    for j in range(6):
+        changes = []
+        for sign in (1, -1):
+            axis = np.eye(3)[j - 3] if j > 2 else np.zeros(3)
+            turned_rows = C + sign * e * np.cross(C, axis)
+            changes.append(pulled_back(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
+        slope = [(a - b) / (2 * e) for a, b in zip(*changes, strict=True)]
+        assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)

@@ -111,7 +111,7 @@ KINDS = ['"standard"', '"nontwisting"', '"suslov"', '"heavy_top"']
 
 @pytest.mark.usefixtures("newcomers")
 def test_a_run_file_takes_them_and_names_them(written):
-    run = read_run_file(written).simulate()
+    run = simulate(read_run_file(written).problem)
     how = {"t_end": 1, "step": 1 / 32, "material_angular_velocity": (0, 1, 2), "integrator": "munthe-kaas", "order": 1}
     assert np.array_equal(run.directors, simulate(BODIES["skate"].make(**BODIES["skate"].sample), **how).directors)
     assert abs(run.material_angular_velocity.values[:, 0]).max() < 1e-15
@@ -150,13 +150,13 @@ def test_a_sweep_makes_the_bodies_of_its_members(at_once, written, tmp_path):
     many = sweep(written, tmp_path / "store", workers=1)
     assert (many.status == 0).all()
     for i, J11 in enumerate((2.5, 2.75, 3.0)):
-        run = read_run_file(written, [f"body.inertia.0.0={J11}"]).simulate()
+        run = simulate(read_run_file(written, [f"body.inertia.0.0={J11}"]).problem)
         assert many.material_angular_velocity[i].values == pytest.approx(run.material_angular_velocity[-1].values)
 
 
 @pytest.mark.usefixtures("newcomers")
 def test_viewer_comparison_and_figure_have_words_for_them(written):
-    told = content(read_run_file(written).simulate())
+    told = content(simulate(read_run_file(written).problem))
     assert told["name"] == "skating body"
     assert told["about"]["Integrator"] == "munthe-kaas, order 1, step 0.03125 s"
     data = compare(sample_bodies()["skate"], t_end=1, material_angular_velocity=(0, 1, 2), steps=[1 / 32], repeats=1)
@@ -456,7 +456,9 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(heun, written, monkeyp
     assert data.order.values.tolist() == [3, 8]
     assert data.attitude_order.sel(integrator="heun 3").values[1:] == pytest.approx(3, abs=0.1)
     written.write_text(RUN.replace('"munthe-kaas", order = 1', '"heun"').replace("skate", "standard"), encoding="utf-8")
-    assert read_run_file(written, ["integrator.order=3"]).simulate().equals(read_run_file(written).simulate())
+    assert simulate(read_run_file(written, ["integrator.order=3"]).problem).equals(
+        simulate(read_run_file(written).problem)
+    )
     assert problems(written, "integrator.order=2") == ["integrator.order: 2 (heun has the order 3; got order = 2) -> 3"]
     assert problems(written, "integrator.options.order=3") == [
         "integrator.options.order: unknown key -> left out: this table has no keys"

@@ -159,4 +159,4 @@ def test_a_run_file_is_the_run(tmp_path):
     )
     how = {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
     run = simulate(standard([1, 2, 6], physical=False), material_angular_velocity=(0.1, 0, 1.2), **how)
-    assert np.array_equal(read_run_file(path).simulate().directors.values, run.directors.values)
+    assert np.array_equal(simulate(read_run_file(path).problem).directors.values, run.directors.values)

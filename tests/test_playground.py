@@ -158,7 +158,7 @@ def test_what_is_copied_gives_the_state_of_the_page(visit, tmp_path, number):
     link = texts.pop("Copy the link")
     for text, state in zip(texts.values(), states, strict=True):
         (tmp_path / "copied.toml").write_text(text, encoding="utf-8")
-        run = read_run_file(tmp_path / "copied.toml").simulate()
+        run = simulate(read_run_file(tmp_path / "copied.toml").problem)
         assert same(run, state)
     other = visit(playground().html, "#" + link.partition("#")[2], reduced_motion="reduce")
     assert other.evaluate("world.inputs") == page.evaluate("world.inputs")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from nontwist import simulate
 from nontwist.errors import RunFileError
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
@@ -48,7 +49,7 @@ def test_a_changed_copy_is_prepared_anew():
     assert run_file.model_copy() == run_file != later
     wrong = run_file.model_copy(update={"time": Time(t_end=-1), "body": Body(kind="standard", inertia=[1, 2, 4])})
     with pytest.raises(RunFileError) as info:
-        wrong.simulate()
+        simulate(wrong.problem)
     assert [problem.key for problem in info.value.problems] == ["body.inertia", "time.t_end"]
 
 
@@ -57,7 +58,7 @@ def test_what_was_read_is_what_is_run_and_hashed():
     """Even where the file was changed since."""
     Path("run.toml").write_text(RUN, encoding="utf-8")
     run_file = read_run_file("run.toml")
-    first = run_file.simulate()
+    first = simulate(run_file.problem)
     Path("load.csv").write_text("t,a,b,c\n0,9,2,3\n1,0,0,0\n", encoding="utf-8")
-    assert run_file.simulate().identical(first)
-    assert not read_run_file("run.toml").simulate().directors.identical(first.directors)
+    assert simulate(run_file.problem).identical(first)
+    assert not simulate(read_run_file("run.toml").problem).directors.identical(first.directors)

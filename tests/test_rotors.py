@@ -188,7 +188,7 @@ def test_the_momentum_of_a_rotor_is_read_from_a_file(tmp_path):
     path.write_text(WHEEL + 'columns = ["t (s)", "h (kg m² s⁻¹)"]\nscale = 2\n', encoding="utf-8")
     file = read_run_file(path)
     assert file.load[0].in_words(file._folder) == "rotor (wheel.csv: 3 rows, 0 s to 10 s, up to 2 kg m² s⁻¹)"
-    assert rotation(file.simulate())[-1].as_rotvec() == pytest.approx([0, 0, -10 / 5], abs=1e-12)
+    assert rotation(simulate(file.problem))[-1].as_rotvec() == pytest.approx([0, 0, -10 / 5], abs=1e-12)
     assert re.search(r'sha256 = "[0-9a-f]{64}"', file.text())
 
 
@@ -202,7 +202,7 @@ def test_units_of_momenta(header, is_accepted, tmp_path):
     (tmp_path / "wheel.csv").write_text(f"t (s),{header}\n0,0\n5,2\n", encoding="utf-8")
     (tmp_path / "run.toml").write_text(WHEEL, encoding="utf-8")
     if is_accepted:
-        assert read_run_file(tmp_path / "run.toml").simulate().rotor_momentum.values[-1, 2] == 2
+        assert simulate(read_run_file(tmp_path / "run.toml").problem).rotor_momentum.values[-1, 2] == 2
     else:
         with pytest.raises(RunFileError, match=r"states .*; times are in s, momenta in kg m² s⁻¹: convert it"):
             read_run_file(tmp_path / "run.toml")

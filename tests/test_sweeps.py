@@ -224,7 +224,7 @@ def test_a_member_runs_again_to_the_same_bits(write, tmp_path):
             W = run.material_angular_velocity[-1].values
             assert W.tobytes() == many.material_angular_velocity[i].values.tobytes()
             assert abs(np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) - 1).max() < 0.1
-            alone = read_run_file(write(run.attrs["run_file"], "member.toml")).simulate()
+            alone = simulate(read_run_file(write(run.attrs["run_file"], "member.toml")).problem)
             np.testing.assert_allclose(run.directors, alone.directors, atol=1e-12)
             save_run(run, tmp_path / "member.nc", force=True)
     with pytest.raises(ValueError, match=r"^member must be at most 4, got 5$"):
@@ -255,7 +255,7 @@ def test_a_scale_of_the_load_is_an_axis(write, tmp_path):
     text = HELD.replace('"body.axis.0"', '"load.0.scale"')
     many = sweep(write(text), tmp_path / "store")
     for i, scale in enumerate(np.linspace(-1, 1, 5)):
-        run = read_run_file(write(text), [f"load.0.scale={scale}"]).simulate()
+        run = simulate(read_run_file(write(text), [f"load.0.scale={scale}"]).problem)
         np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-13)
 
 

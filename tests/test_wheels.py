@@ -219,7 +219,7 @@ def test_run_file_says_the_same():
         "time": {"t_end": 6},
         "load": [text],
     }
-    run = checked("wheel.toml", data, Folder(Path())).simulate()
+    run = nt.simulate(checked("wheel.toml", data, Folder(Path())).problem)
     assert run.angular_velocity.values[-1, 2] == pytest.approx(0.2 - 0.5 / 4.5, abs=1e-12)
     with pytest.raises(RunFileError, match=r"load: 1 tables \(the inertia of a body includes that of its wheels"):
         checked("wheel.toml", data | {"load": [text | {"inertia": 6}]}, Folder(Path()))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from types import UnionType
@@ -124,15 +124,7 @@ def takes(cls: type, *names: str) -> Callable[[F], F]:
 
     def described(function: F) -> F:
         chosen = {name: one for name, one in specs(cls).items() if not names or name in names}
-        signature = inspect.signature(function)
-        own = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
-        taken = {one.name for one in own}
-        more = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-            for name, (kind, default, _) in chosen.items()
-            if name not in taken
-        ]
-        function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        with_keywords(function, {name: (kind, default) for name, (kind, default, _) in chosen.items()})
         rows = []
         for name, (kind, default, spec) in chosen.items():
             filled = textwrap.fill(spec.text.format(option=PythonOptions()), 108)
@@ -144,6 +136,22 @@ def takes(cls: type, *names: str) -> Callable[[F], F]:
         return function
 
     return described
+
+
+def with_keywords(function: Any, keywords: Mapping[str, tuple[Any, Any]], last: Sequence[str] = ()) -> None:
+    """Give a function keywords in its signature, by name their types and defaults, in place of ``**keywords``.
+
+    Its own keywords stand before them, but for those named `last`, and win over those of the same name.
+    """
+    signature, kind = inspect.signature(function), inspect.Parameter
+    own = {name: one for name, one in signature.parameters.items() if one.kind is not kind.VAR_KEYWORD}
+    more = [
+        kind(name, kind.KEYWORD_ONLY, default=default, annotation=form)
+        for name, (form, default) in keywords.items()
+        if name not in own
+    ]
+    before, behind = ([one for name, one in own.items() if (name in last) == is_last] for is_last in (False, True))
+    function.__signature__ = signature.replace(parameters=[*before, *more, *behind])
 
 
 def _named(kind: Any) -> str:

@@ -129,12 +129,14 @@ def _run(
     quiet: bool,
 ) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
+    from ..driver import simulate
+
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
     with about(str(path), ValueError), printed_warnings(path):
         try:
-            run = run_file.simulate(progress=not quiet and sys.stderr.isatty())
+            run = simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
         except (SimulationError, SimulationInterrupt) as error:
             stopped, run = error, error.partial.to_dataset().assign_attrs(run_file.record())
     seconds = perf_counter() - started

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
@@ -16,6 +15,7 @@ from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
+from ..spec import with_keywords
 from .events import as_events
 from .planning import Plan, planned
 from .prepared import Prepared
@@ -139,16 +139,9 @@ def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
     """
 
     def described(function: F) -> F:
-        signature, kind = inspect.signature(function), inspect.Parameter.KEYWORD_ONLY
-        own = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+        forms = {name: getattr(form, "__forward_arg__", form) for name, form in group.__annotations__.items()}
         known = DEFAULTS | defaults
-        more = [
-            inspect.Parameter(name, kind, default=known.get(name), annotation=getattr(form, "__forward_arg__", form))
-            for name, form in group.__annotations__.items()
-        ]
-        behind = [one for one in own if one.name in last]
-        parameters = [*(one for one in own if one.name not in last), *more, *behind]
-        function.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        with_keywords(function, {name: (form, known.get(name)) for name, form in forms.items()}, last)
         return function
 
     return described

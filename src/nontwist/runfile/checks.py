@@ -121,21 +121,21 @@ def _integrator(integrator: Integrator, faults: Faults) -> dict[str, Any]:
     """Return what `simulate` takes for the integrator: its name where the order is open."""
     kind: Any = INTEGRATORS[integrator.name]
     before, order, table = len(faults), integrator.order, options_of(kind)
-    options = dict[str, Any]()
+    given, options = dict[str, Any](), dict[str, Any]()
     try:
-        options = table.model_validate(integrator.options).model_dump()
+        given = table.model_validate(integrator.options).model_dump()
     except ValidationError as error:
         faults += problems_of(error, integrator.options, table, ("integrator", "options"))
     with faults.of("integrator", integrator, "options"):
-        kind(**options)
+        kind(**given)
+        options = given
     if order is not None:
         known = ", ".join(map(str, kind.orders))
         accepted = "one of " * (len(kind.orders) > 1) + known if known else f"left out: {kind.name} has no order"
         with faults.of("integrator", integrator, "order", accepted):
             if not known:
                 raise ValueError("there is none")
-            kind(order=order)
-            options["order"] = order
+            kind(**(options := {"order": order, **options}))
     if len(faults) > before:
         return {}
     return {"integrator": kind(**options) if order is not None or integrator.options else kind.name}

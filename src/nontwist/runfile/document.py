@@ -10,12 +10,11 @@ from dataclasses import replace
 from functools import cache, cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
 
-from ..driver import simulate
 from ..driver.planning import known_body, require_observed
 from ..driver.prepared import Forecast, Prepared
 from ..driver.prepared import forecast as forecast_of
@@ -35,9 +34,6 @@ from .section import Faults, Section, entry, path_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time
 from .toml_data import LARGEST, Fault, document, overridden, parsed, shown, toml_text
-
-if TYPE_CHECKING:
-    import xarray
 
 MOST_LOADS, MOST_EVENTS = 1000, 100
 
@@ -105,10 +101,6 @@ class RunFile(Section):
     def has_lasting_loads(self) -> bool:
         """Whether a load begins or ends with the run, where the file does not say when."""
         return any(one.is_lasting for one in self.load)
-
-    def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
-        """Run the problem of the file, with changes, recorded as the file; errors as `nontwist.simulate`."""
-        return simulate(self.problem, **changes, progress=progress).assign_attrs(self.record())
 
     def record(self) -> dict[str, Any]:
         """Return attributes that record how a run was made: `run_file`, the file with all defaults, and its hash.

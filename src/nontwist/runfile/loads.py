@@ -21,6 +21,7 @@ from ..spec import Spec, specs
 from .folder import Folder
 from .folder import Table as CsvTable
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
+from .toml_data import plain
 
 FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
@@ -244,17 +245,12 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     names, required = keys_of(cls), list[str]()
     for name, (form, default, spec) in specs(cls).items():
         kind_of_key = type_of(form, spec) if default is not None else type_of(form, spec) | None
-        described = entry(accepted(form, spec), ... if default is MISSING else _plain(default))
+        described = entry(accepted(form, spec), ... if default is MISSING else plain(default))
         keys[names[name]] = Annotated[kind_of_key, spec], described
         required += [names[name]] * (default is MISSING)
     made = create_model(cls.__name__, __base__=OfTerm, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
     made.makes, made.error_key, made.is_swept = cls, required[-1], not issubclass(cls, ForceTerm)
     return made
-
-
-def _plain(default: Any) -> Any:
-    """Return a default of a field as TOML has it."""
-    return [*map(_plain, default)] if isinstance(default, (tuple, list, np.ndarray)) else default
 
 
 def type_of(form: Any, spec: Spec) -> Any:

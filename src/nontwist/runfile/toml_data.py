@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel
 
 from ..errors import RunFileError
@@ -68,6 +69,15 @@ def toml_value(value: Any) -> str:
     if isinstance(value, (bool, int, float)):
         return str(value).lower() if isinstance(value, bool) else repr(value)
     return str(value)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as TOML has it."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [*map(plain, value)]
+    return value
 
 
 # What is wrong with a run file, one line each: "file: key: what was given -> what is accepted".

@@ -27,6 +27,7 @@ from .body import Body
 from .document import checked
 from .folder import Folder
 from .loads import Tables, keys_of
+from .toml_data import plain
 
 if TYPE_CHECKING:
     from .document import RunFile
@@ -156,12 +157,3 @@ def event_table(event: Any) -> dict[str, Any]:
     table["direction"] = int(np.sign(event.direction))
     own = {key: plain(getattr(event, key)) for key in event.fields if getattr(event, key) is not None}
     return table | own
-
-
-def plain(value: Any) -> Any:
-    """Return a value as TOML has it."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, tuple | list):
-        return [*map(plain, value)]
-    return value

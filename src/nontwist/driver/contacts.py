@@ -126,7 +126,7 @@ class Contacts:
         """Return the rates r of the contacts."""
         raise NotImplementedError
 
-    def noise(self, W: Array, z: Any) -> Any:
+    def noise(self, W: Array, z: Any) -> Array:
         """Return the size of the numbers that the rates are sums of."""
         raise NotImplementedError
 
@@ -183,18 +183,16 @@ class Contacts:
 
         Both by more than round-off, as they may be there where a mode begins.
         """
-        modes, known = dict(self.modes), dict[Any, tuple[Array, Array]]()
+        modes, known = dict(self.modes), dict[Any, Array]()
 
         def left(t: float, s: BodyState, k: int, side: int) -> float:
+            W, z = np.array(s.material_angular_velocity), np.array(s.internal_state)
+            if not side:
+                return float(modes[k] * self.rates(W, z)[k] + ROUND_OFF * self.noise(W, z)[k])
             if (key := (t, s._numbers)) not in known:  # several functions ask for it
-                known.clear()
-                W, z = np.array(s.material_angular_velocity), np.array(s.internal_state)
-                lam = self.holding(self.free(t, s.directors, W, z), modes)[0] if 0 in modes.values() else self.limits
-                known[key] = signs * self.rates(W, z) + ROUND_OFF * self.noise(W, z), lam
-            rates, lam = known[key]
-            return float(self.limits[k] * (1 + ROUND_OFF) - side * lam[k] if side else rates[k])
+                known[key] = self.holding(self.free(t, s.directors, W, z), modes)[0]
+            return float(self.limits[k] * (1 + ROUND_OFF) - side * known[key][k])
 
-        signs = np.array([modes.get(k, 0) for k in range(len(self.limits))])
         sides = [(k, side) for k in contacts for side in ((0,) if modes[k] else (1, -1))]
         return [Change(k, side, partial(left, k=k, side=side)) for k, side in sides]
 

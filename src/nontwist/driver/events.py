@@ -41,7 +41,7 @@ TIMES = 10**6  # in a run without steps, at most
 RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
 DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
-LOW = 1 / 3  # of the sum of the values before and after
+LOW, ZERO = 1 / 3, 1e-9  # of the sum of the values before and after: a low value, one that is as good as zero
 FINE = np.linspace(-1, 1, 513)[1:-1]  # where the lowest point of a polynomial is looked for
 MESSAGE = "the event {} ended the run at t = {:.12g} s"
 
@@ -286,15 +286,15 @@ class Search:
         if not near:
             return
         times, values, series = self._through(part, near)
-        sign = np.sign(values[:, :1])
-        lowest = np.argmin(sign * chebval(FINE, series.T), axis=1)
-        middle, half = times[:, [0, -1]].mean(axis=1), np.diff(times[:, [0, -1]])[:, 0] / 2
-        deep = (middle + half * FINE[lowest])[:, None]
-        seen = np.concatenate([values, self._values(part, near, deep)[0]], axis=1)
-        at, k = np.concatenate([times, deep], axis=1), np.argmin(sign * seen, axis=1)
+        sign = np.sign(values[:, 0])
         for i, one in enumerate(near):
-            t, x = float(at[i, k[i]]), float(seen[i, k[i]])
-            if x * one.values[0] < 0:
+            k = int(np.argmin(sign[i] * values[i]))
+            t, x, depths = float(times[i, k]), float(values[i, k]), sign[i] * chebval(FINE, series[i])
+            if sign[i] * x > 0 > depths.min():
+                begin, end = times[i, [0, -1]].tolist()
+                t = (begin + end) / 2 + (end - begin) / 2 * float(FINE[depths.argmin()])
+                x = float(self._values(part, [one], np.array([[t]]))[0][0, 0])
+            if sign[i] * x < 0:
                 yield one._replace(times=(one.times[0], t), values=(one.values[0], x))
                 yield one._replace(times=(t, one.times[1]), values=(x, one.values[1]))
 
@@ -355,11 +355,11 @@ def bodies_of(times: Array, states: States) -> list[BodyState]:
 
 
 def dips(values: Array) -> NDArray[np.bool_]:
-    """Return between which values of one sign there may be some of the other: beside a low one, or of only two."""
+    """Return between which values of one sign there may be some of the other: beside one that is low, but not zero."""
     signs, beside = np.sign(values), np.pad(values, 1, mode="reflect")
     own, before, after = signs * values, signs * beside[:-2], signs * beside[2:]
-    is_low = (own <= np.minimum(before, after)) & (own < LOW * (before + after))
-    found: NDArray[np.bool_] = (signs[1:] * signs[:-1] > 0) & (is_low[1:] | is_low[:-1] | (len(values) == 2))
+    is_low = (own <= np.minimum(before, after)) & (own < LOW * (before + after)) & (own > ZERO * (before + after))
+    found: NDArray[np.bool_] = (signs[1:] * signs[:-1] > 0) & (is_low[1:] | is_low[:-1])
     return found
 
 

@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import LARGEST, Array, as_number, vector
 from ..geometry.values import as_list
-from ..integrators import Integrator
 from ..integrators.compiled import Compiled
-from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .derivatives import Jacobian, jacobian_of
 from .grid import require_resolution
@@ -105,6 +103,7 @@ class Propagator:
 
     def __init__(self, system: DirectorSystem, plan: Plan, project: bool) -> None:
         self.system, self._plan, self._project = system, plan, project
+        self.load, self.integrator, self.t_start, self.t_end = plan.load, plan.scheme, plan.t_start, plan.t_end
         self._axis = None if system.axis is None else system.axis.tolist()
         self._prepared, self._jacobians = None, dict[Any, Jacobian | None]()
         self._known = 0.0  # up to which a coarse step is no news, rad/s
@@ -247,26 +246,6 @@ class Propagator:
             found = Jacobian(self._plan, plan.grid, key) if PreparedPlan.accepts(plan, plan.grid) else None
             self._jacobians[key] = found
             return found
-
-    @property
-    def load(self) -> Load:
-        """The load."""
-        return self._plan.load
-
-    @property
-    def integrator(self) -> Integrator:
-        """The integrator."""
-        return self._plan.scheme
-
-    @property
-    def t_start(self) -> float:
-        """Time of the starts, s."""
-        return self._plan.t_start
-
-    @property
-    def t_end(self) -> float:
-        """Time at which runs end, s."""
-        return self._plan.t_end
 
     def __repr__(self) -> str:
         scheme, grid = self._plan.scheme, self._plan.grid

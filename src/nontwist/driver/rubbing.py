@@ -93,9 +93,9 @@ class Rubbed(Contacts):
         found: Array = self.axes @ W
         return found
 
-    def noise(self, W: Array, z: Any) -> float:
-        """Return |W|."""
-        return float(np.linalg.norm(W))
+    def noise(self, W: Array, z: Any) -> Array:
+        """Return |W|, of each."""
+        return np.full(len(self.limits), np.sqrt(W @ W))
 
     def free(self, t: float, q: Array, W: Array, z: Any) -> Array:
         """Return A Q K."""

@@ -115,7 +115,7 @@ class Varied:
         along = np.concatenate(columns, axis=1).T
         R, changes = self._changes(values, list(named), along)
         turned, faster = changes[:, :3], changes[:, 3:]
-        return np.einsum("nij,njkd->dnik", R, _hat(turned)), np.moveaxis(faster, 2, 0)
+        return R @ _hat(np.moveaxis(turned, 2, 0)), np.moveaxis(faster, 2, 0)
 
     def pull(self, values: Values, names: Sequence[str], by_attitude: Array, by_velocity: Array) -> dict[str, Array]:
         """Return the derivatives of d functions by the parameters, (d, ...), from those by the states.
@@ -219,7 +219,7 @@ def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
 def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
     """Return the transpose of `_inwards`: derivatives by a parameter as it is given, (d, ...)."""
     if one.field == "rotation":
-        half: Array = np.einsum("ij,djk->dik", value, _hat(slopes[:, :, None])[..., 0]) / 2
+        half: Array = value @ _hat(slopes) / 2
         return half
     if one.field == "inertia":
         found = np.zeros((len(slopes), 3, 3))
@@ -232,10 +232,9 @@ def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...
 
 
 def _hat(x: Array) -> Array:
-    """Return the skew matrices, (n, 3, 3, d), of vectors (n, 3, d)."""
-    o = np.zeros_like(x[:, 0])
-    rows = (o, -x[:, 2], x[:, 1], x[:, 2], o, -x[:, 0], -x[:, 1], x[:, 0], o)
-    return np.stack(rows, axis=1).reshape(len(x), 3, 3, x.shape[2])
+    """Return the skew matrices, (..., 3, 3), of vectors (..., 3)."""
+    found: Array = np.cross(np.eye(3), x[..., None, :])
+    return found
 
 
 def _vee(A: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nontwist import damping, fit_inertia, integrate, sensors, simulate, standard
-from nontwist.fitting import telling, words
+from nontwist.fitting import reports, telling
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
 
@@ -74,7 +74,7 @@ def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
 
 
 def test_too_few_samples_count_for_intervals(monkeypatch):
-    for module in (telling, words):
+    for module in (telling, reports):
         monkeypatch.setattr(module, "FEWEST", 200.0)  # about 60 are effective
     (fit,) = fits(1)
     assert np.isnan(fit.principal.ratio_intervals).all()

@@ -29,7 +29,7 @@ from .bodies import TRACELESS, G, Model
 from .estimating import estimate
 from .linear import Guess, turns, with_moments
 from .measuring import Gyroscope
-from .motions import NO_KICKS, Motion, RunawayError, response
+from .motions import Motion, RunawayError, response
 from .quality import noise_of
 from .readings import speed_of
 from .shooting import Shooting, Stretch
@@ -236,14 +236,14 @@ class Search:
         if not len(rows):
             return 0
         at, model, sense = fit.unknowns, fit.problem.model, -1 if rows[0] < a else 1
-        times, flip, kicks, of_speeds = sense * self.time[rows], np.ones(model.size), NO_KICKS, np.zeros((0, 0))
+        times, flip, line, of_speeds = sense * self.time[rows], np.ones(model.size), None, np.zeros((0, 0))
         flip[:3] = sense
         if model.wheel is not None:
             speed = speed_of(self.recording, self.spin, np.arange(a, rows[-1] + sense, sense), sense)
-            kicks, of_speeds = speed.kicks(sense * self.time[a], times[-1], speed.values), speed.rows[0]
+            line, of_speeds = speed.line(sense * self.time[a], times[-1], speed.values), speed.rows[0]
         motion = Motion(model, at.inertia, at.more, sense)
         try:
-            values, D = response(motion, flip * at.starts[0], times - sense * self.time[a], kicks)
+            values, D = response(motion, flip * at.starts[0], times - sense * self.time[a], line)
         except RunawayError:
             return 0
         y, by_W, by_gyroscope = self.gyroscope.reads(sense * values[:, :3], None, at.gyroscope)

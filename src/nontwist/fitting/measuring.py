@@ -52,7 +52,7 @@ from ..geometry.rotations import dexp, exp
 from ..geometry.tensors import hats
 from ..geometry.values import shown
 from .bodies import Model, of_keys
-from .motions import Kicks
+from .motions import Line
 
 BIAS, SCALE = slice(0, 3), 3
 PLACES = {"misalignment": slice(4, 7), "axis_scales": slice(7, 10), "delay": slice(10, 11)}
@@ -245,13 +245,13 @@ class Speed:
         reduced = triangle(np.column_stack([self.at(self.time), self.readings]) / self.noise)
         return reduced[:, :-1], reduced[:, -1]
 
-    def kicks(self, first: float, last: float, values: Array) -> Kicks:
-        """Return how the speed and its rate start at one time, and change until another, by the values at the knots."""
+    def line(self, first: float, last: float, values: Array) -> Line:
+        """Return the speed from one time to another by the values at the knots."""
         slopes = np.diff(np.eye(len(self.knots)), axis=0) / np.diff(self.knots)[:, None]
         piece = int(np.clip(np.searchsorted(self.knots, first, "right") - 1, 0, len(slopes) - 1))
         inner = piece + 1 + np.flatnonzero(self.knots[piece + 1 : -1] < last)
-        jumps, start = np.diff(slopes, axis=0)[inner - 1], np.stack([self.at(np.array([first]))[0], slopes[piece]])
-        return Kicks(self.knots[inner] - first, jumps @ values, jumps, start @ values, start)
+        by, start = slopes[[piece, *inner]], self.at(np.array([first]))[0]
+        return Line(self.knots[inner] - first, by @ values, by, float(start @ values), start)
 
     def refined(self) -> Speed | None:
         """Return the same readings with twice as many intervals; None where there are enough."""

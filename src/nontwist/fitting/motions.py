@@ -18,12 +18,12 @@ step is as long as the series of order `ORDER` allows at the tolerance `EXACT`: 
 same series is the motion at every sample, so samples cost no steps.
 
 Derivatives by the speed at knots are put together from those over the pieces between knots: over a piece the state
-depends on that at its beginning, x_k, and on p, and ``dx = Φ dx_k + Ψ dp``; the kick at its end adds ``dΩ'``.
+depends on that at its beginning, x_k, with the rate of the speed in it, and on p, and ``dx = Φ dx_k + Ψ dp``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from typing import Any, NamedTuple
@@ -67,47 +67,37 @@ class Kind(NamedTuple):
         return 3 + 3 * self.has_pivot + 4 * self.oriented + 2 * self.has_wheel
 
 
-class Parameters(NamedTuple):
-    """Numbers of the equations: J, m g c, C, h a, n, and W' for a torque."""
+def law(kind: Kind, J: Matrix, vectors: Iterable[Vector], axis: Vector) -> Callable[[Sequence[Any]], list[Any]]:
+    """Return the rates of a state, W, γ, the attitude and Ω, as a function of it; the last, Ω', is constant.
 
-    J: Matrix
-    arm: Vector
-    drag: Vector
-    wheel: Vector
-    axis: Vector
-    inverse: Matrix
-    along: Vector  # c
+    The vectors are m g c, C and h a.
+    """
+    inverse, (arm, drag, wheel) = inverse_of(*J), vectors
+    along = inverse @ axis
+    along = along / (axis @ along) if kind.is_constrained else axis
 
-    @classmethod
-    def of(cls, J: Matrix, vectors: Iterable[Vector], axis: Vector, is_constrained: bool) -> Parameters:
-        """Return them by the ones that are given."""
-        inverse = inverse_of(*J)
-        along = inverse @ axis
-        arm, drag, wheel = vectors
-        return cls(J, arm, drag, wheel, axis, inverse, along / (axis @ along) if is_constrained else axis)
+    def rates(x: Sequence[Any]) -> list[Any]:
+        W = Vector(*x[:3])
+        torque = cross(J @ W, W)
+        if kind.has_pivot:
+            down = Vector(*x[3:6])
+            torque = torque + cross(arm, down)
+        if kind.is_damped:
+            torque = torque - drag * W
+        if kind.has_wheel:
+            torque = torque + cross(wheel, W) * x[-2] - wheel * x[-1]
+        u = inverse @ torque
+        if kind.is_constrained:
+            u = u - along * (axis @ u)
+        found = [*u]
+        if kind.has_pivot:
+            found += cross(down, W)
+        if kind.oriented:
+            *v, w = x[len(found) : len(found) + 4]
+            found += [*((W * w + cross(v, W)) * 0.5), (Vector(*v) @ W) * -0.5]
+        return [*found, x[-1]] if kind.has_wheel else found
 
-
-def rates(kind: Kind, p: Parameters, x: Sequence[Any]) -> list[Any]:
-    """Return the rates of a state, W, γ, the attitude and Ω; the last, Ω', is constant between kicks."""
-    W = Vector(*x[:3])
-    torque = cross(p.J @ W, W)
-    if kind.has_pivot:
-        down = Vector(*x[3:6])
-        torque = torque + cross(p.arm, down)
-    if kind.is_damped:
-        torque = torque - p.drag * W
-    if kind.has_wheel:
-        torque = torque + cross(p.wheel, W) * x[-2] - p.wheel * x[-1]
-    u = p.inverse @ torque
-    if kind.is_constrained:
-        u = u - p.along * (p.axis @ u)
-    found = [*u]
-    if kind.has_pivot:
-        found += cross(down, W)
-    if kind.oriented:
-        *v, w = x[len(found) : len(found) + 4]
-        found += [*((W * w + cross(v, W)) * 0.5), (Vector(*v) @ W) * -0.5]
-    return [*found, x[-1]] if kind.has_wheel else found
+    return rates
 
 
 @dataclass(frozen=True)
@@ -163,33 +153,28 @@ class Motion:
 
     def rate(self, x: Array) -> Array:
         """Return W' of states, (n, 3)."""
-        vectors = Matrix(*self.vectors[0])
-        p = Parameters.of(Matrix(*self.J), vectors, Vector(*self.constraint), self.kind.is_constrained)
-        return np.stack(rates(self.kind, p, list(x.T))[:3], axis=1)
+        rates = law(self.kind, Matrix(*self.J), Matrix(*self.vectors[0]), Vector(*self.constraint))
+        return np.stack(rates(list(x.T))[:3], axis=1)
 
 
-@dataclass(frozen=True)
-class Kicks:
-    """The speed of a rotor and its rate at the start of a lane, and jumps of the rate; how they depend on q numbers.
+class Line(NamedTuple):
+    """The speed of a rotor in a lane, linear between knots; how it depends on q numbers.
 
     Attributes
     ----------
     times : (k,) array, s
-        From the start of the lane, ascending, positive.
-    jumps : (k,) array
-    jumps_by : (k, q) array
-    start : (2,) array
-    start_by : (2, q) array
+        The knots from the start of the lane, ascending, positive.
+    rates, rates_by : (k + 1,) and (k + 1, q) arrays
+        The rate of each piece.
+    start, start_by : float and (q,) array
+        The speed where it starts.
     """
 
     times: Array
-    jumps: Array
-    jumps_by: Array
-    start: Array
+    rates: Array
+    rates_by: Array
+    start: float
     start_by: Array
-
-
-NO_KICKS = Kicks(np.zeros(0), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)))
 
 
 class Run(NamedTuple):
@@ -200,14 +185,10 @@ class Run(NamedTuple):
     axis: Vector
     start: Doubles  # (d,)
     by: Doubles  # (d + 15, directions) derivatives of the state, of J and of the vectors, by all that varies
-    knots: Doubles  # (k + 1,) times of the kicks, and the end
-    jumps: Doubles  # (k,)
-    kicks: int
     times: Doubles  # (n,) ascending
     samples: int
     most_steps: int
     out: Doubles  # (n, d, 1 + directions) at samples
-    ends: Doubles  # (k, d, 1 + directions) at kicks
     failed: int
 
 
@@ -237,56 +218,36 @@ def follow(kind: Kind, run: View) -> None:
         Vector(*(seeded(x, d + 6 + 3 * k + i) if kind.varied[k] else plain(x) for i, x in enumerate(vector)))
         for k, vector in enumerate(run.vectors)
     ]
-    p = Parameters.of(J.matrix, vectors, Vector(*map(plain, run.axis)), kind.is_constrained)
     unknowns = [recurrence.unknown() for _ in range(d)]
-    changes = rates(kind, p, unknowns)
+    changes = law(kind, J.matrix, vectors, Vector(*map(plain, run.axis)))(unknowns)
     changing, size = unknowns[: len(changes)], d * recurrence.size
     if kind.has_wheel:
         for n in loop(1, ORDER + 1):
             unknowns[-1].put(n, plain(0.0))
 
-    def put(memory: Any, row: Any, numbers: list[Dual]) -> None:
-        """Write a state with its derivatives."""
-        for k, x in enumerate(numbers):
-            Stored(recurrence, memory.shifted(row * size)).put(k, x)
-
-    def begin(numbers: list[Any]) -> None:
-        """Begin a piece: derivatives are by the state here."""
-        for k, (one, x) in enumerate(zip(unknowns, numbers, strict=True)):
-            one.put(0, seeded(x, k))
-
-    begin([run.start[k] for k in range(d)])
-    v = Variables(now=0.0, piece=0, sample=0, steps=0, goes=True)
+    for k, one in enumerate(unknowns):
+        one.put(0, seeded(run.start[k], k))
+    v = Variables(now=0.0, sample=0, steps=0, goes=True)
     for _ in whilst(lambda: v.goes):
         recurrence.solve(changing, changes)
-        until = run.knots[v.piece]
-        reach = smaller(reach_of(unknowns), until - v.now)
-        is_last = v.now + reach >= until * (1.0 - 1e-15)
-        ahead = Variables(border=v.now + reach)
-        for _ in when(is_last):
-            ahead.border = until
-            for _ in when(v.piece >= run.kicks):
-                ahead.border = HUGE
+        reach = reach_of(unknowns)
         v.steps = v.steps + 1
         v.goes = (reach == reach) & (v.steps < run.most_steps)
         for _ in when(logical_not(v.goes)):
             run.failed = 1
         for _ in whilst(lambda: v.goes & (v.sample < run.samples)):
             t = run.times[v.sample]
-            v.goes = t < ahead.border
+            v.goes = t < v.now + reach
             for _ in when(v.goes):
-                put(run.out, v.sample, [one.at(t - v.now) for one in unknowns])
+                for k, one in enumerate(unknowns):
+                    Stored(recurrence, run.out.shifted(v.sample * size)).put(k, one.at(t - v.now))
                 v.sample = v.sample + 1
-        v.goes = (run.failed == 0) & (logical_not(is_last) | (v.piece < run.kicks))
+        v.goes = (run.failed == 0) & (v.sample < run.samples)
         for _ in when(v.goes):
             x = [one.at(reach) for one in unknowns]
             v.now = v.now + reach
             for one, y in zip(unknowns, x, strict=True):
                 one.put(0, y)
-            for _ in when(is_last):
-                put(run.ends, v.piece, x)
-                begin([y.value for y in x[:-1]] + [x[-1].value + run.jumps[v.piece]])
-                v.now, v.piece = until, v.piece + 1
 
 
 def reach_of(series: Sequence[Stored]) -> Any:
@@ -298,60 +259,64 @@ def reach_of(series: Sequence[Stored]) -> Any:
     return smaller(*(power(EXACT * size(0) / larger(size(n), TINY), 1.0 / n) for n in (ORDER - 1, ORDER)))
 
 
-def response(motion: Motion, start: Array, times: Array, kicks: Kicks = NO_KICKS) -> tuple[Array, Array]:
+def response(motion: Motion, start: Array, times: Array, speed: Line | None = None) -> tuple[Array, Array]:
     """Return the states of a motion at times, and the derivatives by its start and its parameters.
 
     Parameters
     ----------
     motion : Motion
     start : (m,) array
-        At the time 0, without the speed of a rotor, which `kicks` have.
+        At the time 0, without the speed of a rotor.
     times : (n,) array, s
         Before 0 as far as the series of the start reaches.
-    kicks : Kicks, optional
+    speed : Line, optional
+        That of a rotor.
 
     Returns
     -------
     values : (n, d) array
         With the speed of a rotor and its rate last.
     derivatives : (n, d, m + p + q) array
-        By the start first, then by J and `more`, then by what the kicks depend on.
+        By the start first, then by J and `more`, then by what the speed depends on.
 
     Raises
     ------
     RunawayError
         Numbers are not finite any more, or steps become too short.
     """
+    if speed is None:
+        return _piece(motion, start, times)
+    knots, d, m, p = speed.times, motion.kind.size, len(start), 6 + len(motion.more)
+    values, found = np.empty((len(times), d)), np.empty((len(times), d, m + p + len(speed.start_by)))
+    state, by = np.array([*start, speed.start, 0.0]), np.eye(d, found.shape[2])
+    by[m:, m:], by[m, m + p :] = 0.0, speed.start_by
+    pieces = np.searchsorted(knots, times, "right")
+    for k, (rate, rate_by) in enumerate(zip(speed.rates, speed.rates_by, strict=True)):
+        state[-1], by[-1], by[-1, m + p :] = rate, 0.0, rate_by
+        there, begin = np.flatnonzero(pieces == k), knots[k - 1] if k else 0.0
+        x, D = _piece(motion, state, np.append(times[there], knots[k : k + 1]) - begin)
+        whole = D[:, :, :d] @ by
+        whole[:, :, m : m + p] += D[:, :, d:]
+        values[there], found[there] = x[: len(there)], whole[: len(there)]
+        if k < len(knots):
+            state, by = x[-1], whole[-1]
+    return values, found
+
+
+def _piece(motion: Motion, start: Array, times: Array) -> tuple[Array, Array]:
+    """Return states while a rate of the speed lasts, and derivatives by the whole state at its start, J and `more`."""
     kind, (vectors, vectors_by) = motion.kind, motion.vectors
-    d, m, p, at = kind.size, len(start), 6 + len(motion.more), kicks.times
-    order = np.argsort(times, kind="stable")
+    d, p, order = kind.size, 6 + len(motion.more), np.argsort(times, kind="stable")
     sorted_times, run = np.ascontiguousarray(times[order]), view_of(Run)
     run.J, run.vectors, run.axis = Symmetric(*entries(motion.J)), Matrix(*vectors), Vector(*motion.constraint)
-    by = np.eye(d + 15, kind.directions)
+    by, out = np.eye(d + 15, kind.directions), np.empty((len(times), d, 1 + kind.directions))
     by[d + 6 :] = 0.0
     by[d + 6 :, d + 6 : d + p] = vectors_by.reshape(9, -1)
-    out, ends = (np.empty((n, d, 1 + kind.directions)) for n in (len(times), len(at)))
-    run.start, run.by, run.times = np.concatenate([start, kicks.start]), by, sorted_times
-    run.knots, run.kicks = np.append(at, times.max(initial=0.0)), len(at)
-    run.jumps, run.samples = kicks.jumps, len(times)
-    run.most_steps = MOST_STEPS[0] + MOST_STEPS[1] * len(times)
-    run.out, run.ends = out, ends
+    run.start, run.by, run.times, run.out = start, by, sorted_times, out
+    run.samples, run.most_steps = len(times), MOST_STEPS[0] + MOST_STEPS[1] * len(times)
     kernel_of(kind)(run.address)
-    if run.failed or not (np.isfinite(out).all() and np.isfinite(ends).all()):
+    if run.failed or not np.isfinite(out).all():
         raise RunawayError("the motion is not finite, or needs too many steps")
     values, slopes = np.empty((len(times), d)), np.empty((len(times), d, d + p))
     values[order], slopes[order] = out[:, :, 0], out[:, :, 1 : 1 + d + p]
-    if m == d:
-        return values, slopes
-    piece, found = np.searchsorted(at, times, "right"), np.empty((len(times), d, m + p + kicks.start_by.shape[1]))
-    own = np.eye(d, found.shape[2])  # of the state at the beginning of a piece
-    own[m:, m:], own[m:, m + p :] = 0.0, kicks.start_by
-    for k in range(len(at) + 1):
-        there = piece == k
-        found[there] = slopes[there][:, :, :d] @ own
-        found[there, :, m : m + p] += slopes[there, :, d:]
-        if k < len(at):
-            own = ends[k, :, 1 : 1 + d] @ own
-            own[:, m : m + p] += ends[k, :, 1 + d : 1 + d + p]
-            own[-1, m + p :] += kicks.jumps_by[k]
-    return values, found
+    return values, slopes

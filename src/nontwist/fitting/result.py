@@ -139,7 +139,7 @@ class Fit:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Problems of the recordings, and of what they determine."""
-        from .words import worth
+        from .reports import worth
 
         return (*self.read, *worth(self))
 
@@ -351,13 +351,13 @@ class Fit:
 
     def table(self) -> dict[str, str]:
         """Return the results in words, as rows of a table."""
-        from .words import rows
+        from .reports import rows
 
         return rows(self)
 
     def numbers(self) -> dict[str, Any]:
         """Return the results as plain data, in rad, s, and the unit of the inertia."""
-        from .words import numbers
+        from .reports import numbers
 
         return numbers(self)
 
@@ -392,7 +392,7 @@ class Fit:
         >>> len(fit.plot().figure.axes)
         3
         """
-        from .drawing import drawn
+        from .reports import drawn
 
         return drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
 
@@ -426,7 +426,7 @@ class Fit:
         array([3., 8., 1.])
         """
         from ..runfile import RunFile
-        from .running import as_run
+        from .reports import as_run
 
         part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
         if self.untold:

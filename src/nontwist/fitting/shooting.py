@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model, entries, symmetric
 from .measuring import BIAS, SCALE, Gyroscope, Speed, finite_rows, gaps, triangle
-from .motions import NO_KICKS, Kicks, Motion, response
+from .motions import Line, Motion, response
 
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
@@ -147,13 +147,13 @@ class Shooting:
         """Return which of the unknowns are the speeds of a stretch."""
         return slice(*self.ends[3 + stretch : 5 + stretch])
 
-    def kicks(self, x: Array, lane: Lane) -> Kicks:
-        """Return how the speed of a rotor changes in a lane."""
+    def line(self, x: Array, lane: Lane) -> Line | None:
+        """Return the speed of a rotor in a lane."""
         one = self.stretches[lane.stretch]
         if one.speed is None:
-            return NO_KICKS
+            return None
         last = one.time[min(lane.last, len(one.time) - 1)]
-        return one.speed.kicks(one.time[lane.first], last, x[self.speeds_of(lane.stretch)])
+        return one.speed.line(one.time[lane.first], last, x[self.speeds_of(lane.stretch)])
 
     def motions(self, at: Unknowns) -> Iterator[tuple[Array, Array]]:
         """Yield states and derivatives of each lane at its samples, and at the start of the next one if it is joined.
@@ -166,7 +166,7 @@ class Shooting:
             t = t - t[0]
             if self.gyroscope.is_late:
                 t = np.concatenate([t, t[: lane.last - lane.first] - delay])
-            yield response(motion, start, t, self.kicks(at.flat, lane))
+            yield response(motion, start, t, self.line(at.flat, lane))
 
     def __len__(self) -> int:
         attitudes = [one.quaternions for one in self.stretches if one.quaternions is not None]

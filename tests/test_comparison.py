@@ -11,17 +11,8 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, PAPER_J
 from nontwist import plot
-from nontwist.comparison import summary, table
+from nontwist.comparison import reference, summary, table
 from nontwist.comparison.comparing import measured_orders
-from nontwist.comparison.reference import (
-    chosen,
-    error_bar,
-    grids,
-    label,
-    reference,
-    shared_intervals,
-    stored_intervals,
-)
 from nontwist.comparison.tables import times_to
 from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 from refusals import says
@@ -186,40 +177,40 @@ def test_a_change_of_the_start_turns_the_body_as_well(monkeypatch):
     """An upright body at rest falls as cosh λt, λ² = m g l/J about the axis of the fall, and turns little about d3."""
     seen = []
     spy = "nontwist.comparison.comparing.reference"
-    monkeypatch.setattr(spy, lambda *given: seen.append(reference(*given)) or seen[0])
+    monkeypatch.setattr(spy, lambda *given: seen.append(reference.reference(*given)) or seen[0])
     nt.compare(nt.with_gravity(nt.standard([1, 2, 2]), 0.5, [0, 0, 1], [0, 0, -16]), t_end=3, steps=[0.05], repeats=1)
     expected = np.sqrt((1 + np.cosh(3 * np.sqrt(8)) ** 2 + np.cosh(3 * np.sqrt(4)) ** 2) / 3)
     assert seen[0].growth[0] == pytest.approx(expected, rel=0.3)  # the change is 64 units of round-off
 
 
 def test_the_error_bar_trusts_a_scheme_only_as_far_as_an_independent_solution_confirms_it():
-    assert error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-10) == 1e-14
-    assert error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-12) == 1e-11
-    assert error_bar(own=1e-9, gap=1e-10, gap_of_other=1e-12) == 1e-9
+    assert reference.error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-10) == 1e-14
+    assert reference.error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-12) == 1e-11
+    assert reference.error_bar(own=1e-9, gap=1e-10, gap_of_other=1e-12) == 1e-9
 
 
 def test_the_labels_and_the_defaults():
-    everything = chosen(None)
+    everything = reference.chosen(None)
     gauss = [f"gauss {k}" for k in (2, 4, 6, 8, 12, 16)]
     stepping = [*gauss, "lie-midpoint 2", "energy-momentum 2", *(f"split {k}" for k in (2, 4, 6))]
     assert list(everything)[:11] == stepping
     assert list(everything)[-4:] == ["exact", "continuous 1e-6", "continuous 1e-9", "continuous 1e-12"]
-    assert label(Continuous("RK45", 1e-5, 1e-6, "director")) == "continuous RK45 1e-5 atol 1e-6 director"
-    assert label(Continuous("RK45", 1e-5, 1e-7), tolerance=False) == "continuous RK45"
+    assert reference.label(Continuous("RK45", 1e-5, 1e-6, "director")) == "continuous RK45 1e-5 atol 1e-6 director"
+    assert reference.label(Continuous("RK45", 1e-5, 1e-7), tolerance=False) == "continuous RK45"
 
 
 def test_the_default_steps_halve_and_hold_the_kinks():
-    found = grids(None, 0.0, 2.0, 0.004, nt.pulse([1, 0, 0], 0.3, 0.7))
+    found = reference.grids(None, 0.0, 2.0, 0.004, nt.pulse([1, 0, 0], 0.3, 0.7))
     N = np.array([grid.steps for grid in found.values()])
     assert (N[1:] == 2 * N[:-1]).all()
     first = next(iter(found.values()))
     assert first.borders == (0.0, 0.3, 0.5, 0.7, 2.0)
     assert first.numbers == (0, 3, 5, 7, 18)  # at most 32 * 0.004 s a step
     assert list(found) == pytest.approx(first.longest / 2.0 ** np.arange(len(N)))
-    assert shared_intervals(list(N)) == 18
-    assert shared_intervals([6000, 9000]) == 1000
-    assert stored_intervals(9000, 1000) == 9000
-    assert stored_intervals(30030, 10) == 4290
+    assert reference.shared_intervals(list(N)) == 18
+    assert reference.shared_intervals([6000, 9000]) == 1000
+    assert reference.stored_intervals(9000, 1000) == 9000
+    assert reference.stored_intervals(30030, 10) == 4290
 
 
 def test_the_default_leaves_out_integrators_that_refuse(monkeypatch):

@@ -81,6 +81,13 @@ def test_two_crossings_within_a_step_are_found():
     assert run.t_events[0] == pytest.approx(truth, abs=1e-13 * 12)
 
 
+@pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint"])
+def test_two_crossings_between_two_times_are_found(integrator):
+    """Of a body at rest functions are evaluated at nodes: at 0.5 and 1 s this one is positive."""
+    run = nt.integrate(BODY, t_end=2, step=0.5, integrator=integrator, events=lambda t, state: (t - 0.52) ** 2 - 1e-4)
+    assert run.t_events[0] == pytest.approx([0.51, 0.53], abs=1e-12)
+
+
 def test_two_functions_that_cross_zero_between_the_same_times_have_roots_of_their_own():
     def shifted(t, state):
         return level(t, state) - 1e-3

@@ -1,4 +1,10 @@
-"""Machine code wherever the package lies, and on other processors: the same bits, nothing kept on disk."""
+"""Machine code wherever the package lies, and on other processors: the same bits, nothing kept on disk.
+
+On aarch64 under QEMU, and with code for other processors of this kind: the memory that a march works on is copied into
+one image at an address that both machines have free; there a program of a few lines calls the kernel, and writes the
+image back. Needs `qemu-aarch64` and `aarch64-linux-gnu-gcc` (in Debian qemu-user and gcc-aarch64-linux-gnu), else it is
+skipped.
+"""
 
 import os
 import shutil
@@ -7,11 +13,18 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from llvmlite import binding
 
 import nontwist
-from nontwist import integrate, standard
+from nontwist import Load, heavy_top, integrate, nontwisting, sine, standard, suslov
+from nontwist.engine.outputs import CALL, IN_BLOCK
+from nontwist.engine.records import BLOCK
+from nontwist.integrators import INTEGRATORS, IVP
+from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
+from nontwist.models.stack import stacked
 
 ROOT = Path(nontwist.__file__).parents[2]
 FIRST = (
@@ -86,3 +99,147 @@ def test_processors_have_the_vectors_that_are_fast_on_them(name, features, found
         assert machine_code.is_fused() == ("+fma" in features)
     finally:
         machine_code.processor.cache_clear()
+
+
+AT, PAGE = 0x2000_0000_0000, 4096
+HARNESS = r"""
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+void kernel(long);
+int main(int count, char **given) {
+    size_t size = strtoul(given[2], 0, 10);
+    FILE *file = fopen(given[1], "r+b");
+    char *memory = mmap((void *)PLACE, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0);
+    if (memory != (char *)PLACE || fread(memory, 1, size, file) != size) return 1;
+    kernel(PLACE);
+    rewind(file);
+    return fwrite(memory, 1, size, file) != size;
+}
+"""
+J = [[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]]
+BODIES = {
+    "non-twisting": nontwisting(J),
+    "standard": standard(J),
+    "Suslov": suslov(J, [1, 2, 3]),
+    "heavy top": heavy_top(J, 0.3, (0, 0.1, 0.4)),
+}
+LOADS = {"free": Load(), "sine": sine((1, 2, 0.5), 0.7), "sine in space": sine((1, 2, 0.5), 0.7, frame="space")}
+
+
+def prepared(name, order, body, load):
+    """The kernel of a march of 20 steps, its block, and all the arrays that the block has addresses of."""
+    scheme, found = INTEGRATORS[name](order=order), []
+    system, W = BODIES[body], np.array([6.0, -8.0, 0.0 if body == "non-twisting" else 1.0])
+    if system.axis is not None:
+        W -= (system.axis @ W) * system.axis
+    start = np.eye(4)[3:], W[None]
+    problem = IVP(stacked(system), *start, LOADS[load], 0.0, 1.0, 20, np.arange(21), intervals=True)
+    sound = StackMarch._run
+
+    def record(self, todo, width, first, last):
+        block, workspace, _ = self.laid(todo, width, first, last)
+        for name in IN_BLOCK:
+            block[getattr(BLOCK, name)] = todo.arrays[0][0, getattr(CALL, name)]
+        owned = [self.arrays["states"].base, self.sequence, self.stack.stored, self.bodies, self.scales, self.sizes]
+        fractions = [gamma for gamma, _ in self.stages.values()]
+        owned += [a for a in (self.table, self.lengths, workspace, *self.loads, *fractions) if a is not None]
+        found.append((self.kernel(self.groups[0], width), block, [np.ascontiguousarray(a) for a in owned]))
+        found[-1][2][0] = found[-1][2][0].copy(), found[-1][2][0].ctypes.data
+        sound(self, todo, width, first, last)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(StackMarch, "_run", record)
+        scheme.march(problem)
+    assert len(found) == 1
+    return found[0]
+
+
+def image_of(block, arrays):
+    """The block and the arrays as one piece of memory at `AT`, with its addresses; and where the results lie in it."""
+    (results, at), *others = arrays
+    parts = [(at, results), *((array.ctypes.data, array) for array in others)]
+    moved, end = block.copy(), -(-block.nbytes // PAGE) * PAGE
+    places = []
+    for _, array in parts:
+        places.append(end)
+        end += -(-array.nbytes // PAGE) * PAGE
+    for i, value in enumerate(block.tolist()):
+        for (address, array), place in zip(parts, places, strict=True):
+            if address <= value < address + array.nbytes:
+                moved[i] = AT + place + value - address
+    image = bytearray(end)
+    image[: block.nbytes] = moved.tobytes()
+    for (_, array), place in zip(parts, places, strict=True):
+        image[place : place + array.nbytes] = array.tobytes()
+    return bytes(image), slice(places[0], places[0] + results.nbytes)
+
+
+def object_of(kernel, triple, processor):
+    """Machine code of a kernel for a processor that has a fused multiply-add."""
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    module = binding.parse_assembly(kernel.code(is_fused=True))
+    machine = binding.Target.from_triple(triple).create_target_machine(
+        cpu=processor, opt=3, reloc="static", codemodel="default"
+    )
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    return machine.emit_object(module)
+
+
+def run(folder, compiler, emulator, code, image):
+    """The image after the kernel has worked on it."""
+    (folder / "harness.c").write_text(HARNESS.replace("PLACE", f"{AT}UL"), encoding="utf-8")
+    (folder / "kernel.o").write_bytes(code)
+    (folder / "image").write_bytes(image)
+    command = [compiler, "-static", "-no-pie", "-O1", "harness.c", "kernel.o", "-lm", "-o", "harness"]
+    subprocess.run(command, cwd=folder, check=True)
+    subprocess.run([*emulator, "./harness", "image", str(len(image))], cwd=folder, check=True)
+    return (folder / "image").read_bytes()
+
+
+SCHEMES = [("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 4), ("gauss", 16), ("split", 4)]
+X86 = "x86_64-unknown-linux-gnu"
+PROCESSORS = {"haswell": "fma", "skylake-avx512": "avx512f", "znver2": "fma", "znver4": "avx512f"}
+
+
+def same_bits(one, other, start):
+    a, b = np.frombuffer(one), np.frombuffer(other)
+    assert not np.array_equal(a, np.frombuffer(start))  # the kernel has worked
+    assert np.array_equal(a, b, equal_nan=True)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize(("name", "order"), SCHEMES)
+def test_an_emulated_processor_gives_the_same_bits(name, order, body, load, tmp_path):
+    compiler, emulator = "aarch64-linux-gnu-gcc", "qemu-aarch64"
+    if not (shutil.which(compiler) and shutil.which(emulator)):
+        pytest.skip(f"needs {compiler} and {emulator}")
+    if name == "split" and body == "Suslov":
+        pytest.skip("not for this body")
+    kernel, block, arrays = prepared(name, order, body, load)
+    image, results = image_of(block, arrays)
+    here = run(tmp_path, "gcc", [], object_of(kernel, X86, "x86-64-v3"), image)[results]
+    there = run(tmp_path, compiler, [emulator], object_of(kernel, "aarch64-unknown-linux-gnu", "generic"), image)[
+        results
+    ]
+    same_bits(here, there, image[results])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize(("name", "order"), SCHEMES)
+def test_code_for_other_processors_of_this_kind_gives_the_same_bits(name, order, body, tmp_path):
+    features = binding.get_host_cpu_features()
+    if not binding.get_process_triple().startswith("x86_64") or not shutil.which("gcc"):
+        pytest.skip("needs x86-64 and gcc")
+    if name == "split" and body == "Suslov":
+        pytest.skip("not for this body")
+    kernel, block, arrays = prepared(name, order, body, "sine")
+    image, results = image_of(block, arrays)
+    known = [processor for processor, feature in PROCESSORS.items() if features.get(feature)]
+    first, *others = (run(tmp_path, "gcc", [], object_of(kernel, X86, name), image)[results] for name in known)
+    for other in others:
+        same_bits(first, other, image[results])

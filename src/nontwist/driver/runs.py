@@ -77,8 +77,8 @@ def simulate(
     events : callable or list of callables, optional
         Functions ``event(t, state)`` of the time and a `BodyState`, with the attributes `direction` and `terminal` of
         SciPy's `solve_ivp`: an event occurs where a function crosses zero. Roots are found to 1e-12 h + 4 eps |t|. The
-        function is evaluated at least every quarter of a radian that the body turns; if it crosses zero twice in
-        between, or only touches zero, the event is missed.
+        function is evaluated at least every quarter of a radian that the body turns, and more often where it comes
+        near zero in between; if it only touches zero, the event is missed.
     project : bool
         Remove an initial spin about the constrained axis instead of refusing it.
     progress : bool

@@ -363,10 +363,9 @@ class Collocation:
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""
         for j in loop(self.s):
-            v = Variables(Z=self.weight(j) * self.matrix("T", j * self.s + j))
-            for i in loop(self.s):
-                for _ in when(i != j):
-                    v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
+            v = Variables(Z=self.weight(0) * self.matrix("T", j))
+            for i in loop(1, self.s):
+                v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
             self.put("Z", j, v.Z)
 
     def set_gains(self) -> None:

@@ -102,17 +102,20 @@ class RememberingSteps:
 
     # ---- the equations
 
-    def rates(self, t: Array, x: Array, given: dict[str, Array]) -> tuple[Array, Array]:
-        """Return G at (N,) times and states (N, size), and its derivatives by states and parameters."""
+    def rates(self, t: Array, x: Array, given: Array) -> tuple[Array, Array]:
+        """Return G at (N,) times and states (N, size), and its derivatives by states and parameters.
+
+        `given` are moments along the frame and in space, and the momentum of the rotors, (N, 9).
+        """
         count = self.size + len(self.parameters)
         y = [Dual(x[:, i], [float(i == j) for j in range(count)]) for i in range(self.size)]
         R, W, z = [Vector(*y[3 * k : 3 * k + 3]) for k in range(3)], Vector(*y[ATTITUDE:ROWS]), y[ROWS:]
-        time, *known = (Dual(x, [0.0] * count) for x in (t, *np.concatenate([*given.values()], axis=1).T))
+        time, *known = (Dual(x, [0.0] * count) for x in (t, *given.T))
         moving, push, rotor = (Vector(*known[3 * k : 3 * k + 3]) for k in range(3))
-        total, rates = Vector(*(row @ W for row in map(_vector, self.J))) + rotor, list[Any]()
-        torque = moving - Vector(*(row @ W for row in map(_vector, self.damping)))
+        total, rates = Vector(*(Vector(*row) @ W for row in self.J)) + rotor, list[Any]()
+        torque = moving - Vector(*(Vector(*row) @ W for row in self.damping))
         for k, (wheel, h) in enumerate(zip(self.wheels, z, strict=False)):
-            own, n = wheel._copy(**self._seeded(k, wheel, 0.0 * t, count)), _vector(wheel.direction)
+            own, n = wheel._copy(**self._seeded(k, wheel, 0.0 * t, count)), Vector(*wheel.direction)
             (rate, *_) = own.responses(_called, time, (h,), None, W)[1]
             total, torque, rates = total + h * n, torque - rate * n, [*rates, rate]
         first = len(self.wheels)
@@ -125,13 +128,13 @@ class RememberingSteps:
             rates += found[MOMENTS:]
         torque = torque + cross(total, W)
         for axis, force in zip(AXES, self.dead if self.dead is not None else (), strict=False):
-            torque = torque + cross(_vector(axis), sum((f * row for f, row in zip(force, R, strict=True)), 0.0 * W))
+            torque = torque + cross(Vector(*axis), sum((f * row for f, row in zip(force, R, strict=True)), 0.0 * W))
         inverse = 1.0 / (R[0] @ cross(R[1], R[2]))
         torque = torque + inverse * (
             push[0] * cross(R[1], R[2]) + push[1] * cross(R[2], R[0]) + push[2] * cross(R[0], R[1])
         )
         turning = [c for row in R for c in cross(row, W)]
-        made = [*turning, *(_vector(row) @ torque for row in self.Q), *rates]
+        made = [*turning, *(Vector(*row) @ torque for row in self.Q), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
         slopes = np.zeros((len(t), self.size, count))
         for i, one in enumerate(made):
@@ -162,12 +165,11 @@ class RememberingSteps:
         k = np.arange(first, last)
         h = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(n)
         times, nodes = problem.nodes(k, self.c), slice(first, last + 1)
-        given = {name: np.zeros((n * s, 3)) for name in ("moving", "space", "rotor")}
-        for name, kind in (("moving", "body"), ("space", "space")):
-            given[name] = given[name] + self.load.sample(times, kind)  # type: ignore[arg-type]
+        moving, space = self.load.sample(times, "body"), self.load.sample(times, "space")
+        rotor = np.zeros((n * s, 6))
         if self.load.rotors:
-            both = at_nodes(self.load, problem.times(k), problem.times(k + 1), h, self.c, 1.0)
-            given["rotor"], given["moving"] = both[:, :3], given["moving"] - both[:, 3:]
+            rotor = at_nodes(self.load, problem.times(k), problem.times(k + 1), h, self.c, 1.0)
+        given = np.concatenate([moving - rotor[:, 3:], space, rotor[:, :3]], axis=1)
         R, z = attitudes(states.quaternion[nodes]), states.internal
         assert z is not None
         known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[nodes], z[nodes][:, self.columns]], axis=1)
@@ -208,7 +210,7 @@ class RememberingSteps:
         found = np.concatenate([turn, end[:, ATTITUDE:]], axis=1)
         return slice(first, last), found[..., : self.rows], found[..., self.rows :]
 
-    def _at(self, times: Array, X: Array, given: dict[str, Array]) -> tuple[Array, Array]:
+    def _at(self, times: Array, X: Array, given: Array) -> tuple[Array, Array]:
         n, s, q = X.shape
         G, slopes = self.rates(times, X.reshape(n * s, q), given)
         return G.reshape(n, s, q), slopes.reshape(n, s, q, -1)
@@ -247,10 +249,6 @@ class RememberingSteps:
                 found += by_parameter[k].T @ x
                 x = by_state[k].T @ x
         return x, found
-
-
-def _vector(x: Any) -> Vector:
-    return Vector(*x)
 
 
 def _called(function: Callable[..., Any], given: tuple[Any, ...], shape: tuple[int, ...]) -> list[Any]:

@@ -23,7 +23,7 @@ DENSE = 300  # points from which on dots replace discs
 MOST_TICKS, GAP = 8, 4  # along x; points between their labels
 
 
-def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: Any = None) -> Any:
+def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str) -> Any:
     """Draw a result of a sweep over swept keys.
 
     Parameters
@@ -33,13 +33,11 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         Swept keys, or components of them: "body.axis", "body.axis.0".
     quantity : str
         A variable, or a component of it; of a vector the length is drawn.
-    ax : Axes, optional
-        A new figure, one column wide, by default.
 
     Returns
     -------
     Axes
-        Its labels name components as the columns of exported tables do.
+        Of a new figure, one column wide. Its labels name components as the columns of exported tables do.
 
     Raises
     ------
@@ -59,8 +57,7 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
     logarithmic = [one.key for one in sweep.over if getattr(one, "spacing", "") == "log" and one.start > 0]
     with style():
-        if ax is None:
-            ax = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
+        ax: Any = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
         ax.set_xlabel(across[0].column + unit(across[0].variable))
         if len(keys) == 1:
             ax.set_ylabel(drawn.label)

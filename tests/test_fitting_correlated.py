@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from nontwist import damping, fit_inertia, integrate, sensors, simulate, standard
+from nontwist import damping, fit_inertia, heavy_top, integrate, sensors, simulate, standard
 from nontwist.fitting import reports, telling
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
@@ -76,6 +76,12 @@ def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
 def test_too_few_samples_count_for_intervals(monkeypatch):
     for module in (telling, reports):
         monkeypatch.setattr(module, "FEWEST", 200.0)  # about 60 are effective
-    (fit,) = fits(1)
-    assert np.isnan(fit.principal.ratio_intervals).all()
-    assert "without an interval" in str(fit)
+    (free,) = fits(1)
+    t, begin = free.parts[0].time, {"rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "angular_velocity": (1, 2, 5)}
+    pendulum = integrate(heavy_top([0.02, 0.022, 0.004], 0.5, (0, 0, -0.15)), times=t, tolerance=1e-9, **begin)
+    measured = pendulum.material_angular_velocity + 0.003 * noise(np.random.default_rng(3), len(t), 20)
+    with pytest.warns(UserWarning, match="not white"):
+        swung = fit_inertia((t, measured), gravity={"mass": 0.5, "centre": (0, 0, -0.15)}, interval="all")
+    for fit in (free, swung):
+        assert np.isnan(fit.principal.ratio_intervals).all()
+        assert "without an interval" in str(fit)

@@ -31,7 +31,7 @@ from ..analysis.invariants import Invariant, drift, quantities
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
 from ..driver import completion
-from ..driver.coarseness import COARSE_STEP
+from ..driver.costs import COARSE_STEP
 from ..driver.grid import count_steps, kinks, paced, stretches_of
 from ..driver.planning import planned, resolve_integrator
 from ..driver.runs import integrate

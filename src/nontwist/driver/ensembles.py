@@ -19,8 +19,7 @@ from ..integrators.time_grid import stretched
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
-from .coarseness import coarseness
-from .costs import cores, members_cost
+from .costs import coarseness, cores, members_cost
 from .grid import SMALL, free_memory
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import require_observed

@@ -14,8 +14,8 @@ from ..integrators import Integrator
 from ..integrators.compiled import Compiled
 from ..integrators.time_grid import Stretches, stretched
 from . import costs
-from .coarseness import coarseness, phase_error
 from .contacts import refusal
+from .costs import coarseness, phase_error
 from .events import Event
 from .grid import even_step, load_messages, stored_count
 from .planning import Plan
@@ -87,7 +87,7 @@ class Prepared:
 
 # What a run will be like, forecast before it runs: steps, size, time, turn a step, and the phase error to expect.
 #
-# With |w| the largest velocity that energy and impulse allow, the phase error (`driver.coarseness`) is a bound on the
+# With |w| the largest velocity that energy and impulse allow, the phase error (`driver.costs`) is a bound on the
 # lag of a steady rotation. `split` moves a free body exactly; `exact` and `continuous` do not step.
 
 

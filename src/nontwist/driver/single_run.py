@@ -21,7 +21,7 @@ from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
 from . import completion, costs
-from .coarseness import coarseness, unremarkable
+from .costs import coarseness, unremarkable
 from .events import Ended, Event, march_to_events
 from .grid import TURN, require_resolution, rest_of, stored_count, stretches_of
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step

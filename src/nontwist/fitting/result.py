@@ -409,7 +409,7 @@ class Fit:
 
         Returns
         -------
-        Shooting
+        Problem
             `simulate` runs it; ``problem.write(path)`` writes it as a run file.
 
         Raises

@@ -195,7 +195,7 @@ def principal(solution: Solution, C: Array) -> Principal:
     intervals = np.stack([values - errors, values + errors], axis=1)
     if _has_an_end(solution) and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
         intervals[2] = to_the_wall(solution, wide, C)
-    if _has_a_wall(solution):
+    if np.isfinite(wide) and _has_a_wall(solution):
         for k in range(3):
             if meets_the_wall(solution, by[k, k], errors[k], C):
                 intervals[k] = [values[k] + walled(solution, by[k, k], sign, wide) for sign in (-1.0, 1.0)]

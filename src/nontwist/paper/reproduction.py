@@ -23,7 +23,7 @@ import numpy as np
 from .. import plot
 from ..analysis.precision import second_quotient
 from ..driver import simulate
-from ..driver.coarseness import COARSE_STEP
+from ..driver.costs import COARSE_STEP
 from ..geometry.values import among, as_function, as_list, as_path, shown
 from ..io import save_run
 from ..io.whole import require_free, written

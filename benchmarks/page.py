@@ -15,6 +15,16 @@ from .rows import TOPICS, Row, digits, machine, processor
 PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 FOLDER = PAGE.with_suffix("")
 NAMES = ["topic", "what", "measured", "unit", "note"]
+SHOWN = {  # topics on the page, and what the names of their figures contain there; all are in the files
+    "workprecision": "",
+    "outputs": "",
+    "ensembles": "heyoka|threads / one",
+    "growth": "power",
+    "steps": "call",
+    "defaults": "gauss 8",
+    "derivatives": "Jacobian",
+    "startup": "first|nontwist",
+}
 SENTENCES = """
 To reach an error of 1e-9 at the end of a motion, heyoka.py takes {one} times as long as nontwist, {batches} times for
 32,768 bodies at once, and {outputs} times with 1001 outputs on the way. SciPy's DOP853 takes {plain} times as long to
@@ -22,7 +32,8 @@ reach 1e-6 with its right-hand side in Python, {compiled} times with one compile
 """
 ABOUT = """
 Tools are compared by ratios of median times within one process, with passes in shuffled order. `make bench` measures
-all on your machine and adds it to this page. What is compared, and how, stands at the head of each file of
+all on your machine and adds it to this page. Numbers of the columns are those of the machines below, whose files have
+every figure. What is compared, and how, stands at the head of each file of
 [benchmarks](https://github.com/nontwist/nontwist/tree/main/benchmarks).
 
 ![Time against error for the four motions](performance/work-precision.svg)
@@ -85,8 +96,9 @@ def write_page() -> None:
     lines = ["# Performance", "", fill(text, 120), ABOUT.rstrip(), ""]
     for k, one in enumerate(machines, 1):
         lines.append(f"{k}. {one.words} ([{one.file.name}](performance/{one.file.name}))")
-    for topic, title in TOPICS.items():
-        names = dict.fromkeys(name for one in machines for name in one.topics.get(topic, {}))
+    for topic, part in SHOWN.items():
+        title, names = TOPICS[topic], dict.fromkeys(name for one in machines for name in one.topics.get(topic, {}))
+        names = dict.fromkeys(name for name in names if re.search(part, name))
         cells = [[name.strip(), *(shown(one, topic, name) for one in machines)] for name in names]
         if cells:
             lines += ["", f"## {title}", "", *table(["", *map(str, range(1, len(machines) + 1))], cells)]

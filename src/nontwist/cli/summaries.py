@@ -30,7 +30,7 @@ def print_json(data: dict[str, Any]) -> None:
     """Print an object on one line; numbers that are not finite are null."""
     from ..io.exports import finite
 
-    print(json.dumps(finite(data), ensure_ascii=False, allow_nan=False))
+    print(json.dumps(finite(data), allow_nan=False))
 
 
 def in_words(numbers: dict[str, Any], as_json: bool, quiet: bool = False) -> bool:

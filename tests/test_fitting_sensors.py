@@ -159,3 +159,13 @@ def test_the_command_takes_errors(tmp_path):
     bad = CliRunner().invoke(app, ["fit", path, "--all", "--delay", "fit"])
     assert bad.exit_code != 0
     assert "do not determine their delay" in bad.output
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-10, 1e-8])
+def test_scales_that_the_common_scale_could_take_up_have_no_interval(noise):
+    run = simulate(standard([1, 2, 2.6]), t_end=2, material_angular_velocity=(1, 4, 0.5))
+    rates = run.material_angular_velocity + noise * np.random.default_rng(1).normal(size=(len(run.time), 3))
+    known = {"value": [1.01, 1, 1], "error": 0.01}
+    with pytest.warns(UserWarning, match="does not determine"):
+        fit = fit_inertia(run.assign(material_angular_velocity=rates), interval="all", axis_scales=known)
+    assert np.isnan(fit.axis_scales[1]).all()

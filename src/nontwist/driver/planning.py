@@ -188,10 +188,10 @@ def require_observed(scheme: Integrator, load: Load) -> None:
             "reduce= supports the energy of linear potentials only; leave it out, and store the variable "
             "potential_energy"
         )
-    if load.is_dry:
-        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
     if load.wheels:
         raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
+    if load.is_dry:
+        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
 
 
 def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:

@@ -78,6 +78,11 @@ class Gyroscope(NamedTuple):
         return np.flatnonzero(self.deviation)
 
     @property
+    def errors(self) -> NDArray[np.intp]:
+        """The places of what is fitted of θ, e and τ."""
+        return self.free[self.free > SCALE]
+
+    @property
     def is_late(self) -> bool:
         """Whether there is a delay, or may be one."""
         return bool(self.mean[-1] != 0 or self.deviation[-1] > 0)

@@ -254,7 +254,7 @@ class Fit:
         """Return an error of the gyroscope and its 95 % intervals; nan where it is not told beyond what was known."""
         gyroscope = self.solution.problem.gyroscope
         width = np.zeros(len(gyroscope.mean))
-        width[gyroscope.free] = np.sqrt(self.solution.of_gyroscope.diagonal())
+        width[gyroscope.errors] = np.sqrt(self.solution.of_errors.diagonal())
         width[width > TOLD * gyroscope.deviation] = np.nan
         width *= quantile(self.solution)
         values, place = gyroscope.whole(self.solution.unknowns.gyroscope), PLACES[name]

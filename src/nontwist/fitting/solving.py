@@ -171,9 +171,10 @@ class Solution:
         return self._covariance(self.own, self.problem.model.more)
 
     @cached_property
-    def of_gyroscope(self) -> Array:
-        """Covariance of the errors of the gyroscope that are fitted, all else eliminated."""
-        return self._covariance(self.own + self.problem.model.more, self.problem.common)
+    def of_errors(self) -> Array:
+        """Covariance of what of θ, e and τ is fitted, all else eliminated: the scale too, which e could take up."""
+        common = len(self.problem.gyroscope.free) - len(self.problem.gyroscope.errors)
+        return self._covariance(self.own + self.problem.model.more + common, self.problem.common - common)
 
     def _covariance(self, first: int, count: int) -> Array:
         _, A = self.weighted

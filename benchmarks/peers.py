@@ -50,14 +50,7 @@ def size(w: Workload) -> int:
 
 def scipy(w: Workload) -> list[Method]:
     """SciPy with the equations on numbers of Python."""
-    return [Method("SciPy DOP853, Python", lambda rtol: _solve_ivp(w, rates(w), rtol), _last, TOLERANCES)]
-
-
-def scipy_numba(w: Workload) -> list[Method]:
-    """SciPy with the equations compiled by Numba."""
-    from numba import njit
-
-    return [Method("SciPy DOP853, Numba", lambda rtol: _solve_ivp(w, njit(rates(w)), rtol), _last, TOLERANCES)]
+    return [Method("SciPy DOP853", lambda rtol: _solve_ivp(w, rates(w), rtol), _last, TOLERANCES)]
 
 
 def _solve_ivp(w: Workload, rates: Callable[..., Any], rtol: float) -> Call:
@@ -248,7 +241,6 @@ def _mujoco(w: Workload, steps: float) -> Call:
 
 PEERS: tuple[tuple[str, Callable[[Workload], list[Method]]], ...] = (  # package that must be there, how it is set up
     ("scipy", scipy),
-    ("numba", scipy_numba),
     ("heyoka", heyoka),
     ("diffrax", diffrax),
     ("exudyn", exudyn),

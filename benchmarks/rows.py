@@ -13,7 +13,7 @@ from subprocess import SubprocessError
 
 import numpy as np
 
-TOOLS = ("numpy", "llvmlite", "scipy", "numba", "heyoka", "diffrax", "exudyn", "mujoco")
+TOOLS = ("numpy", "llvmlite", "scipy", "heyoka", "diffrax", "exudyn", "mujoco")
 
 
 TOPICS = {  # the module, and what it measures

@@ -8,7 +8,6 @@ is `gauss` 16 with so many steps that twice as many change nothing.
 from __future__ import annotations
 
 import sys
-import warnings
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -33,9 +32,7 @@ GROWTH, PASSES = 4 / 3, 3
 def rows() -> list[Row]:
     """Return what every method costs at each error, and on how many problems it is the cheapest."""
     methods = [(name, order) for name, cls in INTEGRATORS.items() if name != "continuous" for order in cls.orders]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # steps are coarse
-        costs = np.array([costs_of(generated(seed), methods) for seed in range(PROBLEMS)])  # (problem, method, target)
+    costs = np.array([costs_of(generated(seed), methods) for seed in range(PROBLEMS)])  # (problem, method, target)
     relative, found = costs / costs.min(axis=1, keepdims=True), []
     for m, (name, order) in enumerate(methods):
         for k, target in enumerate(TARGETS):

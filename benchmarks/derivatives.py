@@ -6,7 +6,6 @@ prepared and returns the end; `sensitivities` and `simulate` return datasets of 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -27,9 +26,7 @@ KNOTS, FINE = 334, 10_000
 
 def rows() -> list[Row]:
     """Measure all."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # steps are coarse
-        return [*directions(), *table()]
+    return [*directions(), *table()]
 
 
 def directions() -> list[Row]:

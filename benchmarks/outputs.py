@@ -6,7 +6,6 @@ polynomials at the loosest tolerance that reaches the error.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Hashable, Iterator
 from typing import Any
 
@@ -29,9 +28,7 @@ Calls = dict[Hashable, Callable[[], Any]]
 
 def rows() -> list[Row]:
     """Measure all."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return [against_heyoka(workload(key), names) for key, names in FAMILIES.items()]
+    return [against_heyoka(workload(key), names) for key, names in FAMILIES.items()]
 
 
 def against_heyoka(w: Workload, names: tuple[str, ...]) -> Row:

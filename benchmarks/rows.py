@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import re
+import warnings
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -75,6 +76,7 @@ def machine() -> str:
 
 def measured(topic: str, folder: Path | None) -> list[Row]:
     """Measure a topic; with a folder, write the files there that the page shows."""
+    warnings.simplefilter("ignore")  # of coarse steps
     try:
         module = import_module(f"{__package__}.{topic}")
         rows: list[Row] = module.rows()

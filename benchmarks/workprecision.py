@@ -8,7 +8,6 @@ addition to its steps. `continuous` is SciPy's DOP853, in Python: a cross-check 
 from __future__ import annotations
 
 import csv
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -121,12 +120,10 @@ def measure(key: str) -> Result:
     methods = [*own(w), *peers(w)]
     targets = (*TARGETS, EQUAL) if key == "C" else TARGETS
     calls, errors, known = {}, {}, {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for k, method in enumerate(methods):
-            for setting, (call, error, time) in explore(w, method, targets).items():
-                calls[k, setting], errors[k, setting], known[k, setting] = call, error, time
-        seconds = shuffled(calls, known=known)
+    for k, method in enumerate(methods):
+        for setting, (call, error, time) in explore(w, method, targets).items():
+            calls[k, setting], errors[k, setting], known[k, setting] = call, error, time
+    seconds = shuffled(calls, known=known)
     points = [
         Point(methods[k].name, methods[k].kind, setting, errors[k, setting], seconds[k, setting], methods[k].own)
         for k, setting in calls

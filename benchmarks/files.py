@@ -31,8 +31,8 @@ def rows() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         ours, bare, summed = (Path(folder) / name for name in ("ours.nc", "bare.h5", "summed.h5"))
         calls = {
-            "bare write": partial(write, bare, arrays),
-            "summed write": partial(write, summed, arrays, fletcher32=True),
+            "bare write": partial(write_bare, bare, arrays),
+            "summed write": partial(write_bare, summed, arrays, fletcher32=True),
             "save_run": partial(save_run, run, ours, force=True),
             "bare read": partial(read, bare),
             "summed read": partial(read, summed),
@@ -48,7 +48,7 @@ def rows() -> list[Row]:
     ]
 
 
-def write(path: Path, arrays: dict[str, np.ndarray], **options: Any) -> None:
+def write_bare(path: Path, arrays: dict[str, np.ndarray], **options: Any) -> None:
     """Write arrays with h5py, to the disk."""
     with h5py.File(path, "w") as file:
         for name, array in arrays.items():

@@ -16,14 +16,13 @@ PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 FOLDER = PAGE.with_suffix("")
 NAMES = ["topic", "what", "measured", "unit", "note"]
 SHOWN = {  # topics on the page, and what the names of their figures contain there; all are in the files
-    "workprecision": "",
+    "workprecision": "heyoka|SciPy",
     "outputs": "",
     "ensembles": "heyoka|threads / one",
     "growth": "power",
-    "steps": "call",
     "defaults": "gauss 8",
-    "derivatives": "Jacobian",
-    "startup": "first|nontwist",
+    "derivatives": "gauss .*Jacobian",
+    "startup": "gauss|nontwist",
 }
 SENTENCES = """
 To reach an error of 1e-9 at the end of a motion, heyoka.py takes {one} times as long as nontwist, {batches} times for
@@ -33,8 +32,7 @@ right-hand side in Python takes {plain} times as long to reach 1e-6.
 ABOUT = """
 Tools are compared by ratios of median times within one process, with passes in shuffled order. `make bench` measures
 all on your machine and adds it to this page. Numbers of the columns are those of the machines below, whose files have
-every figure. What is compared, and how, stands at the head of each file of
-[benchmarks](https://github.com/nontwist/nontwist/tree/main/benchmarks).
+every figure. A is a free non-twisting body, B one under a pulse, C a free body, T a heavy top.
 
 ![Time against error for the four motions](performance/work-precision.svg)
 

@@ -32,7 +32,8 @@ right-hand side in Python takes {plain} times as long to reach 1e-6.
 ABOUT = """
 Tools are compared by ratios of median times within one process, with passes in shuffled order. `make bench` measures
 all on your machine and adds it to this page. Numbers of the columns are those of the machines below, whose files have
-every figure; × is the time of the other tool over that of nontwist. A is a free non-twisting body, B one under a pulse, C a free body, T a heavy top.
+every figure; × is the time of the other tool over that of nontwist. A is a free non-twisting body, B one under a pulse,
+C a free body, T a heavy top.
 
 ![Time against error for the four motions](performance/work-precision.svg)
 

@@ -26,7 +26,9 @@ from queue import Queue
 ROOT = Path(__file__).parent.parent
 STORED = {"tests/covering/test_same_numbers.py", "tests/powers/test_powers.py", "tests/recordings/test_same.py"}
 STORED |= {"tests/test_language.py", "tests/test_docs_site.py", "tests/test_pages.py"}
-SECONDS = 240  # of tests that one fault is given before it counts as not found
+MOST, TOGETHER = 24, 4  # files of tests that are run for a fault, and at a time
+ENDLESS = 20  # times as long as without a fault, with coverage measured: a run that does not end
+PASSED = (0, 5)  # exit statuses of pytest: all passed, none was left to run
 SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 REVERSED = {ast.Lt: ">", ast.LtE: ">", ast.Gt: "<", ast.GtE: "<", ast.Eq: "!=", ast.NotEq: "=="}
 QUICK = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-m", "not long"]
@@ -197,10 +199,10 @@ def measured(folder, file):
     data, report = folder / "coverage", folder / "coverage.json"
     started = time.perf_counter()
     settings = ["--source=src/nontwist", f"--data-file={data}"]
-    if ran(folder, ["-m", "coverage", "run", *settings, "-m", "pytest", *QUICK, file], 3600) not in (0, 5):
+    if ran(folder, ["-m", "coverage", "run", *settings, "-m", "pytest", *QUICK, file], None) not in PASSED:
         return None
     seconds = time.perf_counter() - started
-    ran(folder, ["-m", "coverage", "json", "-q", f"--data-file={data}", "-o", str(report)], 300)
+    ran(folder, ["-m", "coverage", "json", "-q", f"--data-file={data}", "-o", str(report)], None)
     files = json.loads(report.read_text(encoding="utf-8"))["files"]
     return {"seconds": seconds, "lines": {name: of["executed_lines"] for name, of in files.items()}}
 
@@ -235,19 +237,20 @@ def tests_of(fault, map_of_tests):
 
 
 def looked_for(copy, fault, map_of_tests):
-    """The file of tests that finds a fault; an empty text where none does."""
+    """The files of tests that find a fault; an empty text where none does.
+
+    Tests that take many times as long as without the fault find it: it may go on without end.
+    """
     path = copy / fault.module
     clean = path.read_text(encoding="utf-8")
     path.write_text(fault.planted(clean), encoding="utf-8")
-    left = SECONDS
+    files = tests_of(fault, map_of_tests)[:MOST]
     try:
-        files = tests_of(fault, map_of_tests)
-        while files and left > 0:
-            part, files = files[:4], files[4:]
-            started = time.perf_counter()
-            if ran(copy, ["-m", "pytest", *QUICK, *part], 2 * SECONDS) != 0:
+        for first in range(0, len(files), TOGETHER):
+            part = files[first : first + TOGETHER]
+            seconds = sum(map_of_tests[file]["seconds"] for file in part)
+            if ran(copy, ["-m", "pytest", *QUICK, *part], ENDLESS * seconds) not in PASSED:
                 return " ".join(part)
-            left -= time.perf_counter() - started
     finally:
         path.write_text(clean, encoding="utf-8")
     return ""

@@ -164,7 +164,7 @@ class Trajectory:
                 read = vars(self).get("_read")
                 if read is None or name not in READ_LATER:
                     raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-                vars(self).update({"_read": None} | read())
+                vars(self).update(read())  # twice where threads meet, with the same numbers
             return vars(self)[name]
 
     def __getstate__(self) -> dict[str, Any]:

@@ -46,12 +46,6 @@ class States(NamedTuple):
         return States(*(None if array is None else array[index] for array in self))  # type: ignore[arg-type]
 
 
-def stacked_states(states: list[States]) -> States:
-    """Return states one after the other, along a new first axis."""
-    parts: Any = (None if part[0] is None else np.array(part) for part in zip(*states, strict=True))
-    return States(*parts)
-
-
 def attitudes(quaternion: Array) -> Array:
     """Return Λ (..., 3, 3) of quaternions (..., 4), scalar last: orthonormal to round-off whatever their length."""
     x, y, z, w = np.moveaxis(quaternion, -1, 0)

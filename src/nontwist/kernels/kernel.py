@@ -223,7 +223,7 @@ def part(text: Text, is_rare: bool = False) -> Text:
     """Trace a text once for each kind of its arguments, as a function that is called: numbers go in and come out.
 
     What is no traced number, memory or tuple of them is a constant of the part, and must be hashable. A part cannot
-    call itself. One that is rare is compiled five times as fast, and runs slower. Its numbers are the same.
+    call itself. One that is rare is compiled several times as fast, and runs slower. Its numbers are the same.
     """
 
     @wraps(text)

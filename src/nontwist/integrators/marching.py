@@ -59,9 +59,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         problem = tangent(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
     todo = StackMarch(problem, scheme) if dense is None else dense.march
-    if problem.memory is not None:
-        todo.remember(problem.memory)
-    common, end = todo.run(threads)
+    common, end = None, None
+    if todo is not problem.marched:
+        if problem.memory is not None:
+            todo.remember(problem.memory)
+        common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
@@ -92,7 +94,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
     turned = arrays["intervals"][..., first:, SUMS.turned : SUMS.twist] if todo.parts.turns else None
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned)
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned, todo)
 
 
 def tangent(problem: IVP) -> IVP:

@@ -200,7 +200,7 @@ Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
 
 # What a step gives: the quaternion, scalar last; W; means μ and sum of the work over the step; the state as carried.
-NUMBERS = layout("Numbers", quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
+NUMBERS = layout(quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
 ENDS = np.array([0, 1])
 
 

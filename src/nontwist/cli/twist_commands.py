@@ -157,6 +157,7 @@ def twist_command(
     result.attrs["read"] = motion.attrs["notes"]
     if other is not None:
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
+    del motion, other  # makes room: the file is made in memory
     write(result, places, degrees=degrees, decimal_comma=decimal_comma, force=force)
     if in_words({"file": data, **facts(result)}, as_json, quiet):
         summary(result, degrees)

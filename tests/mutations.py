@@ -2,41 +2,51 @@
 
 A statement is drawn uniformly from each module of more than 100 lines and from the others together, so that each has
 its share; then a kind of fault that it can have (a sign, a factor, a bound, a condition, off by one, a dropped term),
-then a place in it. Tests that run the statement are run, those that are most about its module first, until one fails.
-Which tests run a statement is measured first, file by file, since a kernel is traced once a process. Files that compare
-with stored output (STORED) are left out: a fault that they alone would find counts as not found.
+then a place in it. Which tests run which lines is measured first, in a process for each file, since a kernel is traced
+once a process. Tests that run the statement, or that use the constant, are run until one fails: the quickest and those
+most about the module first; then whole files with such a test. A test that fails without the fault too finds nothing.
+Files that compare with stored output (STORED) are left out: a fault that they alone would find counts as not found.
+Reasons for those that are not found are in tests/data/survivors.json, by module and faulty line.
 """
 
 import argparse
 import ast
+import compileall
 import json
 import os
 import random
+import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from py_compile import PycInvalidationMode
 from queue import Queue
 
+from coverage import Coverage, CoverageData
+
 ROOT = Path(__file__).parent.parent
+REASONS = ROOT / "tests" / "data" / "survivors.json"
 STORED = {"tests/covering/test_same_numbers.py", "tests/powers/test_powers.py", "tests/recordings/test_same.py"}
 STORED |= {"tests/test_language.py", "tests/test_docs_site.py", "tests/test_pages.py"}
-MOST, TOGETHER = 24, 4  # files of tests that are run for a fault, and at a time
-ENDLESS = 20  # times as long as without a fault, with coverage measured: a run that does not end
+SECONDS = (5, 40, 60)  # of tests: the first ones, the others, whole files
+ENDLESS, AT_LEAST = 20, 120  # a run that takes so many times as long as without a fault, and these seconds, has no end
 PASSED = (0, 5)  # exit statuses of pytest: all passed, none was left to run
 SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 REVERSED = {ast.Lt: ">", ast.LtE: ">", ast.Gt: "<", ast.GtE: "<", ast.Eq: "!=", ast.NotEq: "=="}
-QUICK = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-m", "not long"]
+SEEN = {}  # of each test, the seconds that it takes and whether it passes
+QUICK = ["-q", "-n", "0", "-p", "no:cacheprovider", "-m", "not long"]
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of `old` to `new` at a place of a module."""
+    """A change of `old` to `new` at a place of a module, in the statement on the lines from `first` to `last`."""
 
     module: str
     line: int
@@ -45,6 +55,12 @@ class Fault:
     end: int
     old: str
     new: str
+    first: int = 0
+    last: int = 0
+    names: tuple[str, ...] = ()
+
+    def __str__(self):
+        return f"{self.module}:{self.line} {self.kind}: {self.old!r} -> {self.new!r}"
 
     def planted(self, text):
         """The module's text with the fault in it."""
@@ -79,7 +95,7 @@ class Places(ast.NodeVisitor):
         left, right = self.of(node.left), self.of(node.right)
         if type(node.op) in SWAPPED and not any(map(is_text, (node.left, node.right))):
             kind = "sign" if isinstance(node.op, (ast.Add, ast.Sub)) else "factor"
-            self.add(kind, node, f"({left} {SWAPPED[type(node.op)]} {right})")
+            self.add(kind, node, f"(({left}) {SWAPPED[type(node.op)]} ({right}))")
             self.add("dropped term", node, f"({left})")
         self.generic_visit(node)
 
@@ -135,8 +151,12 @@ class Places(ast.NodeVisitor):
             if isinstance(node, ast.AugAssign) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)):
                 self.add("dropped term", node, "pass")
             self.visit(node.value)
+        last = {ast.If: "test", ast.While: "test", ast.For: "iter"}.get(type(node))
+        last = (getattr(node, last) if last else node).end_lineno
+        targets = getattr(node, "targets", [getattr(node, "target", None)])
+        names = tuple(n.id for target in targets if target for n in ast.walk(target) if isinstance(n, ast.Name))
         found, self.found = self.found, []
-        return found
+        return [replace(fault, first=node.lineno, last=last, names=names) for fault in found]
 
 
 def statements(path):
@@ -174,40 +194,94 @@ def one_of(rng, lists):
 
 
 def copied(folder):
-    """A copy of the checkout in which faults are planted."""
+    """A copy of the checkout in which faults are planted; what is compiled there is checked by its text."""
     skipped = shutil.ignore_patterns(".git", ".venv", "build", "dist", "__pycache__", ".*_cache")
     shutil.copytree(ROOT, folder, ignore=skipped)
+    compileall.compile_dir(folder / "src", quiet=2, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     return folder
 
 
-def ran(folder, arguments, seconds, **environment):
-    """The exit status of a command in a copy; None where it takes longer."""
-    env = (
-        os.environ
-        | {"PYTHONPATH": str(folder / "src"), "PYTHONDONTWRITEBYTECODE": "1", "NONTWIST_ANY_SENTENCE": "1"}
-        | environment
-    )
-    try:
-        done = subprocess.run([sys.executable, *arguments], cwd=folder, env=env, capture_output=True, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        return None
-    return done.returncode
+def ran(folder, arguments, seconds=None):
+    """The exit status and the output of Python in a copy; the status is None where it takes longer."""
+    env = os.environ | {
+        "PYTHONPATH": os.pathsep.join(str(folder / part) for part in ("src", "tests")),
+        "NONTWIST_ANY_SENTENCE": "1",
+    }
+    output = folder / "output.txt"
+    with open(output, "wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, *arguments], cwd=folder, env=env, stdout=file, stderr=file, start_new_session=True
+        )
+        try:
+            status = process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            status = None
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+    return status, output.read_text(encoding="utf-8", errors="replace")
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """A test: its name for pytest, its seconds, and the lines that it runs of each module, as bits of a number."""
+
+    name: str
+    seconds: float
+    lines: dict[str, int]
+
+    @property
+    def file(self):
+        return self.name.partition("::")[0]
+
+
+def bits(lines):
+    return sum(1 << line for line in set(lines))
+
+
+def pytest_runtest_protocol(item):
+    """Let coverage note what a test runs, where pytest has this module as a plugin."""
+    Coverage.current().switch_context(item.nodeid)
+
+
+def pytest_runtest_logreport(report):
+    """Add up the seconds of a test, and note whether it passes."""
+    seconds, passes = SEEN.get(report.nodeid, (0.0, True))
+    SEEN[report.nodeid] = seconds + report.duration, passes and not report.failed
+
+
+def pytest_sessionfinish():
+    Path("seen.json").write_text(json.dumps(SEEN), encoding="utf-8")
 
 
 def measured(folder, file):
-    """The lines of each module that a file of tests runs, and the seconds that it takes; None where it fails."""
-    data, report = folder / "coverage", folder / "coverage.json"
-    started = time.perf_counter()
-    settings = ["--source=src/nontwist", f"--data-file={data}"]
-    if ran(folder, ["-m", "coverage", "run", *settings, "-m", "pytest", *QUICK, file], None) not in PASSED:
-        return None
-    seconds = time.perf_counter() - started
-    ran(folder, ["-m", "coverage", "json", "-q", f"--data-file={data}", "-o", str(report)], None)
-    files = json.loads(report.read_text(encoding="utf-8"))["files"]
-    return {"seconds": seconds, "lines": {name: of["executed_lines"] for name, of in files.items()}}
+    """The tests of a file, but for those that fail."""
+    data, seen = folder / "coverage", folder / "seen.json"
+    for path in (data, seen):
+        path.unlink(missing_ok=True)
+    options = ["-m", "coverage", "run", "--source=src/nontwist", f"--data-file={data}"]
+    status, output = ran(folder, [*options, "-m", "pytest", *QUICK, "-p", "mutations", file])
+    if status not in (*PASSED, 1):
+        print(f"{file} is left out: {output[-500:]}", flush=True)
+        return []
+    lines = defaultdict(lambda: defaultdict(int))
+    found = CoverageData(str(data))
+    found.read()
+    for path in found.measured_files():
+        for line, names in found.contexts_by_lineno(path).items():
+            for name in names:
+                lines[name][str(Path(path).relative_to(folder))] |= 1 << line
+    tests = []
+    for name, (seconds, passes) in json.loads(seen.read_text(encoding="utf-8")).items():
+        if passes:
+            tests.append(Test(name, seconds, dict(lines[name])))
+        else:
+            print(f"{name} is left out: it fails without a fault", flush=True)
+    return tests
 
 
-def each(workers, copies, work, items):
+def each(copies, work, items):
     """What `work(copy, item)` gives, in the order of the items, each in a copy of its own."""
     free = Queue()
     for copy in copies:
@@ -220,40 +294,99 @@ def each(workers, copies, work, items):
         finally:
             free.put(copy)
 
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(one, items))
+    with ThreadPoolExecutor(len(copies)) as pool:
+        try:
+            return list(pool.map(one, items))
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
-def tests_of(fault, map_of_tests):
-    """The files of tests that run a statement, those first that are most about its module."""
-    scores = {}
-    at_import = set.intersection(*(set(m["lines"].get(fault.module, [])) for m in map_of_tests.values()))
-    for file, measure in map_of_tests.items():
-        lines = set(measure["lines"].get(fault.module, []))
-        if fault.line in lines and lines - at_import:
-            own = len(lines - at_import)
-            scores[file] = own**2 / sum(map(len, measure["lines"].values())) / measure["seconds"] ** 0.5
-    return sorted(scores, key=scores.get, reverse=True)
+class Map:
+    """Which tests run which lines of the modules."""
+
+    def __init__(self, tests):
+        self.tests = tests
+        self.texts = {str(p.relative_to(ROOT)): p.read_text(encoding="utf-8") for p in (ROOT / "src").rglob("*.py")}
+        self.in_functions = {module: self._in_functions(text) for module, text in self.texts.items()}
+
+    def _in_functions(self, text):
+        """The lines that run when a module is used, and not as it is imported."""
+        functions = [n for n in ast.walk(ast.parse(text)) if isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        return bits(line for f in functions for line in range(f.body[0].lineno, f.end_lineno + 1))
+
+    def places(self, fault):
+        """The lines that run a fault: its statement, or those that use the name of a constant."""
+        own = bits(range(fault.first, fault.last + 1))
+        if own & self.in_functions[fault.module]:
+            return {fault.module: own}
+        word = re.compile(rf"\b({'|'.join(fault.names)})\b") if fault.names else None
+        found = {}
+        for module, text in self.texts.items():
+            lines = enumerate(text.splitlines(), 1)
+            found[module] = self.in_functions[module]
+            found[module] &= bits(k for k, line in lines if word and word.search(line))
+        return found if any(found.values()) else {fault.module: self.in_functions[fault.module]}
+
+    def chosen(self, fault):
+        """Tests that run a fault, with their seconds: the first ones, the others, whole files."""
+        places, inside, scores = self.places(fault), self.in_functions[fault.module], {}
+        for test in self.tests:
+            if any(test.lines.get(module, 0) & lines for module, lines in places.items()):
+                share = (test.lines.get(fault.module, 0) & inside).bit_count() + 1
+                scores[test] = share / sum(map(int.bit_count, test.lines.values())) / (test.seconds + 0.05)
+        tests = sorted(scores, key=scores.get, reverse=True)
+        parts = [[], [], []]
+        left = list(SECONDS)
+        for test in tests:
+            for k in (0, 1):
+                if left[k] > test.seconds or not parts[0]:
+                    parts[k].append(test.name)
+                    left[k] -= test.seconds
+                    break
+        whole = Counter()
+        for test in self.tests:
+            whole[test.file] += test.seconds
+        for file in dict.fromkeys(test.file for test in tests):
+            if left[2] > whole[file]:
+                parts[2].append(file)
+                left[2] -= whole[file]
+        seconds = [SECONDS[k] - left[k] for k in range(3)]
+        return list(zip(parts, seconds, strict=True))
 
 
-def looked_for(copy, fault, map_of_tests):
-    """The files of tests that find a fault; an empty text where none does.
+class Search:
+    """The search for faults by the tests of a map."""
 
-    Tests that take many times as long as without the fault find it: it may go on without end.
-    """
-    path = copy / fault.module
-    clean = path.read_text(encoding="utf-8")
-    path.write_text(fault.planted(clean), encoding="utf-8")
-    files = tests_of(fault, map_of_tests)[:MOST]
-    try:
-        for first in range(0, len(files), TOGETHER):
-            part = files[first : first + TOGETHER]
-            seconds = sum(map_of_tests[file]["seconds"] for file in part)
-            if ran(copy, ["-m", "pytest", *QUICK, *part], ENDLESS * seconds) not in PASSED:
-                return " ".join(part)
-    finally:
-        path.write_text(clean, encoding="utf-8")
-    return ""
+    def __init__(self, map_of_tests):
+        self.map = map_of_tests
+        self.sound = {}  # whether a test passes without a fault, by name
+
+    def found_by(self, copy, fault):
+        """The test that finds a fault; an empty text where none does."""
+        path = copy / fault.module
+        clean = path.read_text(encoding="utf-8")
+        for names, seconds in self.map.chosen(fault):
+            while names:
+                path.write_text(fault.planted(clean), encoding="utf-8")
+                try:
+                    limit = max(AT_LEAST, ENDLESS * seconds)
+                    status, output = ran(copy, ["-m", "pytest", *QUICK, "-x", *names], limit)
+                finally:
+                    path.write_text(clean, encoding="utf-8")
+                if status in PASSED or status == -signal.SIGKILL:
+                    break
+                failed = re.findall(r"^(?:FAILED|ERROR) (tests/.+?)(?: - .*)?$", output, re.MULTILINE)
+                if not failed:
+                    return "a run without end" if status is None else f"the exit status {status}"
+                name = failed[0]
+                if name not in self.sound:
+                    self.sound[name] = "::" not in name or ran(copy, ["-m", "pytest", *QUICK, name])[0] != 1
+                if self.sound[name]:
+                    return name
+                print(f"{name} fails without a fault too", flush=True)
+                names = [one for one in names if one not in (name, name.partition("::")[0])]
+        return ""
 
 
 def main():
@@ -266,33 +399,42 @@ def main():
     options = parser.parse_args()
     faults = drawn(options.number, options.seed)
     if options.list:
-        for fault in faults:
-            print(f"{fault.module}:{fault.line} {fault.kind}: {fault.old!r} -> {fault.new!r}")
+        print(*faults, sep="\n")
         return
+    reasons = json.loads(REASONS.read_text(encoding="utf-8"))
+    started, results = time.monotonic(), {}
     with tempfile.TemporaryDirectory() as folder:
         copies = [copied(Path(folder) / str(k)) for k in range(options.workers)]
         if options.map and options.map.exists():
-            map_of_tests = json.loads(options.map.read_text(encoding="utf-8"))
+            tests = [Test(**one) for one in json.loads(options.map.read_text(encoding="utf-8"))]
         else:
             files = sorted(str(p.relative_to(ROOT)) for p in (ROOT / "tests").rglob("test_*.py"))
-            files = [file for file in files if file not in STORED]
-            measures = each(options.workers, copies, measured, files)
-            map_of_tests = {file: m for file, m in zip(files, measures, strict=True) if m}
+            lists = each(copies, measured, [file for file in files if file not in STORED])
+            tests = [test for of_file in lists for test in of_file]
             if options.map:
-                options.map.write_text(json.dumps(map_of_tests), encoding="utf-8")
-        found = Counter()
+                options.map.write_text(json.dumps([vars(test) for test in tests]), encoding="utf-8")
+        print(f"{len(tests)} tests measured after {time.monotonic() - started:.0f} s", flush=True)
+        search = Search(Map(tests))
 
         def told(copy, fault):
-            by = looked_for(copy, fault, map_of_tests)
-            found[fault.kind, bool(by)] += 1
-            word = f"found by {by}" if by else "NOT FOUND"
-            print(f"{fault.module}:{fault.line} {fault.kind}: {fault.old!r} -> {fault.new!r}: {word}", flush=True)
-            return bool(by)
+            results[fault] = by = search.found_by(copy, fault)
+            line = fault.planted(search.map.texts[fault.module]).splitlines()[fault.line - 1]
+            reason = reasons.get(f"{fault.module}: {line.strip()}", "no reason is known")
+            print(
+                f"{len(results)}/{len(faults)} {fault}: {f'found by {by}' if by else f'NOT FOUND, {reason}'}",
+                flush=True,
+            )
 
-        results = each(options.workers, copies, told, faults)
-    for kind in sorted({kind for kind, _ in found}):
-        print(f"{kind}: {found[kind, True]} of {found[kind, True] + found[kind, False]}")
-    print(f"seed {options.seed}: {sum(results)} of {len(results)} found, {100 * sum(results) / len(results):.1f} %")
+        try:
+            each(copies, told, faults)
+        except KeyboardInterrupt:
+            print("interrupted")
+    for kind in sorted({fault.kind for fault in results}):
+        of_kind = [bool(by) for fault, by in results.items() if fault.kind == kind]
+        print(f"{kind}: {sum(of_kind)} of {len(of_kind)}")
+    found, minutes = sum(map(bool, results.values())), (time.monotonic() - started) / 60
+    share = 100 * found / max(1, len(results))
+    print(f"seed {options.seed}: {found} of {len(results)} found, {share:.1f} %, in {minutes:.0f} min")
 
 
 if __name__ == "__main__":

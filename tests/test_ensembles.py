@@ -345,6 +345,12 @@ def test_an_ensemble_as_a_file(tmp_path):
     assert [E[i].convected_inertia.tolist() for i in range(3)] == [body.convected_inertia.tolist() for body in bodies]
 
 
-def test_progress_reaches_the_end(capsys):
-    nt.simulate_ensemble(nt.standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=np.ones((40, 3)), progress=True)
+def test_progress_reaches_the_end(capsys, monkeypatch):
+    how = {"t_end": 0.1, "step": 0.01, "angular_velocity": np.ones((40, 3)), "progress": True}
+    nt.simulate_ensemble(nt.standard(PAPER_J), **how)
     assert "members" in capsys.readouterr().err
+    seen = []
+    monkeypatch.setattr("nontwist.driver.ensembles.progress_bar", lambda *_: nullcontext(seen.append))
+    nt.simulate_ensemble(nt.standard(PAPER_J), **how)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1

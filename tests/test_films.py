@@ -47,6 +47,8 @@ def test_the_scene_is_the_state_between_two_of_the_run(runs):
         assert psi == pytest.approx(float(nt.twist(run).twist_angle.interp(time=1.503)), abs=1e-4)
         assert len(path) > np.count_nonzero(run.time <= 1.503)
         assert path[-1] == pytest.approx(triad[2])
+        motion = Motion(content(run))
+        assert motion.path_time[-1] == motion.time[-1] > motion.path_time[-2]
 
 
 def test_what_is_written_on_the_picture_is_what_the_run_says(runs):
@@ -130,9 +132,10 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tm
     assert nontwist("view", "free.nc", "held.nc", "--gif", "film.gif", *options).exit_code == 0
     with Image.open("film.gif") as film:
         assert (film.n_frames, film.info["duration"], film.size[0]) == (11, 50, 333)
-    save_film([runs[0].sel(time=slice(0, 1))], "odd.gif", seconds=0.5, rate=30)  # a GIF counts hundredths: 3, not 3.33
-    with Image.open("odd.gif") as film:
-        assert (film.n_frames, film.info["duration"]) == (1 + 17, 30)
+    for rate, frames, duration in ((30, 1 + 17, 30), (1, 2, 1000)):  # a GIF counts hundredths: 3, not 3.33
+        save_film([runs[0].sel(time=slice(0, 1))], "odd.gif", seconds=0.5, rate=rate, force=True)
+        with Image.open("odd.gif") as film:
+            assert (film.n_frames, film.info["duration"]) == (frames, duration)
     assert nontwist("view", "free.nc", "--png", "wide.png", "--width", "1111").exit_code == 0
     assert read("wide.png").size == (1111, 853)
     for arguments, message in (

@@ -495,8 +495,9 @@ def test_the_command(tmp_path, monkeypatch):
     np.testing.assert_allclose(numbers["moments"], np.linalg.eigvalsh(inertia), atol=2e-3)
     assert numbers["recordings"][0]["name"] == "throw.csv"
     assert len(numbers["identifiable"]) == 5
-    body = read_run_file("body.toml").body
-    np.testing.assert_allclose(body.inertia, numbers["inertia"])
+    found = read_run_file("body.toml")
+    np.testing.assert_allclose(found.body.inertia, numbers["inertia"])
+    assert found.title == "Motion as fitted; moments of inertia in parts of their sum"
     assert (tmp_path / "fit.png").stat().st_size > 10_000
     table = runner.invoke(app, ["fit", "throw.csv", "--from", "0.8", "--to", "1.3"])
     assert table.exit_code == 0

@@ -361,7 +361,8 @@ FILES = {  # content, file, options; code and fields
                            {"headers": 21, "fields": 16}),
     "MT Manager, two": (MIXED, "a.csv", {"rate": 50}, "several-orientations", {}),
     "a spreadsheet": ("PK\x03\x04\x00", "a.xlsx", {}, "unknown-format", {}),
-    "CSV, counts": (SCALED, "a.csv", {}, "scaled", {"rows": "90 rows", "place": "line 2", "what": "quaternion"}),
+    "CSV, counts": (SCALED, "a.csv", {}, "scaled", {"rows": "90 rows", "place": "line 2", "what": "quaternion",
+                                                    "looks": "scaled by 16383.9"}),
 }  # fmt: skip
 
 

@@ -573,9 +573,10 @@ def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(write, tmp_pat
     over = '{ key = "load.0.coefficient", kind = "grid", start = 0.01, end = 10, count = 4, spacing = "log" }'
     listed = '{ key = "load.0.scale", kind = "list", values = [4, 1, 2] }'
     for name, chosen in (("one", over), ("two", f"{listed}, {over}")):
-        text = f'{free}over = [{chosen}]\n[[load]]\nkind = "damping"\ncoefficient = 1\n'
+        text = f'{free}reduce = ["drift"]\nover = [{chosen}]\n[[load]]\nkind = "damping"\ncoefficient = 1\n'
         sweep(write(text), tmp_path / f"{name}.zarr", workers=1)
     assert draw(tmp_path / "one.zarr", ["load.0.coefficient"], "kinetic_energy").get_xscale() == "log"
+    assert draw(tmp_path / "one.zarr", ["load.0.coefficient"], "energy_drift").get_ylabel() == "energy drift (J)"
     ax = draw(tmp_path / "two.zarr", ["load.0.coefficient", "load.0.scale"], "kinetic_energy")
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
     (mesh,) = [one for one in ax.collections if isinstance(one, QuadMesh)]

@@ -13,6 +13,7 @@ from scipy.special import ellipj, ellipk
 import nontwist as nt
 from conftest import compiled_load
 from nontwist.driver import completion, tolerance
+from nontwist.driver.starts import Starts
 from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
@@ -346,3 +347,12 @@ def test_low_orders_take_no_more_steps_than_they_need(name, tolerance):
     how = {"t_end": 10, "material_angular_velocity": (0.3, 2, 0.1), "load": nt.sine((1, 0.3, 0), 1.0, frame="body")}
     run = nt.integrate(nt.standard([3, 4, 5]), tolerance=tolerance, integrator=name, order=order, **how)
     assert tolerance / 20 < run.error_estimate <= tolerance / 10
+
+
+def test_the_moved_start_differs_by_as_much_in_every_number():
+    W, p = np.array([[1.0, -2, 3]]), Rotation.from_rotvec([[1, 2, 3]])
+    begin = Starts(p.as_quat(), W, None, np.ones(1))
+    moved = tolerance.moved(begin)
+    assert abs(moved.velocity / W - 1) == pytest.approx(np.full((1, 3), tolerance.CHANGE), rel=1e-3)
+    assert (p.inv() * Rotation.from_quat(moved.quaternion)).magnitude() == pytest.approx(tolerance.CHANGE, rel=1e-3)
+    assert moved.load_scale - 1 == pytest.approx(tolerance.CHANGE, rel=1e-3)

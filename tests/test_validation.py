@@ -50,7 +50,7 @@ QUICK = {  # the functions of validation that stand in place of tests, but for t
     "paper_digits": ("multiplier", "closed_form"),
     "equations_of_motion": ("both_forms", "transported_momentum", "identities", "variations"),
     "free_bodies": ("montgomery",),
-    "loaded_bodies": ("fixed_axis", "quadratures", "multipliers", "friction"),
+    "loaded_bodies": ("fixed_axis", "quadratures", "multipliers", "friction", "orbit"),
     "suslov_bodies": ("asymptotes", "orders"),
     "conserved": ("balances", "constraints"),
     "sampled_frames": ("orders", "long_paths"),

@@ -180,7 +180,7 @@ def _attitude(value: Any, scalar_first: bool | None) -> Rotation:
 def steered(start: Rotation, target: Rotation) -> Steering:
     """Return what `steer` does, of rotations."""
     q = (start.inv() * target).as_quat()
-    lead = next((x for x in (q[3], q[2], q[0], q[1]) if x != 0), 1.0)
+    lead = next(x for x in (q[3], q[2], q[0], q[1]) if x != 0)
     x, y, z, w = (q if lead > 0 else -q).tolist()
     s, zeta = hypot(x, y), atan2(z, w)
     if s == 0.0:

@@ -59,9 +59,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         problem = tangent(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
     todo = StackMarch(problem, scheme) if dense is None else dense.march
-    if problem.memory is not None:
-        todo.remember(problem.memory)
-    common, end = todo.run(threads)
+    common, end = None, None
+    if todo is not problem.marched:
+        if problem.memory is not None:
+            todo.remember(problem.memory)
+        common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
@@ -91,7 +93,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end)
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, todo)
 
 
 def tangent(problem: IVP) -> IVP:
@@ -202,7 +204,7 @@ Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
 
 # What a step gives: the quaternion, scalar last; W; means μ and sum of the work over the step; the state as carried.
-NUMBERS = layout("Numbers", quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
+NUMBERS = layout(quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
 ENDS = np.array([0, 1])
 
 

@@ -71,6 +71,7 @@ class IVP(OnGrid):
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
     stretches: Stretches | None = None
     internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
+    marched: Any = None  # the `Outcome.march` of this problem without output times, where all nodes are known already
 
     def __len__(self) -> int:
         return len(self.quaternion)
@@ -112,7 +113,7 @@ class IVP(OnGrid):
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> IVP:
         arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
-        return replace(self, systems=systems, progress=None, **parts, **changes)
+        return replace(self, systems=systems, progress=None, marched=None, **parts, **changes)
 
     def failed(self, states: int, status: Status, reason: str) -> Failure:
         """Return the failure of the step, or after the asked time, that follows so many good `states`."""
@@ -198,6 +199,7 @@ class Outcome(NamedTuple):
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
     memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
+    march: Any = None  # what found them, from which others can be found between nodes
 
     def times(self, problem: IVP) -> Array:
         """Return the times of the states: of a run that was stopped the last one is that of no output."""
@@ -260,4 +262,4 @@ def onward(problem: IVP, first: int, last: int, state: States | None = None) -> 
     t_start, t_end = problem.times(np.array([first, last])).tolist()
     n, start = last - first, {} if state is None else started(state)
     grid: dict[str, Any] = {"steps": n, "stored": np.array([0, n]), "stretches": problem.grid.after(first)}
-    return replace(problem, t_start=t_start, t_end=t_end, asked=None, progress=None, **grid, **start)
+    return replace(problem, t_start=t_start, t_end=t_end, asked=None, progress=None, marched=None, **grid, **start)

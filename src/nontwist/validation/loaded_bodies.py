@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from .. import exact
 from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
 from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine, wheel

@@ -189,13 +189,13 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis):
     load = nt.dry_friction(0.3, axis) + loads[beside]
     how = {"t_end": 7, "step": 0.05, "angular_velocity": (0, 0, 0.2)}
     run = nt.simulate(nt.standard(J), load=load, **how)
-    t, W = run.time.values, run.material_angular_velocity.values[:, 2]
+    t, spin = run.time.values, run.material_angular_velocity.values[:, 2]
     inertia = 5 if beside == "memory" else 4.8
     moved = np.where(t < 6.5, 1.5 * (t - 6.1) ** 2, 0.24 + 1.2 * (t - 6.5)) / inertia
     stop = 0.2 * inertia / 0.3
-    assert (W[(t > stop) & (t < 6.1)] == 0).all()
+    assert (spin[(t > stop) & (t < 6.1)] == 0).all()
     expected = np.where(t < stop, 0.2 - 0.3 / inertia * t, np.where(t > 6.1, -moved, 0))
-    assert W == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
+    assert spin == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
     with pytest.raises(ValueError, match="lie-midpoint does not take"):
         nt.simulate(nt.standard(J), load=load, integrator="lie-midpoint", **how)
 

@@ -230,7 +230,7 @@ test_what_is_refused = refused_as(
         lambda: under(nt.nontwisting(J, spin=1)),
         lambda: under(nt.nontwisting(J), axis="z"),
         lambda: under(nt.standard(J), integrator=LieMidpoint(dissipation=1)),
-        lambda: nt.stepper(nt.standard(J), 0.1, load=nt.dry_friction(1)),
+        lambda: nt.stepper(nt.nontwisting(J, spin=1), 0.1, load=nt.dry_friction(1)),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.dry_friction(1)),
         lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=nt.dry_friction(1), reduce="drift"),
     ]

@@ -93,8 +93,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    turned = arrays["intervals"][..., first:, SUMS.turned : SUMS.twist] if todo.parts.turns else None
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned, todo)
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, todo)
 
 
 def tangent(problem: IVP) -> IVP:
@@ -128,7 +127,9 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Inte
     means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
     dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
     twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
-    return Intervals(*means, sums[..., SUMS.work], sums[..., SUMS.iterations].astype(np.int64), dead, twist)
+    turned = sums[..., SUMS.turned : SUMS.twist] if todo.parts.turns else None
+    iterations = sums[..., SUMS.iterations].astype(np.int64)
+    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, turned=turned)
 
 
 def _observed(todo: StackMarch) -> Array:
@@ -177,6 +178,7 @@ class PreparedMarch:
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
         means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
+        del means["turned"]  # of motors, which are not prepared
         return means | {"memory": arrays["states"] * self._factors}
 
     @property

@@ -44,14 +44,15 @@ INPUTS = {
 }
 NODAL = ("moving", "space", "rotor", "forces")  # at every node of the load
 Wanted = tuple[tuple[str, int], ...]  # inputs, and of how many numbers each
+LANES = 8  # steps whose matrices are made at a time
 
 
 class Steps(NamedTuple):
-    """Some steps, and where their matrices go: entry (i, j) of that of the step k at ``(i width + j) stride + k``."""
+    """Some steps, and where matrices go: entry (i, j) of that of the step first + k at ``(i width + j) LANES + k``."""
 
     stages: int
     steps: int
-    stride: int
+    first: int  # of the steps whose matrices are made
     width: int  # columns: of the state, and of the inputs
     sizes: Doubles  # (steps,) of the steps
     quaternions: Doubles  # (steps + 1, 4) scalar last

@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.known_steps import NODAL, Calls, Directions, Known, Step, Steps, Wanted
+from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, Step, Steps, Wanted
 from ..engine.linearised import put_ends, sampled
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
@@ -80,19 +80,19 @@ def columns_of(s: int, wanted: Wanted) -> dict[str, int]:
 
 @lru_cache
 def linearised(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
-    """Return the kernel that makes the matrices of `Steps` of s stages, with the columns of the inputs wanted."""
+    """Return the kernel that makes matrices of `Steps` of s stages, with the columns of the inputs wanted."""
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body = View(Body, b.body).read()
-        for first in loop(0, b.steps, parts.lanes):
+        for k in loop(0, smaller(LANES, b.steps - b.first), parts.lanes):
             steps = Collocation(s, motion, parts, wanted, b, body)
-            steps.gather(first)
+            steps.gather(b.first + k)
             for _ in when(any_of(steps.solve())):
                 b.failed = b.failed + 1
             for _ in when(any_of(steps.have_other_ends())):
                 b.failed = b.failed + 1
-            steps.differentiate(first)
+            steps.differentiate(k)
 
     return Kernel(kernel, "i8", parts.lanes)
 
@@ -329,7 +329,7 @@ class Collocation:
 
     # The end of the step.
 
-    def differentiate(self, first: Any) -> None:
+    def differentiate(self, place: Any) -> None:
         """Write the columns of the matrices."""
         inputs = tuple(name for name in self.wanted if name != "dead")
         has_dead = "dead" in self.wanted
@@ -344,13 +344,13 @@ class Collocation:
         self.set_gains()
         if has_dead and self.motion != "free":
             inputs = tuple(self.wanted)
-        self.emit(first, inputs, turn, True)
+        self.emit(place, inputs, turn, True)
         if has_dead and self.motion == "free":  # its direction is not kept under forces
             self.turn = self.turn_of_rows()
             turn = Turn(self)
             turn.set()
             self.set_gains()
-            self.emit(first, ("dead",), turn, False)
+            self.emit(place, ("dead",), turn, False)
 
     def turn_of_rows(self) -> Matrix:
         """Return C at the end as the rows have it, where the body turns about a line."""
@@ -383,7 +383,7 @@ class Collocation:
                 row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
                 put(self.scratches["gain"], row, 18 * j + 3 * o)
 
-    def emit(self, first: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
+    def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
         b, h, gain = self.b, self.h, self.scratches["gain"]
         places, outs = dict[str, int](), list[int]()
@@ -401,7 +401,7 @@ class Collocation:
         V = W - e.orbital(AXES) if self.parts.orbit else W
 
         def store(r: int, column: Any, x: Any) -> None:
-            b.out.store((r * b.width + column) * b.stride + first, x, self.parts.lanes)
+            b.out.store((r * b.width + column) * LANES + place, x, self.parts.lanes)
 
         for j in range(count):
             dV = tangent(V, j)

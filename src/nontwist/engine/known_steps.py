@@ -47,6 +47,15 @@ Wanted = tuple[tuple[str, int], ...]  # inputs, and of how many numbers each
 LANES = 8  # steps whose matrices are made at a time
 
 
+def columns_of(rows: int, wanted: Wanted, stages: int = 1) -> dict[str, int]:
+    """Return where the columns of the state, of so many rows, and of inputs begin, and, as "", how many there are."""
+    found, place = {"turn": 0, "velocity": 3, "normal": 6}, rows
+    for name, size in wanted:
+        found[name] = place
+        place += size * (stages if name in NODAL else 1)
+    return found | {"": place}
+
+
 class Steps(NamedTuple):
     """Some steps, and where matrices go: entry (i, j) of that of the step first + k at ``(i width + j) LANES + k``."""
 

@@ -45,7 +45,7 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, symmetric, tilted
+from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, columns_of, symmetric, tilted
 from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, places
@@ -220,19 +220,11 @@ def rows_of(parts: Parts) -> int:
     return 12 if parts.is_director_scheme else 6
 
 
-def places_of(parts: Parts, wanted: Wanted) -> dict[str, int]:
-    """Return where the numbers of the state and of inputs begin among all directions."""
-    places, width = {"turn": 0, "velocity": 3, "normal": 6}, rows_of(parts)
-    for name, size in wanted:
-        places[name], width = width, width + size
-    return places
-
-
 @lru_cache
 def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     """Return the kernel that makes matrices of `Steps`, with the columns of the inputs that are wanted."""
-    width, n = rows_of(parts) + sum(size for _, size in wanted), parts.lanes
-    directions = Directions(places_of(parts, wanted), width)
+    places, n = columns_of(rows_of(parts), wanted), parts.lanes
+    directions = Directions(places, width := places[""])
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
@@ -353,7 +345,7 @@ class Loaded(Directions):
 @lru_cache
 def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
-    places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
+    places, used = columns_of(rows_of(parts), wanted), frozenset((*range(rows_of(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import rows_of
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.known_steps import INPUTS, LANES, NODAL, STEPS, Step, places_of_directions
+from ..engine.known_steps import INPUTS, LANES, STEPS, Step, columns_of, places_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY, address_of, put
@@ -176,10 +176,8 @@ class Linearised:
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
-        self.offsets, self.width = dict[str, int](), self.rows
-        for name, size in sizes:
-            self.offsets[name] = self.width
-            self.width += size * (s if name in NODAL else 1)
+        self.offsets = columns_of(self.rows, sizes, s)
+        self.width = self.offsets[""]
         table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
             self.make: Any = linearised(scheme.text(parts.motion), parts, sizes)

@@ -18,7 +18,7 @@ from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, jacobian, plain, tangent
 from ..kernels.elements import remade
 from ..kernels.memory import Doubles, View, call, scratch, size_of
-from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross, sum_of
 from .generalised import STATE, Sloped
 from .marching import Text
 from .records import FORCES, Body, Parts, State, places
@@ -201,7 +201,7 @@ class Known(Nodes):
         if tilt is not None:
             dead = varied(dead, Matrix(*(cross(column, tilt) for column in dead.T)).T)
             damping = varied(damping, tilted(damping, tilt))
-            dJ = symmetric(tilted(body.inertia, tilt)) if dJ is None else dJ + symmetric(tilted(body.inertia, tilt))
+            dJ = sum_of(dJ, tilted(body.inertia, tilt).symmetric)
         body = body._replace(dead=dead, damping=damping)
         if dJ is None:
             return body
@@ -226,7 +226,7 @@ class Known(Nodes):
         if self.parts.is_director_scheme:
             N = self.vary.along("normal", N)
             if self.tilt is not None:
-                N = varied(N, symmetric(tilted(N.matrix, self.tilt)))
+                N = varied(N, tilted(N.matrix, self.tilt).symmetric)
             auxiliary = (*N, *auxiliary[6:])
         elif text.remembered is not None and self.delta is None:
             ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
@@ -304,11 +304,6 @@ def varied(x: Number, change: Any) -> Number:
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
     """Return A ε̂ - ε̂ A."""
     return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
-
-
-def symmetric(A: Matrix) -> Symmetric:
-    """Return the entries of a symmetric matrix."""
-    return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
 
 
 class Calls(NamedTuple):

@@ -45,7 +45,7 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, columns_of, symmetric, tilted
+from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, columns_of, tilted
 from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, places
@@ -309,7 +309,7 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
-        N = Symmetric(*N) - symmetric(tilted(Symmetric(*N).matrix, known.tilt)) if N else N
+        N = Symmetric(*N) - tilted(Symmetric(*N).matrix, known.tilt).symmetric if N else N
     return [*turn, *W, *N]
 
 

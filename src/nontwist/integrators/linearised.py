@@ -69,6 +69,7 @@ class Entries(NamedTuple):
 
 
 Sampled = Callable[["Nodes"], Iterable[Entries]]
+Kept = NDArray[np.int64]
 
 
 class Nodes(NamedTuple):
@@ -208,13 +209,13 @@ class Linearised:
         e, held = body[BODY.E : BODY.basis], np.array([1.0, 1.0, not self.axis.any()])
         return p, (held * (e[[1, 2, 0]] + e[[2, 0, 1]] if self.rows == 6 else 1.0))[:, None] * B.T
 
-    def turned(self, x: Array) -> Array:
-        """Return changes of states, (..., rows, count), in the frame of the matrices."""
-        return x if self.frame is None else _turned(x, self.frame.T)
-
-    def turned_back(self, x: Array) -> Array:
-        """Return changes in the frame of the matrices as changes in the body."""
-        return x if self.frame is None else _turned(x, self.frame)
+    def turned(self, x: Array, back: bool = False) -> Array:
+        """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
+        if self.frame is None:
+            return x
+        found, B = x.copy(), self.frame if back else self.frame.T
+        found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
+        return found
 
     def ranges(self, back: bool = False) -> list[tuple[int, int]]:
         """Return the first and last steps of all pieces."""
@@ -248,11 +249,21 @@ class Linearised:
         if self._varied is not None:
             self._varied.require_no_error()
 
-    def pieces(self, count: int = 0, entries: Sampled = lambda nodes: (), back: bool = False) -> Iterator[Piece]:
-        """Yield all steps, some at a time: what acts on them, and what so many parameters do to them."""
+    def pieces(
+        self, count: int = 0, entries: Sampled = lambda nodes: (), kept: Kept | None = None, back: bool = False
+    ) -> Iterator[Piece]:
+        """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
+
+        `kept`: 1 for each step at whose end the state is kept, else 0.
+        """
         for ends in self.ranges(back):
             nodes = self.nodes(*ends)
-            yield piece_of(self, nodes, count, entries(nodes), back)
+            piece = piece_of(self, nodes, count, entries(nodes), back)
+            if kept is not None:
+                part = kept[nodes.first : nodes.last]
+                put(piece.chain, CHAIN, kept=part)
+                piece = piece._replace(alive=piece.alive | {"kept": part}, place=int(kept[: nodes.first].sum()))
+            yield piece
 
     def workspace(self) -> Workspace:
         """Return memory for matrices."""
@@ -293,12 +304,6 @@ def seeds_of(wanted: dict[str, int], called: Sequence[Term], changes: Sequence[C
     return found
 
 
-def _turned(x: Array, B: Array) -> Array:
-    found = x.copy()
-    found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
-    return found
-
-
 def turns_of(body: Array) -> dict[str, Array]:
     """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
     B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
@@ -331,6 +336,7 @@ class Piece(NamedTuple):
     loads: dict[str, Array | None]
     chain: NDArray[np.int64]
     alive: dict[str, Any]
+    place: int = 0  # how many states are kept before
 
     def put(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""

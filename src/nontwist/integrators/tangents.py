@@ -10,7 +10,6 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..engine.known_steps import LANES, STEPS
 from ..engine.linearised import TOGETHER, ForwardRun, chain_back, chain_forward, grow
@@ -19,10 +18,8 @@ from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Entries, Linearised, Nodes, Piece, Sampled, Workspace
+from .linearised import Entries, Kept, Linearised, Nodes, Piece, Sampled, Workspace
 from .members import PerThread
-
-Kept = NDArray[np.int64]
 
 
 def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
@@ -31,14 +28,12 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     `start` is the change of the first one, (rows, count), `kept` an array of 0 and 1, one for each step.
     """
     count, own = start.shape[1], steps.workspace()
-    padded, done = -(-count // LANES) * LANES, 0
+    padded = -(-count // LANES) * LANES
     x, found = aligned(steps.rows, padded), aligned(int(kept.sum()), 6, padded, empty=True)
     x[:, :count] = steps.turned(start)
-    for piece in steps.pieces(count, entries):
-        part = kept[piece.first : piece.last]
-        steps.run(chain_forward(steps.rows), own, piece, states, state=x, kept=part, states=found[done:])
-        done += int(part.sum())
-    return steps.turned_back(found[:, :, :count])
+    for piece in steps.pieces(count, entries, kept):
+        steps.run(chain_forward(steps.rows), own, piece, states, state=x, states=found[piece.place :])
+    return steps.turned(found[:, :, :count], back=True)
 
 
 def back(
@@ -49,14 +44,12 @@ def back(
     `slopes` are those by the states at the ends of the kept steps, (kept, 6).
     """
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
-    found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
+    found = np.zeros(-(-count // LANES) * LANES)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
-    for piece in steps.pieces(count, entries, back=True):
-        part = kept[piece.first : piece.last]
-        left -= int(part.sum())
-        arrays = {"state": x, "scratch": scratch, "kept": part, "states": slopes[left:], "found": found}
+    for piece in steps.pieces(count, entries, kept, back=True):
+        arrays = {"state": x, "scratch": scratch, "states": slopes[piece.place :], "found": found}
         steps.run(chain_back, own, piece, states, **arrays)
-    return steps.turned_back(x[:, None])[:, 0], found[:count]
+    return steps.turned(x[:, None], back=True)[:, 0], found[:count]
 
 
 class PreparedTangents:
@@ -72,7 +65,7 @@ class PreparedTangents:
     """
 
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
-        self._steps, self._pieces, self._kept = steps, list(steps.pieces(count, entries)), kept
+        self._steps, self._pieces, self._kept = steps, list(steps.pieces(count, entries, kept)), int(kept.sum())
         self._count, self._threads = count, PerThread(lambda: (None,) * 6)
         self._run = chain_forward(steps.rows).function
 
@@ -95,24 +88,23 @@ class PreparedTangents:
                 block[STEPS.failed] = 0
                 return None
         changes: Array = np.empty((1 + len(found), *start[:6].shape))
-        changes[0], changes[1:] = start[:6], self._steps.turned_back(found[:, :, : self._count])
+        changes[0], changes[1:] = start[:6], self._steps.turned(found[:, :, : self._count], back=True)
         return changes
 
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
-        found, done = aligned(int(self._kept.sum()), 6, padded, empty=True), 0
+        found = aligned(self._kept, 6, padded, empty=True)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for piece in self._pieces:
-            block, part = own.block.copy(), self._kept[piece.first : piece.last]
+            block = own.block.copy()
             refresh = partial(piece.put, block, states)
             refresh()
             block[STEPS.factor] = scale.ctypes.data
             piece = piece._replace(chain=piece.chain.copy())
-            calls.append((block, piece.linked(block, state=x, kept=part, states=found[done:]), refresh))
-            alive.append((piece, part))
-            done += int(part.sum())
+            calls.append((block, piece.linked(block, state=x, states=found[piece.place :]), refresh))
+            alive.append(piece)
         return states, x, found, scale, calls, (own, alive)
 
 
@@ -127,13 +119,13 @@ class ForwardTangents:
     def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
         self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
-        self._steps, self._kept, side = steps, kept, machine_code.lanes()
+        self._steps, self._kept, side = steps, int(kept.sum()), machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
         def entries_of(nodes: Nodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
-        self._pieces = list(steps.pieces(self._count, entries_of))
+        self._pieces = list(steps.pieces(self._count, entries_of, kept))
         arrays = [piece.alive.get(name, ()) for piece in self._pieces for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
@@ -172,24 +164,23 @@ class ForwardTangents:
 
     def _workspace(self) -> Any:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
-        steps, rows, count = self._steps, self._steps.rows, int(self._kept.sum())
+        steps, rows, count = self._steps, self._steps.rows, self._kept
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
-        found, done, scale = aligned(count, 6, self._padded, empty=True), 0, np.ones(1)
+        found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for piece in self._pieces:
             fixed[rows:] = 0.0
             fixed[piece.alive["used"], : self._count] = piece.alive["changes"][:, : self._count]
-            block, part = own.block.copy(), self._kept[piece.first : piece.last]
+            block = own.block.copy()
             piece.put(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[done:], piece.linked(block, kept=part)
-            head.first, head.turns = state[-4:], turns[done:]
+            head.padded, head.found, head.chain = self._padded, found[piece.place :], piece.linked(block)
+            head.first, head.turns = state[-4:], turns[piece.place :]
             calls.append((block, head.address))
-            alive.append((head, piece, part))
-            done += int(part.sum())
+            alive.append((head, piece))
         x[:] = fixed
         return x, state, found, turns, scale, calls, (own, alive)
 

@@ -24,8 +24,8 @@ one by one.
 Growth. How much changes of a state grow along a run: its linearised steps, with orthonormal changes in between. X, the
 changes, goes through the matrices of the steps, and every so many steps is replaced by the Q of X = QR, by Gram and
 Schmidt (modified): ``Σ log R_kk`` is the logarithm of how much the k-th of them has grown, and the
-first k together of the volume that they span. A change of W counts in units of a velocity; what is orthonormal is the
-change over these units.
+first k together of the volume that they span. A change of W counts in units of a velocity, one of N by √(Σ dN_ij²) in
+the same; what is orthonormal is the change over these units.
 
 Of a body that may not turn about an axis n, changes of W are across n. Their round-off is not, and where it is not
 removed each time, it grows over changes that shrink, until the last ones are nothing else.

@@ -1,5 +1,6 @@
 """What a run will take is forecast before it is spent: said above 10 s or 1 GB, refused above limits."""
 
+import difflib
 import os
 import re
 from pathlib import Path
@@ -12,7 +13,6 @@ from conftest import nontwist
 from nontwist.driver import costs, grid
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import loaded_body
-from nontwist.geometry import values
 from nontwist.integrators import INTEGRATORS, IVP, Continuous, continuous, exact_solution
 from nontwist.integrators.costs import Cost
 from nontwist.io.results import open_run
@@ -200,8 +200,8 @@ def test_check_refuses_a_sine_of_1e8_hz_at_once(written, monkeypatch):
 
 
 def test_of_20_000_unknown_keys_a_hundred_are_compared(written, monkeypatch):
-    asked, near = [], values.get_close_matches
-    monkeypatch.setattr(values, "get_close_matches", lambda *a: asked.append(a) or near(*a))
+    asked, near = [], difflib.get_close_matches
+    monkeypatch.setattr("difflib.get_close_matches", lambda *a: asked.append(a) or near(*a))
     found = told(written(BODY + "".join(f"step_{i} = 1\n" for i in range(20_000))))
     assert len(found) == 100
     said(str(found[0]))

@@ -15,8 +15,8 @@ from rich.progress import Progress
 
 from conftest import BODIES
 from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
-from nontwist.driver import sigterm_interrupts, single_run
-from nontwist.driver.signals import shown_bar
+from nontwist.driver import single_run
+from nontwist.driver.signals import shown_bar, sigterm_interrupts
 from nontwist.errors import SimulationInterrupt, Status
 from nontwist.integrators import Continuous, split, stack_march
 from nontwist.validation.reference_steps import ReferenceEnergyMomentum

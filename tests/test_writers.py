@@ -68,7 +68,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         ("nontwist.recordings.reading", "read_motion"),
         ("nontwist.sweeps", "sweep_member"),
         ("nontwist.sweeps.figure", "draw"),
-        ("nontwist.driver", "simulate"),
+        ("nontwist.driver.runs", "simulate"),
     ):
         monkeypatch.setattr(f"{module}.{function}", worked)
     for name in WRITERS.keys() - PYTHON - {"example"}:

@@ -20,10 +20,7 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import numpy as np
-
 from .errors import InputError, PythonOptions
-from .geometry.arrays import as_array, as_direction, increasing, refuse
 from .geometry.values import among, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -65,6 +62,10 @@ def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
 
 def as_specified(record: Any, name: str) -> Any:
     """Return the value of a field that is a word, a number or an array; a ValueError where it is not as described."""
+    import numpy as np
+
+    from .geometry.arrays import as_array, as_direction, increasing, refuse
+
     kind_of_record: Any = type(record)
     value, (kind, default, spec) = getattr(record, name), specs(kind_of_record)[name]
     name = spec.option or name
@@ -107,6 +108,8 @@ def require_types(record: Any) -> None:
 
 
 def _fits(value: Any, kind: Any) -> bool:
+    import numpy as np
+
     if get_origin(kind) is Literal:
         return isinstance(value, str) and value in get_args(kind)
     if get_origin(kind) is Sequence:

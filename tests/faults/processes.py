@@ -19,7 +19,8 @@ import numpy as np
 
 import nontwist
 from nontwist import nontwisting, open_run, save_run, simulate, sine, standard
-from nontwist.driver import sigterm_interrupts, single_run
+from nontwist.driver import single_run
+from nontwist.driver.signals import sigterm_interrupts
 from nontwist.errors import SimulationInterrupt
 from nontwist.io import reserved, results, whole
 

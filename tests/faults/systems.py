@@ -167,7 +167,7 @@ def _simulating_elsewhere(place: Path) -> None:
         del sys.modules[name]
     sys.path.insert(0, str(place))
     _homeless(str(place))
-    from nontwist.driver import simulate as elsewhere
+    from nontwist.driver.runs import simulate as elsewhere
     from nontwist.models.catalogue import nontwisting as body
 
     assert elsewhere.__code__.co_filename.startswith(str(place))

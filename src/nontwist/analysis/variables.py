@@ -103,6 +103,7 @@ MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles wh
 VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
 Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
+Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
@@ -121,10 +122,11 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
-def assembled(variables: dict[str, Any], coordinates: xarray.Coordinates, record: dict[str, Any]) -> xarray.Dataset:
+def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
     """Return a dataset of variables, each (dims, array, attributes).
 
-    Variables are taken as they are: xarray would import Dask, in a third of a second, to ask whether it made the array.
+    They are taken as they are: xarray would copy and compare them one by one, and import Dask, in a third of a second,
+    to ask whether it made an array.
     """
     import xarray
 
@@ -132,7 +134,8 @@ def assembled(variables: dict[str, Any], coordinates: xarray.Coordinates, record
         name: xarray.Variable(dims, array, attributes, fastpath=True)
         for name, (dims, array, attributes) in variables.items()
     }
-    return xarray.Dataset(own, coordinates, record)
+    along, indexes = coordinates
+    return xarray.Dataset._construct_direct(own | along, set(along), attrs=record, indexes=indexes)
 
 
 def reassembled(variables: dict[str, Any], record: dict[str, Any], named: set[str]) -> xarray.Dataset:
@@ -151,12 +154,12 @@ def reassembled(variables: dict[str, Any], record: dict[str, Any], named: set[st
             own[name] = xarray.Variable(dims, array, attributes, fastpath=True)
         else:
             others[name] = dims, array, attributes
-    return assembled(others, xarray.Coordinates(own, indexes), record)
+    return assembled(others, (own, indexes), record)
 
 
 def coordinates(
     used: Iterable[str], beside: Mapping[str, Described] = MappingProxyType({}), **values: ArrayLike
-) -> xarray.Coordinates:
+) -> Coordinates:
     """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s.
 
     Those `beside` them, each (dim, array, attributes), are no dims: xarray takes longer to assign them later.
@@ -171,7 +174,7 @@ def coordinates(
             is_list = isinstance(labels, list)
             indexes[name], variable = _labelled(name, *labels) if is_list else _indexed(name, labels)
             variables[name] = variable.copy(deep=False)
-    return xarray.Coordinates(variables, indexes)
+    return variables, indexes
 
 
 @lru_cache(maxsize=32)  # parameters may be thousands

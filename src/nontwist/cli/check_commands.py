@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 from warnings import catch_warnings, simplefilter
 
-import numpy as np
 import typer
 
 from ..errors import RunFileError
@@ -175,6 +174,8 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
 
 def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
     """Return quotients and orders at five times, their median, and what they say of the error of the first run."""
+    import numpy as np
+
     from ..analysis.precision import second_quotient
 
     quotient = second_quotient(*runs)

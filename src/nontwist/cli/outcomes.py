@@ -27,7 +27,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
 from typer.core import TyperGroup
 
@@ -263,7 +262,9 @@ def smooth(
 
     A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.
     """
-    from ..driver import resample
+    import numpy as np
+
+    from ..driver.resampling import resample
 
     time = run["time"].values
     first, last = (time[0], time[-1]) if span is None else np.clip(span, time[0], time[-1])

@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
-import numpy as np
-
 from ..geometry.values import number_text
 from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
 from .outcomes import printed_warnings, require_readable, say
@@ -246,6 +244,8 @@ def _exact(number: float) -> str:
 
 
 def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
+    import numpy as np
+
     from ..analysis.joining import loads_in_words
 
     system = facts["system"]
@@ -262,6 +262,8 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def _vector(values: Any) -> str:
+    import numpy as np
+
     return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
 
 

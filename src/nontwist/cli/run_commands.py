@@ -43,7 +43,7 @@ def run_command(
     still run, and the command exits with status 4. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) save the completed
     part, too.
     """
-    from ..driver import sigterm_interrupts
+    from ..driver.signals import sigterm_interrupts
     from ..io import reserved
     from ..io.whole import require_free
 
@@ -129,7 +129,7 @@ def _run(
     quiet: bool,
 ) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
-    from ..driver import simulate
+    from ..driver.runs import simulate
 
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")

@@ -169,7 +169,7 @@ def sweep_command(
     are counted and do not stop the others. Completed blocks remain saved after Ctrl-C, SIGTERM or a closed terminal
     (SIGHUP). Exits with status 4 if a block cannot be computed.
     """
-    from ..driver import sigterm_interrupts
+    from ..driver.signals import sigterm_interrupts
 
     store = Path(f"{file.stem}.zarr") if out is None else out
     if looks_like_a_file(store):

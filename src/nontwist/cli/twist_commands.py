@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 import typer
 
 from ..errors import SENTENCES, InputError, ShellOptions
@@ -158,6 +157,7 @@ def twist_command(
     result.attrs["read"] = motion.attrs["notes"]
     if other is not None:
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
+    del motion, other  # makes room: the file is made in memory
     write(result, places, degrees=degrees, decimal_comma=decimal_comma, force=force)
     if in_words({"file": data, **facts(result)}, as_json, quiet):
         summary(result, degrees)
@@ -212,6 +212,8 @@ def _of_the_second(file: str) -> Iterator[None]:
 
 def facts(result: xarray.Dataset) -> dict[str, Any]:
     """Return the numbers of the summary, in rad, s, sr."""
+    import numpy as np
+
     names = ("twist_angle", "error_estimate", "noise_estimate", "swing_twist_angle", "solid_angle", "path_length")
     facts: dict[str, Any] = {name: float(result[name].values[-1]) for name in names}
     if np.isnan(facts["noise_estimate"]):  # too few samples
@@ -254,6 +256,8 @@ def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, dec
 
 def summary(result: xarray.Dataset, degrees: bool) -> None:
     """Print the numbers of a result in words."""
+    import numpy as np
+
     from ..geometry.values import error_place, error_text, number_text, text_to_place
     from ..recordings.motions import GAP
 

@@ -24,7 +24,7 @@ from .grid import SMALL, free_memory
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import require_observed
 from .problem import OfEnsemble, Problem, every_stored, plan_of, posed, starts_of, takes
-from .tolerance import controlled, first_grid
+from .tolerance import controlled, finer, first_run
 
 if TYPE_CHECKING:
     import xarray
@@ -119,11 +119,12 @@ def simulate_ensemble(
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested:
         require_observed(scheme, load)
-    grid = plan.grid
+    grid, first = plan.grid, None
     if grid is None and scheme.any_times and store == "end":
         grid = stretched((t0, t1), (1,))
     if plan.is_controlled and grid is None:
-        scheme, grid = first_grid(plan, begin)
+        first = first_run(plan, begin)
+        scheme, grid = first.scheme, finer(first.grid)
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
     problem = replace(plan.problem(begin, grid), observed=bool(requested))
@@ -140,7 +141,7 @@ def simulate_ensemble(
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:
             on_grid = plan._replace(asked=None)  # the steps do not heed output times
-            found = controlled(on_grid, begin, workers, observed=bool(requested), progress=report)
+            found = controlled(on_grid, begin, workers, first, observed=bool(requested), progress=report)
             scheme, problem, outcome, *numbers = found
             kept = dict(zip(("tolerance", "error_estimate"), numbers, strict=True))
             if plan.asked is not None:

@@ -19,8 +19,9 @@ from .costs import coarseness, phase_error
 from .events import Event
 from .grid import even_step, load_messages, stored_count
 from .planning import Plan
-from .single_run import first_run, run_of
+from .single_run import first_of, run_of
 from .starts import Starts
+from .tolerance import First, finer
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +38,18 @@ class Prepared:
         """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
         plan = self.plan
         if plan.is_controlled:
-            return self.first[1]
+            return finer(self.first[0].grid)
         return plan.grid or plan.automatic(self.begin)
 
     @cached_property
-    def first(self) -> tuple[Integrator, Stretches, int]:
-        """The integrator, the grid and the number of states that a run to a tolerance begins with."""
-        return first_run(self.plan._replace(shows=self.shows), self.begin)
+    def first(self) -> tuple[First, int]:
+        """What a run to a tolerance begins with, and how many states it stores."""
+        return first_of(self.plan._replace(shows=self.shows), self.begin)
 
     @property
     def scheme(self) -> Integrator:
         """The integrator; where a tolerance chooses its order, the one that it begins with."""
-        return self.first[0] if self.plan.is_controlled else self.plan.scheme
+        return self.first[0].scheme if self.plan.is_controlled else self.plan.scheme
 
     @cached_property
     def states(self) -> int:
@@ -56,7 +57,7 @@ class Prepared:
         if self.plan.asked is not None:
             return len(self.plan.asked)
         if self.plan.is_controlled:
-            return self.first[2]
+            return self.first[1]
         return stored_count(self.grid.steps, self.plan.store)
 
     @property

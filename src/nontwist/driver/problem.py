@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 
@@ -150,6 +149,8 @@ def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
 def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> None:
     """Raise a TypeError where a group has no such keyword."""
     for name in keywords.keys() - group.__annotations__.keys():
+        from difflib import get_close_matches
+
         near = get_close_matches(name, group.__annotations__, 1)
         hint = f"; did you mean {near[0]}=?" if near else ""
         raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint}")

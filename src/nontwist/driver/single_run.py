@@ -14,7 +14,7 @@ from ..analysis.trajectory import Trajectory
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..integrators import IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
+from ..integrators import IVP, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.costs import swing_rate
 from ..integrators.problem import Intervals
@@ -27,7 +27,7 @@ from .grid import TURN, require_resolution, rest_of, stored_count, stretches_of
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
-from .tolerance import apart_shown, controlled, first_grid
+from .tolerance import First, apart_shown, controlled, finer, first_run
 
 CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
@@ -139,7 +139,7 @@ def run_of(
     ValueError, SimulationError, SimulationInterrupt
         As `nontwist.simulate`.
     """
-    if plan.grid is None and (events or plan.asked is not None):
+    if plan.grid is None and (events or (plan.asked is not None and not plan.is_controlled)):
         steps = _chosen(plan, begin, estimate)
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
@@ -196,31 +196,36 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
-    """Return the run of a plan with a tolerance."""
-    own = plan._replace(shows="nothing", store=1) if plan.is_between else plan
-    scheme, grid, states = first_run(plan, begin)
-    check_cost(own._replace(scheme=scheme), begin, grid, states)
+    """Return the run of a plan with a tolerance; where it has output times, its steps are those without them."""
+    has_times, own = plan.is_between or plan.asked is not None, plan
+    if has_times:
+        has_series = plan.scheme.has_series(plan.systems, plan.load)
+        own = plan._replace(asked=None, store=1, shows="nothing" if has_series else plan.shows)
+    first, states = first_of(plan, begin)
+    check_cost(own._replace(scheme=first.scheme), begin, finer(first.grid), states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
-        found = controlled(own, begin, intervals=plan.means, progress=report)
+        found = controlled(own, begin, first=first, intervals=plan.means, progress=report)
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
-    if plan.is_between and outcome.failures[0, 0] != Status.INTERRUPTED:
-        times = times_shown(plan, begin, outcome.states.velocity[0])
-        problem = replace(own._replace(asked=times).problem(begin, problem.grid), intervals=plan.means)
-        outcome = completion.march(found.scheme, problem)
+    if has_times and outcome.failures[0, 0] != Status.INTERRUPTED:
+        times = plan.asked if plan.asked is not None else times_shown(plan, begin, outcome.states.velocity[0])
+        nodes = None if plan.load.wheels or outcome.failures[0, 0] else outcome.march
+        problem = own._replace(asked=times).problem(begin, problem.grid)
+        outcome = completion.march(found.scheme, replace(problem, intervals=plan.means, marched=nodes))
     run = trajectory(own, problem, outcome)
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
 
 
-def first_run(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches, int]:
-    """Return the integrator and the steps that the run of a plan with a tolerance begins with, and how many states."""
+def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:
+    """Return what the run of a plan with a tolerance begins with, and how many states it stores, about."""
     fastest = plan.fastest(begin)
     is_long = plan.is_between or (plan.asked is not None and plan.scheme.has_series(plan.systems, plan.load))
-    scheme, grid = first_grid(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
+    first = first_run(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
     if plan.asked is not None:
-        return scheme, grid, len(plan.asked)
-    shown = int((plan.t_end - plan.t_start) / apart(plan, begin, fastest)) if plan.is_between else grid.steps
-    return scheme, grid, stored_count(max(1, shown), plan.store)
+        return first, len(plan.asked)
+    is_between, span = plan.is_between, plan.t_end - plan.t_start
+    shown = int(span / apart(plan, begin, fastest)) if is_between else finer(first.grid).steps
+    return first, stored_count(max(1, shown), plan.store)
 
 
 def times_shown(plan: Plan, begin: Starts, velocities: Array) -> Array:

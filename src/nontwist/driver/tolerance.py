@@ -84,6 +84,14 @@ class Controlled(NamedTuple):
     estimate: float
 
 
+class First(NamedTuple):
+    """What the local estimate chooses: the coarse run to begin with."""
+
+    scheme: Integrator
+    step: float
+    grid: Stretches
+
+
 class Trial(NamedTuple):
     """Runs on one grid."""
 
@@ -109,8 +117,10 @@ class Trial(NamedTuple):
         return found
 
 
-def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> Controlled:
+def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, **options: Any) -> Controlled:
     """Return the run or the ensemble of a plan with a tolerance; `options` are those of the problem.
+
+    `first` is what it begins with, if that is known already.
 
     Raises
     ------
@@ -124,8 +134,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
             task = replace(task, **options)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
-    goal, floor, (scheme, h) = plan.goal, None, first_step(plan, begin)
-    grid = _grid(plan, begin, scheme, h)
+    goal, floor, (scheme, h, grid) = plan.goal, None, first or first_run(plan, begin)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
@@ -213,10 +222,10 @@ def apart_shown(span: float, fastest: float, swing: float) -> float:
     return min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
 
 
-def first_grid(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, Stretches]:
-    """Return the integrator and the grid that the local estimate chooses; `fastest`: |w|, if known."""
+def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
+    """Return what a run or an ensemble begins with; `fastest`: |w|, if known."""
     scheme, h = first_step(plan, begin, fastest)
-    return scheme, finer(_grid(plan, begin, scheme, h))
+    return First(scheme, h, _grid(plan, begin, scheme, h))
 
 
 def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stretches:

@@ -7,9 +7,9 @@ Beside them: the places of a row's fields, what is put there, and arrays in one 
 
 from __future__ import annotations
 
-from collections import namedtuple
 from itertools import accumulate, pairwise
 from math import prod
+from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -22,10 +22,9 @@ from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
 Spans = dict[str, tuple[slice, tuple[int, ...]]]
 
 
-def layout(name: str, **sizes: int) -> Any:
+def layout(**sizes: int) -> Any:
     """Return the places, one attribute each, at which so many numbers begin one after the other, and their `size`."""
-    make: Any = namedtuple
-    return make(name, [*sizes, "size"])(0, *accumulate(sizes.values()))
+    return SimpleNamespace(**dict(zip([*sizes, "size"], accumulate(sizes.values(), initial=0), strict=True)))
 
 
 def put(row: NDArray[np.int64], where: Any, **values: Any) -> None:
@@ -67,7 +66,7 @@ Quantities = Annotated[tuple[Any, ...], QUANTITIES]
 
 def places(record: Any) -> Any:
     """Return where the fields of a record begin, an attribute each, and its `size`."""
-    return layout(record.__name__, **{name: field.size for name, field in fields(record).items()})
+    return layout(**{name: field.size for name, field in fields(record).items()})
 
 
 class Body(NamedTuple):

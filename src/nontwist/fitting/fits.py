@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputWarning
-from ..geometry.arrays import Array, as_array, as_positive
-from ..geometry.values import among, as_flag, shown
+from ..geometry.arrays import Array, as_array, as_flag, as_positive
+from ..geometry.values import among, shown
 from ..recordings.options import ReadOptions
 from ..recordings.reading import Rates
 from ..spec import takes

@@ -48,6 +48,13 @@ def aligned(*shape: int, empty: bool = False) -> Array:
     return scratch[first : first + count].reshape(shape)
 
 
+def as_flag(value: Any, name: str) -> bool:
+    """Return `value` as a bool; a ValueError where it is neither True nor False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
 def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
     """Return `value` as a new array of floats in C order, of any shape, finite or not.
 

@@ -45,11 +45,10 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import load, store
 from ..kernels.tracing import width
 from ..kernels.vectors import Vector, cross
-from .arrays import Array, as_array
+from .arrays import Array, as_array, as_flag
 from .frame_kernels import length, reflected
 from .frames import solid_angle
 from .stacks import dot, norm
-from .values import as_flag
 
 _WHOLE = 1e-6  # departure from a whole number that round-off does not reach
 _ROWS = 250  # segments of a thread, at least

@@ -6,11 +6,9 @@ import math
 import os
 from collections import UserDict
 from collections.abc import Callable, Iterable, Mapping
-from difflib import get_close_matches
+from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
-
-import numpy as np
 
 _SHOWN = 80  # characters of a value in a message
 T = TypeVar("T", bound=type)
@@ -104,6 +102,8 @@ def vector_text(values: Iterable[float], scale: float = 1.0) -> str:
 
 def guess(word: Any, known: Iterable[str], quote: str = "") -> str:
     """Return a question for the known word that is nearest to `word`, a space behind it; "" where none is near."""
+    from difflib import get_close_matches
+
     near = get_close_matches(word, known, 1) if isinstance(word, str) else []
     return f"did you mean {quote}{near[0]}{quote}? " if near else ""
 
@@ -120,7 +120,7 @@ def among(value: Any, known: Iterable[Any]) -> bool:
 
 
 def _is_whole(value: Any) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, np.timedelta64)  # NumPy counts it as integer
+    return isinstance(value, Integral) and hasattr(value, "__index__")  # NumPy counts durations as whole numbers
 
 
 def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
@@ -130,13 +130,6 @@ def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
     if most is not None and value > most:
         raise ValueError(f"{name} must be at most {most}, got {shown(value)}")
     return int(value)
-
-
-def as_flag(value: Any, name: str) -> bool:
-    """Return `value` as a bool; a ValueError where it is neither True nor False."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f"{name} must be True or False, got {shown(value)}")
-    return bool(value)
 
 
 def as_list(value: Any, name: str) -> list[Any]:

@@ -6,7 +6,7 @@ steps.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..models.stack import SystemStack
 from .problem import IVP
 
 ONE = np.ones(1)
+VARIES = 1.1  # the range of V over that of the attitudes that are tried
 GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
@@ -249,16 +250,15 @@ def potential_range(load: Load) -> float:
     if not load.potentials:
         return 0.0
     try:
-        energies = load.potential_energy(ATTITUDES, 0.0)
+        energies = load.potential_energy(_attitudes(), 0.0)
     except ValueError:  # a function that has no value everywhere: a run that comes there says so
         return 0.0
     return float(np.ptp(energies)) * VARIES
 
 
+@cache
 def _attitudes() -> Array:
+    """Return the attitudes that are tried."""
     p = np.random.default_rng(0).standard_normal((200, 4))
     p /= np.linalg.norm(p, axis=1, keepdims=True)
     return directors(np.concatenate([np.eye(4), p]))
-
-
-ATTITUDES, VARIES = _attitudes(), 1.1  # that are tried; the range of V over that of these

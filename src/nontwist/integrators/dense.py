@@ -51,8 +51,11 @@ class Dense:
         number, t = node[is_inside], since[is_inside]
         first = np.flatnonzero(np.diff(number, prepend=-1))
         step = number[first]
-        nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
-        march = self.march = StackMarch(replace(problem, asked=None, stored=nodes), scheme)
+        march = problem.marched
+        if march is None:
+            nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
+            march = StackMarch(replace(problem, asked=None, stored=nodes), scheme)
+        self.march, nodes = march, march.stored
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))
         shape = m, len(node)

@@ -33,7 +33,7 @@ from ..geometry.arrays import Array
 
 DIGITS = 60
 WIDTH, SQUARE = 8, 64  # stages that there is room for; matrices by columns
-TABLE = layout("Table", nodes=WIDTH, weights=WIDTH, mu=SQUARE, guess=SQUARE, a=SQUARE, inverse=SQUARE, sums=WIDTH)
+TABLE = layout(nodes=WIDTH, weights=WIDTH, mu=SQUARE, guess=SQUARE, a=SQUARE, inverse=SQUARE, sums=WIDTH)
 Decimals = Any  # array
 
 

@@ -107,7 +107,7 @@ def parts_of(
     columns = slice(BODY.dead, BODY.damping), slice(BODY.off, BODY.free), slice(BODY.vertical, BODY.dissipation)
     is_dead, is_slanted, has_vertical = (bodies[:, own].any(axis=1) for own in columns)
     flags = is_dead + 2 * (is_slanted | (spin is not None)) + 4 * has_vertical
-    found, which = np.unique(flags, return_inverse=True)
+    found = np.flatnonzero(np.bincount(flags))
 
     def parts_with(flags: int) -> Parts:
         parts = shared._replace(dead=bool(flags & 1))
@@ -115,7 +115,7 @@ def parts_of(
 
     marched = [parts_with(one) for one in found.tolist()]
     groups = list(dict.fromkeys(marched))
-    return groups, np.array([groups.index(parts) for parts in marched])[which]
+    return groups, np.array([groups.index(parts) for parts in marched])[np.searchsorted(found, flags)]
 
 
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -59,9 +59,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         problem = tangent(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
     todo = StackMarch(problem, scheme) if dense is None else dense.march
-    if problem.memory is not None:
-        todo.remember(problem.memory)
-    common, end = todo.run(threads)
+    common, end = None, None
+    if todo is not problem.marched:
+        if problem.memory is not None:
+            todo.remember(problem.memory)
+        common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
@@ -91,8 +93,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    turned = arrays["intervals"][..., first:, SUMS.turned : SUMS.twist] if todo.parts.turns else None
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned)
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, todo)
 
 
 def tangent(problem: IVP) -> IVP:
@@ -126,7 +127,9 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Inte
     means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
     dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
     twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
-    return Intervals(*means, sums[..., SUMS.work], sums[..., SUMS.iterations].astype(np.int64), dead, twist)
+    turned = sums[..., SUMS.turned : SUMS.twist] if todo.parts.turns else None
+    iterations = sums[..., SUMS.iterations].astype(np.int64)
+    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, turned=turned)
 
 
 def _observed(todo: StackMarch) -> Array:
@@ -175,6 +178,7 @@ class PreparedMarch:
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
         means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
+        del means["turned"]  # of motors, which are not prepared
         return means | {"memory": arrays["states"] * self._factors}
 
     @property
@@ -200,7 +204,7 @@ Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
 
 # What a step gives: the quaternion, scalar last; W; means μ and sum of the work over the step; the state as carried.
-NUMBERS = layout("Numbers", quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
+NUMBERS = layout(quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
 ENDS = np.array([0, 1])
 
 

@@ -102,7 +102,8 @@ class StackMarch:
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
-        self.stored, self.lengths = stack.stored, self._lengths(stack.stored)
+        self.stored = stack.stored
+        self.lengths = self._lengths(stack.stored) if self.groups[0].tells else np.ones(len(stack.stored))
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
         put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)

@@ -101,10 +101,10 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
     times = outcome.times(problem)
     outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
-    if outcome.turned is not None:
-        _put_works(problem, outcome, times)
     if outcome.intervals is None:
         return outcome
+    if outcome.intervals.turned is not None:
+        _put_works(problem, outcome.states.internal, outcome.intervals.turned, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
     z, kept, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
@@ -127,12 +127,11 @@ def with_works(problem: IVP) -> IVP:
     return replace(problem, intervals=True, asked=asked)
 
 
-def _put_works(problem: IVP, outcome: Outcome, times: Array) -> None:
+def _put_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
     """Put the works of driven wheels to the states: ``∫ τ Ω dt = Δh²/2I - n·∫ τ W dt``, τ linear between outputs."""
-    z, first, turned = outcome.states.internal, problem.internal, outcome.turned
+    first = problem.internal
     assert z is not None
     assert first is not None
-    assert turned is not None
     middles, length = (times[1:] + times[:-1]) / 2, np.diff(times)
     for wheel, column in places(problem.load):
         if wheel.is_driven and wheel.works:

@@ -7,7 +7,7 @@ The axial momentum of a wheel in space is
     h = I (Ω + n·W),        h' = τ - f(Ω) - λ,        λ in c Sgn(Ω),
 
 τ the torque of the motor on the wheel, f smooth and c dry friction in its bearing, Sgn(Ω) = {sign Ω}, and [-1, 1] where
-the wheel stands in the body, Ω = 0 (`driver.wheel_friction`). What carries the wheels has J_c = J - Σ I n nᵀ, and
+the wheel stands in the body, Ω = 0 (`driver.rubbing`). What carries the wheels has J_c = J - Σ I n nᵀ, and
 with Σ h n in place of a rotor's momentum it is a gyrostat:
 
     J_c W' = (J_c W + Σ h n) × W + M - Σ h' n.
@@ -62,6 +62,7 @@ class Wheel(Memory):
     coulomb: Annotated[float, Spec("dry friction", unit="N m", rule="not negative", is_fixed=True)] = 0.0
     friction: Function | None = None
     motor: Function | None = None
+    mode: int | None = None  # the direction in which it turns under dry friction, 0: it stands; None: it is open
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,12 +90,7 @@ class Wheel(Memory):
     @property
     def is_dry(self) -> bool:
         """Whether its friction jumps with the state, so that a run is taken apart."""
-        return self.coulomb > 0
-
-    @property
-    def slips(self) -> int:
-        """The direction in which dry friction lets it turn, 0: it has none, or its mode is open."""
-        return 0
+        return self.coulomb > 0 and self.mode is None
 
     @property
     def direction(self) -> Array:
@@ -119,8 +115,8 @@ class Wheel(Memory):
 
     @property
     def locked(self) -> Array:
-        """What the wheel gives to J, I n nᵀ, (3, 3), kg m²."""
-        return self.inertia * np.outer(self.wheel, self.wheel)
+        """What the wheel adds to J_c, I n nᵀ, (3, 3), kg m²; none where it stands, as J includes it."""
+        return (0.0 if self.mode == 0 else 1.0) * self.inertia * np.outer(self.wheel, self.wheel)
 
     @property
     def unscaled(self) -> Wheel:
@@ -149,8 +145,10 @@ class Wheel(Memory):
         return self.torque + table
 
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
-        """Return the moment, and h', A', D'."""
+        """Return the moment, and h', A', D'; none where it stands, a part of the body, and h follows from W."""
         t, (h, *_), _, W = given
+        if self.mode == 0:
+            return [0.0 * h] * 3, [0.0 * h] * 3
         n, W = Vector(*self.wheel.tolist()), Vector(*W)
         speed = h * (1.0 / self.inertia) - n @ W
         torque = self.torque + 0.0 * speed
@@ -159,7 +157,7 @@ class Wheel(Memory):
             torque = torque + select((t >= a) & (t < b), y + (z - y) / (b - a) * (t - a), 0.0)
         if self.motor is not None:
             torque = torque + call(self.motor, (t, speed), ())[0]
-        drag = self.viscous * speed + self.slips * self.coulomb
+        drag = self.viscous * speed + (self.mode or 0) * self.coulomb
         if self.friction is not None:
             drag = drag + call(self.friction, (speed,), ())[0]
         rate = torque - drag
@@ -195,35 +193,37 @@ class Wheel(Memory):
 
 
 @dataclass(frozen=True, eq=False)
-class Slipping(Wheel):
-    """A wheel while it turns in one direction under dry friction, a constant moment."""
+class OnBodyAtRest(Memory):
+    """A wheel on a body that is held at rest, on which it does not act."""
 
-    slips: int = 1
-
-    @property
-    def is_dry(self) -> bool:
-        """Whether its friction jumps: it does not."""
-        return False
+    kind = "memory"
+    frame = "body"
+    of: Wheel
 
     @classmethod
-    def of(cls, wheel: Wheel, sign: int) -> Slipping:
-        """Return a wheel that turns in the direction of a sign."""
-        return cls(**{**wheel.__getstate__(), "slips": sign})
-
-
-@dataclass(frozen=True, eq=False)
-class Standing(Slipping):
-    """A wheel that dry friction holds: a part of the body, whose momentum follows from W."""
+    def carried(cls, wheel: Wheel) -> OnBodyAtRest:
+        """Return it of a wheel."""
+        return cls(wheel, breakpoints=wheel.breakpoints, resolution=wheel.resolution)
 
     @property
-    def locked(self) -> Array:
-        """What it adds to J, which includes it."""
-        return np.zeros((3, 3))
+    def state0(self) -> Array:  # type: ignore[override]
+        """The internal states of the wheel."""
+        return self.of.state0
+
+    @property
+    def state_scale(self) -> Array:  # type: ignore[override]
+        """How large they become."""
+        return self.of.state_scale
 
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
-        """Return nothing."""
-        none = [0.0 * given[1][0]] * 3
-        return none, none
+        """Return no moment, and h', A', D', as far as they are states."""
+        moment, rates = self.of.responses(call, *given)
+        return [0.0 * x for x in moment], rates[: self.state0.size]
+
+    @property
+    def called(self) -> Function:
+        """The text."""
+        return self.responses
 
 
 @dataclass(frozen=True, eq=False)

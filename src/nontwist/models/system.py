@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_direction, as_floats, as_tensor
-from ..geometry.values import as_flag, shown, vector_text
+from ..geometry.arrays import Array, as_array, as_direction, as_flag, as_floats, as_tensor
+from ..geometry.values import shown, vector_text
 from .spin import as_spin
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ import numpy as np
 
 from .. import plot
 from ..analysis.precision import second_quotient
-from ..driver import simulate
 from ..driver.costs import COARSE_STEP
+from ..driver.runs import simulate
 from ..geometry.values import among, as_function, as_list, as_path, shown
 from ..io import save_run
 from ..io.whole import require_free, written

@@ -123,7 +123,8 @@ def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
 
     Quaternions that are given are left as they are.
     """
-    values = motion.values[rows]
+    is_all = len(rows) == len(motion.values) and bool((np.diff(rows) == 1).all())
+    values = motion.values if is_all else motion.values[rows]
     if isinstance(values, np.ndarray):
         _require_rotations(values, MEASURED, rows, motion.lines)
         if values.shape[-1] == 4:
@@ -167,7 +168,8 @@ def _require_rotations(
 def _of_dataarray(motion: Any) -> Array:
     if "quat" in motion.dims:
         order = [str(x) for x in motion.coords["quat"].values] if "quat" in motion.coords else list("xyzw")
-        return np.asarray(motion.transpose(..., "quat").values[..., [order.index(x) for x in "xyzw"]])
+        values = motion.transpose(..., "quat").values
+        return np.asarray(values if order == list("xyzw") else values[..., [order.index(x) for x in "xyzw"]])
     if {"director", "axis"} <= set(motion.dims):
         return np.asarray(motion.transpose(..., "axis", "director").values)
     raise ValueError(f"a DataArray needs the dims director and axis, or quat; got {', '.join(map(str, motion.dims))}")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ..errors import InputError, Option
-from ..geometry.attitudes import require_sequence
 from ..spec import Spec, require_types
 
 COLUMNS = Spec(
@@ -62,6 +61,8 @@ class ReadOptions:
         if self.euler is not None and self.rotation_vector:
             raise InputError("option-without-effect", name=Option("rotation_vector"), why="three angles are read")
         if self.euler is not None:
+            from ..geometry.attitudes import require_sequence
+
             require_sequence(self.euler)
 
     def require_without(self, name: str, why: str) -> None:

@@ -16,6 +16,7 @@ import codecs
 import csv
 import io
 import re
+from array import array
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
@@ -218,7 +219,7 @@ def _rows(
     import pandas
 
     blank = "".join({*"\r\n \t"} - {separator})
-    places, comments, is_split = list[int](), list[int](), False
+    places, comments, is_split = array("q"), list[int](), False
     for k, line in islice(enumerate(opened(content), 1), first, None):
         if _is_comment(line):
             comments.append(k)

@@ -208,12 +208,12 @@ def twist(
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
     length, turn = _steps(p, d3, data)
-    frame, flat, psi = _frame(d3, d1[0], order), _frame(d3, d1[0], 2), np.empty(len(d3))
+    swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
     angles(d1, frame, psi)
+    del p, d1  # what is not needed below makes room: of a million samples it is 56 MB
     sigma = noise_level(d3, data.time)
     noise = noise_of_twist(d3, sigma, order)
-    lead = np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0]))
-    tau, area = _closed(d3, lead, _swing_twist(p, n), psi)
+    tau, area = _closed(d3, _lead(d3, frame), swing, psi)
     variables = {
         "twist_angle": (sign * psi, "rad", "twist angle", "ψ"),
         "swing_twist_angle": (principal_angle(sign * tau), "rad", "swing-twist angle", "τ"),
@@ -286,6 +286,12 @@ def _frame(d3: Array, d1: Array, order: int) -> Array:
     frame = np.empty((1, len(d3), 3, 3))
     transport(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
     return np.asarray(frame[0])
+
+
+def _lead(d3: Array, frame: Array) -> Array:
+    """Return the angle from the frame that is transported along great circles, of order 2, to `frame`."""
+    flat = _frame(d3, frame[0, 0], 2)
+    return np.asarray(np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0])))
 
 
 def _dot(a: Array, b: Array) -> Array:

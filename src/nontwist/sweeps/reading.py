@@ -11,7 +11,7 @@ from uuid import uuid4
 import numpy as np
 
 from ..analysis.variables import COORDINATES
-from ..driver import simulate
+from ..driver.runs import simulate
 from ..geometry.arrays import Array
 from ..geometry.values import as_whole
 from ..integrators import SimulationError

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..integrators import Integrator
 from ..loads import Load, body_moment, damping, space_moment
 from .checks import Check

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import loads
 from ..analysis import observables as obs
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, EnergyMomentum, Gauss
 from ..loads import Load, Term

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..analysis import observables as obs
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry import rotations
 from ..geometry.arrays import Array
 from ..integrators import Continuous

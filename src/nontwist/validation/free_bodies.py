@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .. import exact
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry import rotations
 from ..integrators import Split
 from ..loads import rotor, wheel

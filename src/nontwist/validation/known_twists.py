@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..driver import simulate
+from ..driver.runs import simulate
 from ..loads import sine
 from ..recordings.twisting import twist
 from .checks import Check

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from .. import exact
 from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
 from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine, wheel
@@ -36,7 +36,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, 
 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.potentials"
-FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.wheel_friction"
+FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.contacts"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 

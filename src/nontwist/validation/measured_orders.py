@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..driver import integrate, simulate
 from ..driver.resampling import resample
+from ..driver.runs import integrate, simulate
 from ..exact import free_standard
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, IVP

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..analysis import observables as obs
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry.rotations import hat
 from ..loads import Load, damping, sine
 from ..models.catalogue import with_gravity

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import exact
 from ..analysis.precision import second_quotient
-from ..driver import integrate, simulate
+from ..driver.runs import integrate, simulate
 from ..models.catalogue import D3
 from ..models.constraints import constraint_matrices
 from ..paper.tables import CASES, MISPRINT, QUOTIENT_TOLERANCE, STEP, T_END, invariants_table, quotient_table

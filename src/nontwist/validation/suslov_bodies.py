@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .. import exact
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..models.bodies import TILTED
 from .checks import Check
 from .free_bodies import many_digits

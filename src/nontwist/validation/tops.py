@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
-from ..driver import integrate
+from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import Continuous
 from ..models.catalogue import heavy_top, nontwisting, with_gravity

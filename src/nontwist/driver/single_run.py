@@ -82,11 +82,12 @@ class PreparedPlan:
         found, squares, fastest = self._march(p, W, scale)
         if not squares < self._safe:
             return None
-        known = self._known | {"_fastest": sqrt(fastest)}
+        run = Trajectory._later(self._known, partial(self._march.read, found))
+        vars(run)["_fastest"] = sqrt(fastest)
         if scale != 1:
-            known["load"] = [term | {"scale": scale * term["scale"]} for term in self._terms]
-            known["potentials"] = self._held and scale * self._held
-        return Trajectory._later(known, partial(self._march.read, found))
+            load = [term | {"scale": scale * term["scale"]} for term in self._terms]
+            vars(run).update(load=load, potentials=self._held and scale * self._held)
+        return run
 
 
 def whole_of(plan: Plan, grid: Stretches) -> IVP:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
+from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, shown
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
@@ -279,10 +279,11 @@ def observables(
         return {name: made[name]() for name in names}
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
-    R = attitudes(p)
-    q = np.ascontiguousarray(R.swapaxes(-1, -2))
+    rows = entries(p)
+    R = np.moveaxis(rows, (0, 1), (-2, -1))
+    q = R.swapaxes(-1, -2)
     own = q if carried is None else carried[:, :, 0]
-    w = [W[..., i] for i in range(3)]
+    w = [*np.moveaxis(W, -1, 0).copy()]
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
     if wheels is not None:  # which do not change their shape
@@ -301,7 +302,6 @@ def observables(
     elif absent := [name for name in names if WHEELS.get(name, ((),))[0][1:] == ("wheel",)]:
         raise ValueError(f"there is no variable {absent[0]!r}, as the load has no wheels")
     whole = [Pi[i] + h[..., i] for i in range(3)]
-    rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
 
     def potential_energy() -> Array:
         f = dead[:, None]
@@ -313,7 +313,7 @@ def observables(
         return V + potentials.scale[:, None] * of_load
 
     made |= {
-        "directors": lambda: own,
+        "directors": lambda: np.ascontiguousarray(own),
         "director_velocities": lambda: director_velocities(q, W, N) if carried is None else carried[:, :, 1],
         "angular_velocity": lambda: np.stack([_dot(row, w) for row in rows], axis=-1),
         "spatial_momentum": lambda: np.stack([_dot(row, Pi) for row in rows], axis=-1),

@@ -120,7 +120,7 @@ def export_command(
 def _opened(path: Path) -> xarray.Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
     from ..errors import ResultFileError
-    from ..io import open_run
+    from ..io.results import open_run
 
     require_readable(path)
     run = open_run(path)

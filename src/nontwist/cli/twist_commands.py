@@ -233,7 +233,7 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
 
 def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
-    from ..io import save_run
+    from ..io.results import save_run
     from ..io.whole import written
 
     save_run(result, places[".nc"], force=force)

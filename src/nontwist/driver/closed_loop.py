@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 ZERO: Vector = (0.0, 0.0, 0.0)
+NONE = ()
 ASIDE = (*STARTS, "t_start", "t_end", "tolerance", "times", "store")  # of a problem: times and output
 
 
@@ -362,7 +363,7 @@ class Stepper:
         return self._state
 
     def step(
-        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = ()
+        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = NONE
     ) -> StepperState:
         """Take one step under moments that are constant over it, and return the state at its end.
 
@@ -395,7 +396,8 @@ class Stepper:
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state
         k = now._steps
-        wheels = (now._wheels, self._torques(wheel_torque)) if self._wheels or np.size(wheel_torque) else None
+        has_torque = wheel_torque is not NONE and np.size(wheel_torque)
+        wheels = (now._wheels, self._torques(wheel_torque)) if self._wheels or has_torque else None
         try:
             numbers, ends = self._single(now._numbers, now._start, k, body, space, wheels)
         except ValueError as error:

@@ -90,6 +90,7 @@ class First(NamedTuple):
     scheme: Integrator
     step: float
     grid: Stretches
+    swing: float  # rad/s, about the fastest rate of swings
 
 
 class Trial(NamedTuple):
@@ -134,7 +135,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
             task = replace(task, **options)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
-    goal, floor, (scheme, h, grid) = plan.goal, None, first or first_run(plan, begin)
+    goal, floor, (scheme, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
@@ -151,7 +152,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
                 floor = _distance(coarse, other, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
+            scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)), swing)
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
                 grid = _grid(plan, begin, scheme, h)
@@ -186,15 +187,12 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
     return Controlled(scheme, fine.problem, fine.outcome, goal, d)
 
 
-def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, float]:
-    """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest`: |w|, if known."""
-    span, scale = plan.t_end - plan.t_start, begin.load_scale
-    swing = swing_rate(plan.systems, plan.load, scale)
-    if fastest is None:
-        fastest = plan.fastest(begin)
+def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple[Integrator, float]:
+    """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest` is |w|."""
+    span = plan.t_end - plan.t_start
     rate = max(HARMONICS * fastest, swing, 1e-3 / span)
     if not plan.scheme.is_a_stable:
-        rate = max(rate, damping_rate(plan.systems, plan.load, scale))
+        rate = max(rate, damping_rate(plan.systems, plan.load, begin.load_scale))
 
     def step(scheme: Integrator, longer: float = 1.0) -> float:
         h = _resolving(plan, scheme, span * rate) / rate
@@ -224,8 +222,9 @@ def apart_shown(span: float, fastest: float, swing: float) -> float:
 
 def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
     """Return what a run or an ensemble begins with; `fastest`: |w|, if known."""
-    scheme, h = first_step(plan, begin, fastest)
-    return First(scheme, h, _grid(plan, begin, scheme, h))
+    swing = swing_rate(plan.systems, plan.load, begin.load_scale)
+    scheme, h = first_step(plan, begin, plan.fastest(begin) if fastest is None else fastest, swing)
+    return First(scheme, h, _grid(plan, begin, scheme, h), swing)
 
 
 def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stretches:

@@ -426,10 +426,13 @@ def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
     return total
 
 
+NOTHING = Load()
+
+
 def as_load(value: Any) -> Load:
     """Return `value`, a load or None, as a load; a ValueError for anything else."""
     if value is None:
-        return Load()
+        return NOTHING
     if isinstance(value, Term):
         return value.load
     if isinstance(value, (list, tuple)) and value and all(isinstance(one, Load | Term) for one in value):

@@ -103,7 +103,8 @@ class Trial(NamedTuple):
 
     def has(self, *statuses: Status) -> bool:
         """Whether a member has ended in one of these."""
-        return bool(np.isin(self.outcome.failures[:, 0], statuses).any())
+        found = self.outcome.failures[:, 0].tolist()
+        return any(status in found for status in statuses)
 
     @property
     def done(self) -> NDArray[np.bool_]:

@@ -35,7 +35,7 @@ from ..loads.terms import Damping, OfTime, Rotor
 from ..loads.wheels import Wheel
 from .base import SimulationError, Status
 from .compiled import Compiled
-from .gauss_coefficients import TABLE, WIDTH, table
+from .gauss_coefficients import matrix, nodes, weights
 from .linearised import ranged
 from .load_samples import as_marched, at_nodes
 from .problem import IVP
@@ -81,10 +81,9 @@ class RememberingSteps:
         require_derivatives(problem)
         self.problem, self.parameters = problem.member(0), parameters
         systems, load = as_marched(self.problem, False)
-        load, known = with_moments(load), table(scheme.order)
-        s = self.s = scheme.order // 2
-        self.c, self.b = known[TABLE.nodes : TABLE.nodes + s], known[TABLE.weights : TABLE.weights + s]
-        self.a = known[TABLE.a : TABLE.a + WIDTH * WIDTH].reshape(WIDTH, WIDTH)[:s, :s].T
+        load, self.s = with_moments(load), scheme.order // 2
+        self.c, self.b = nodes(scheme.order), weights(scheme.order)
+        self.a = self.b * matrix(scheme.order)
         found = list(places(load))
         self.wheels = [one.unscaled for one, _ in found]
         self.rest = [term for term in load.remembering if not isinstance(term, Wheel)]
@@ -164,15 +163,15 @@ class RememberingSteps:
         problem, s, q, n = self.problem, self.s, self.size, last - first
         k = np.arange(first, last)
         h = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(n)
-        times, nodes = problem.nodes(k, self.c), slice(first, last + 1)
+        times, ends = problem.nodes(k, self.c), slice(first, last + 1)
         moving, space = self.load.sample(times, "body"), self.load.sample(times, "space")
         rotor = np.zeros((n * s, 6))
         if self.load.rotors:
             rotor = at_nodes(self.load, problem.times(k), problem.times(k + 1), h, self.c, 1.0)
         given = np.concatenate([moving - rotor[:, 3:], space, rotor[:, :3]], axis=1)
-        R, z = attitudes(states.quaternion[nodes]), states.internal
+        R, z = attitudes(states.quaternion[ends]), states.internal
         assert z is not None
-        known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[nodes], z[nodes][:, self.columns]], axis=1)
+        known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[ends], z[ends][:, self.columns]], axis=1)
         X = known[:-1, None] + self.c[:, None] * np.diff(known, axis=0)[:, None]
         ah = h[:, None, None] * self.a
         speed = max(abs(states.velocity).max(), 1 / float(problem.t_end - problem.t_start))

@@ -321,14 +321,8 @@ def test_a_run_file_says_the_same():
 test_what_is_refused = refused_as(
     [
         lambda: nt.wheel("x", 1, coulomb=-1),
-        lambda: under(nt.standard(J), integrator="continuous"),
-        lambda: under(nt.nontwisting(J, spin=1)),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1) + nt.dry_friction(1)),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1)),
         lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1), reduce="drift"),
     ]
 )
-
-
-def under(body, **how):
-    return nt.simulate(body, t_end=1, load=nt.wheel("z", 0.2, coulomb=1), **how)

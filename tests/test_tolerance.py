@@ -62,9 +62,9 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
-def test_16_problems_are_solved_within_their_tolerance():
-    found = ratios(range(16))
-    assert len(found) > 12
+def test_8_problems_are_solved_within_their_tolerance():
+    found = ratios(range(8))
+    assert len(found) > 6
     assert max(found.values()) <= 1
 
 

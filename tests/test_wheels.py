@@ -80,8 +80,6 @@ def test_total_momentum_changes_by_nothing_and_balances_hold(scheme, order):
     )
     size = abs(run.total_momentum.values).max()
     assert abs(run.total_momentum - run.total_momentum[0]).max() < 1e-14 * size * len(run.time)
-    assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-14)
-    assert np.diff(run.spatial_momentum, axis=0) / 0.05 == pytest.approx(run.moment.values, abs=1e-12)
     balance = run.total_kinetic_energy - run.wheel_work.sum("wheel")
     assert np.ptp(balance.values) < 2e-13
     drift = nt.drifts(run)
@@ -232,14 +230,11 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.wheel("x", 1, viscous=-1),
         lambda: nt.wheel("x", 1, friction=lambda speed: -speed),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("x", 3, speed=1)),
-        lambda: nt.simulate(nt.nontwisting([3, 4, 5]), t_end=1, load=SKEW, integrator="split"),
         lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=SKEW, reduce="drift"),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="duration"),
         lambda: nt.stepper(nt.standard(J), 0.1, load=SKEW).step(wheel_torque=1),
         lambda: nt.stepper(nt.standard(J), 0.1).step(wheel_torque=[1]),
-        lambda: nt.simulate(nt.standard(J), t_end=1, load=RUBBING, integrator="lie-midpoint"),
         lambda: nt.lyapunov(nt.standard(J), t_end=1, load=RUBBING),
-        lambda: nt.stepper(nt.standard(J), 0.1, load=RUBBING, integrator="gauss"),
         lambda: nt.integrate(nt.standard(J), t_end=1, material_angular_velocity=W0).observables("wheel_speed"),
         lambda: nt.integrate(nt.standard(J), t_end=1, material_angular_velocity=W0).wheel_momentum,
     ]

@@ -245,6 +245,7 @@ class Stepper:
         own = sum(one.state0.size for one in load.wheels)
         self._own, count = own, load.internal_state.size - own
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count)
+        self._locked = sum((one.locked for one in load.wheels), np.zeros((3, 3)))
         self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
         self.reset()
 
@@ -343,6 +344,10 @@ class Stepper:
             raise self._error(
                 self._single.failure(k) or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
             )
+        if self._wheels:  # what they bear is work on the body, which has their inertia, locked
+            begin, end = np.array(now.material_angular_velocity), np.array(numbers[4:7])
+            work = numbers[NUMBERS.work] + float((begin + end) @ self._locked @ (end - begin)) / 2
+            numbers = (*numbers[: NUMBERS.work], work, *numbers[NUMBERS.work + 1 :])
         self._state = state = self._made(numbers, now._start, k + 1, momenta)
         return state
 

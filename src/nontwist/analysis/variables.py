@@ -102,7 +102,7 @@ MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles wh
 }
 VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
-Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
+Described = tuple[Any, Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
 Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
@@ -122,7 +122,7 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
-def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
+def assembled(variables: Mapping[str, Described], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
     """Return a dataset of variables, each (dims, array, attributes).
 
     They are taken as they are: xarray would copy and compare them one by one, and import Dask, in a third of a second,
@@ -130,10 +130,7 @@ def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[
     """
     import xarray
 
-    own = {
-        name: xarray.Variable(dims, array, attributes, fastpath=True)
-        for name, (dims, array, attributes) in variables.items()
-    }
+    own = {name: xarray.Variable(*about, fastpath=True) for name, about in variables.items()}
     along, indexes = coordinates
     return xarray.Dataset._construct_direct(own | along, set(along), attrs=record, indexes=indexes)
 

@@ -119,7 +119,9 @@ class Trial(NamedTuple):
         return found
 
 
-def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, **options: Any) -> Controlled:
+def controlled(
+    plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, on_gpu: bool = False, **options: Any
+) -> Controlled:
     """Return the run or the ensemble of a plan with a tolerance, whose `options` its problem has.
 
     Raises
@@ -129,7 +131,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
     """
 
     def run(scheme: Integrator, grid: Stretches, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
-        task = plan._replace(scheme=scheme).problem(start, grid, stored)
+        task = replace(plan._replace(scheme=scheme).problem(start, grid, stored), on_gpu=on_gpu)
         if stored is None:
             task = replace(task, **options)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))

@@ -50,7 +50,7 @@ from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, places
 from .sampling import mean
-from .workspace import turned_into
+from .workspace import entered, turned_into
 
 TOGETHER = 32  # steps between two times at which changes are made orthonormal
 
@@ -326,7 +326,8 @@ class ForwardRun(NamedTuple):
     fixed: Doubles  # the same, where those of inputs are what all steps have
     chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
     found: Doubles  # (kept, 6, padded)
-    first: Doubles  # quaternion at the start of the run
+    first: Doubles  # quaternion at the start of the run, scalar last, and W
+    is_first: int  # 1: the run begins with this piece
     turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
 
 
@@ -353,6 +354,10 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
+        begin, W = entered(body, own.first, own.first.shifted(4))
+        for _ in when(own.is_first != 0):
+            held = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
+            memory.p, memory.s = begin, held if parts.is_director_scheme else body.momentum_of(held)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
@@ -379,7 +384,6 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             for _ in when(chain.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
-                begin = Quaternion(*(own.first[k] for k in range(4)))
                 put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
                 v.done = v.done + 1
         now = v.state

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..engine.known_steps import LANES, STEPS
 from ..engine.linearised import TOGETHER, ForwardRun, chain_back, chain_forward, grow
-from ..engine.records import STATE, State, side_by_side
+from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code
@@ -130,7 +130,7 @@ class ForwardTangents:
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
-        self._start, self._entering = self._parted(start), steps.entering
+        self._start = self._parted(start)
         self._threads = PerThread(self._workspace)
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
@@ -145,9 +145,8 @@ class ForwardTangents:
         """
         x, state, found, turns, scale, calls, _ = self._threads.own
         first, seen, turned = self._start if start is None else self._parted(start)
-        scale[0], state[:], (of_p, of_W) = factor, 0.0, self._entering
-        state[STATE.p : STATE.s] = state[-4:] = of_p @ p
-        state[STATE.s : STATE.compensation], x[: len(seen), : self._count] = of_W @ W, seen
+        scale[0], state[:], x[: len(seen), : self._count] = factor, 0.0, seen
+        state[-7:-3], state[-3:] = p, W
         for block, address in calls:
             self._kernel(address)
             if block[STEPS.failed]:
@@ -166,7 +165,7 @@ class ForwardTangents:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
         steps, rows, count = self._steps, self._steps.rows, self._kept
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
-        state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
+        state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for piece in self._pieces:
@@ -178,7 +177,7 @@ class ForwardTangents:
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
             head.padded, head.found, head.chain = self._padded, found[piece.place :], piece.linked(block)
-            head.first, head.turns = state[-4:], turns[piece.place :]
+            head.first, head.is_first, head.turns = state[-7:], int(piece.first == 0), turns[piece.place :]
             calls.append((block, head.address))
             alive.append((head, piece))
         x[:] = fixed

@@ -17,6 +17,7 @@ from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import largest_velocity
+from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 from refusals import says
 from tolerance_problems import Motion, Task, error_of, generated, truth
@@ -44,6 +45,16 @@ def ratios(seeds):
         assert run.error_estimate <= run.tolerance == task.tolerance
         found[seed] = error_of(run, task) / task.tolerance
     return found
+
+
+def test_states_that_are_shown_take_no_march_of_their_own(monkeypatch):
+    marched, run = [], StackMarch.run
+    monkeypatch.setattr(StackMarch, "run", lambda own, *more: marched.append(own.stack.steps) or run(own, *more))
+    found = [nt.integrate(BODY, t_end=2, **W, **how) for how in ({}, {"times": [0.5, 2]})]
+    coarse = marched[0]
+    assert marched == 2 * [coarse, coarse, coarse // 2 * 3]  # two trials, and the floor with the first
+    assert len(found[0].time) > marched[2]
+    assert np.array_equal(*(one.material_angular_velocity[-1] for one in found))
 
 
 def test_a_run_that_fails_at_any_step_says_how(monkeypatch):

@@ -35,7 +35,7 @@ from .compiled import Compiled
 from .load_samples import WIDTHS
 from .members import PerThread
 from .problem import IVP, Failure, Intervals, Outcome, Status
-from .stack_march import SAME, StackMarch, listed
+from .stack_march import SAME, StackMarch, listed, march_of
 from .wheels import carrier
 
 NONE = np.zeros(0)
@@ -58,7 +58,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     if not scheme.is_director_scheme:
         problem = tangent(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
-    todo = StackMarch(problem, scheme) if dense is None else dense.march
+    todo = march_of(problem, scheme) if dense is None else dense.march
     common, end = None, None
     if todo is not problem.marched:
         if problem.memory is not None:
@@ -66,11 +66,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
     failures = arrays["failures"]
-    good = np.full(len(problem), k)
+    good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 
     def alone(i: int) -> Outcome:
         """Return how a member ends that is marched once more, by itself: its load fails."""
-        return march(problem.member(i), 1, scheme)
+        return march(replace(problem.member(i), on_gpu=False), 1, scheme)
 
     if common is not None:
         running = failures[:, 0] == Status.OK
@@ -79,12 +79,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
-            failures[i, 0] = Status.LOAD if len(problem) == 1 else alone(i).failures[0, 0]
+            failures[i, 0] = Status.LOAD if is_one else alone(i).failures[0, 0]
         is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
         if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
-            is_one = len(problem) == 1
             reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
     first = todo.skipped
     if dense is not None:

@@ -258,7 +258,6 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.wheel("x", 1, viscous=-1),
         lambda: nt.wheel("x", 1, friction=lambda speed: -speed),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("x", 3, speed=1)),
-        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=SKEW, reduce="drift"),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="duration"),
         lambda: nt.stepper(nt.standard(J), 0.1, load=SKEW).step(wheel_torque=1),
         lambda: nt.stepper(nt.standard(J), 0.1).step(wheel_torque=[1]),

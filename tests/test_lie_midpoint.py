@@ -34,6 +34,13 @@ def test_vertical_momentum_of_a_heavy_body():
     assert np.ptp(run.spatial_momentum.sel(axis="x").values) > 0.1
 
 
+@pytest.mark.parametrize("name", BODIES)
+def test_velocities_are_tangent_at_every_node(name):
+    run = nt.integrate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=nt.sine([5, 3, 1], 2), **LIE)
+    g = run.director_velocities @ np.swapaxes(run.directors, 1, 2)
+    assert abs(g + np.swapaxes(g, 1, 2)).max() < 1e-13
+
+
 def test_free_nontwisting_motion_is_the_same_discrete_closed_form():
     W = np.array([6.0, -18, 0])
     run = nt.integrate(

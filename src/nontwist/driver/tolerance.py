@@ -259,9 +259,9 @@ def _scaled(grid: Stretches, factor: float) -> Stretches:
     return stretched(grid.borders, 2 * np.ceil(np.diff(grid.numbers) * factor / 2))
 
 
-def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Return which nodes of `finer(grid)` with these numbers are nodes of `grid`, and their numbers there."""
-    first, ends = np.array(grid.numbers), np.array(finer(grid).numbers)
+def _partners(grid: Stretches, fine: Stretches, numbers: NDArray[np.int64]) -> tuple[Any, Any]:
+    """Return which nodes of `fine`, the finer grid, with these numbers are nodes of `grid`, and their numbers there."""
+    first, ends = np.array(grid.numbers), np.array(fine.numbers)
     j = np.searchsorted(ends[1:-1], numbers, side="right")
     local, is_even = numbers - ends[j], (np.diff(first) % 2 == 0)[j]
     size = np.where(is_even, 3, 2)
@@ -272,7 +272,8 @@ def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.i
 
 def _samples(plan: Plan, grid: Stretches) -> NDArray[np.int64]:
     """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
-    shared = _partners(grid, stored_steps(finer(grid).steps, plan.store))[1]
+    fine = finer(grid)
+    shared = _partners(grid, fine, stored_steps(fine.steps, plan.store))[1]
     some = np.linspace(0, grid.steps, min(SAMPLES, grid.steps) + 1).astype(np.int64)
     return distinct(np.concatenate([shared, some]))
 
@@ -285,7 +286,7 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     """
     i, k = np.array([-1]), np.array([-1])
     if not ends:
-        k, numbers = _partners(a.grid, b.problem.stored)
+        k, numbers = _partners(a.grid, b.grid, b.problem.stored)
         known = a.problem.stored
         i = np.minimum(np.searchsorted(known, numbers), len(known) - 1)
         i, k = i[known[i] == numbers], k[known[i] == numbers]

@@ -102,7 +102,7 @@ MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles wh
 }
 VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
-Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
+Described = tuple[Any, Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
 Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
@@ -122,7 +122,7 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
-def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
+def assembled(variables: Mapping[str, Described], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
     """Return a dataset of variables, each (dims, array, attributes).
 
     They are taken as they are: xarray would copy and compare them one by one, and import Dask, in a third of a second,
@@ -130,10 +130,7 @@ def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[
     """
     import xarray
 
-    own = {
-        name: xarray.Variable(dims, array, attributes, fastpath=True)
-        for name, (dims, array, attributes) in variables.items()
-    }
+    own = {name: xarray.Variable(*about, fastpath=True) for name, about in variables.items()}
     along, indexes = coordinates
     return xarray.Dataset._construct_direct(own | along, set(along), attrs=record, indexes=indexes)
 
@@ -280,8 +277,7 @@ def observables(
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
     rows = entries(p)
-    R = np.moveaxis(rows, (0, 1), (-2, -1))
-    q = R.swapaxes(-1, -2)
+    q = np.moveaxis(rows, (1, 0), (-2, -1))
     own = q if carried is None else carried[:, :, 0]
     w = [*np.moveaxis(W, -1, 0).copy()]
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
@@ -309,7 +305,7 @@ def observables(
         V = -(terms[0] + terms[1] + terms[2])
         if potentials is None:
             return V
-        of_load = sum(term.energy(R.swapaxes(-1, -2), potentials.times) for term in potentials.load.potentials)
+        of_load = sum(term.energy(q, potentials.times) for term in potentials.load.potentials)
         return V + potentials.scale[:, None] * of_load
 
     made |= {

@@ -262,9 +262,7 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def _vector(values: Any) -> str:
-    import numpy as np
-
-    return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 def _words(name: str, value: str | float) -> str:

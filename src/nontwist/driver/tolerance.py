@@ -103,7 +103,8 @@ class Trial(NamedTuple):
 
     def has(self, *statuses: Status) -> bool:
         """Whether a member has ended in one of these."""
-        return bool(np.isin(self.outcome.failures[:, 0], statuses).any())
+        found = self.outcome.failures[:, 0].tolist()
+        return any(status in found for status in statuses)
 
     @property
     def done(self) -> NDArray[np.bool_]:
@@ -118,10 +119,10 @@ class Trial(NamedTuple):
         return found
 
 
-def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, **options: Any) -> Controlled:
-    """Return the run or the ensemble of a plan with a tolerance; `options` are those of the problem.
-
-    `first` is what it begins with, if that is known already.
+def controlled(
+    plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, on_gpu: bool = False, **options: Any
+) -> Controlled:
+    """Return the run or the ensemble of a plan with a tolerance, whose `options` its problem has.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
     """
 
     def run(scheme: Integrator, grid: Stretches, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
-        task = plan._replace(scheme=scheme).problem(start, grid, stored)
+        task = replace(plan._replace(scheme=scheme).problem(start, grid, stored), on_gpu=on_gpu)
         if stored is None:
             task = replace(task, **options)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
@@ -145,7 +146,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
         if coarse.has(Status.INTERRUPTED, Status.JUMP):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
         if floor is None and not coarse.has(*COARSE):
-            other = run(scheme, coarse.grid, _ends(coarse.grid), moved(begin))
+            other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
             floor = _distance(coarse, other, ends=True) / LARGER
             if FLOORS * floor > plan.goal:
                 slowest = 1.0 / (plan.t_end - plan.t_start)
@@ -258,9 +259,9 @@ def _scaled(grid: Stretches, factor: float) -> Stretches:
     return stretched(grid.borders, 2 * np.ceil(np.diff(grid.numbers) * factor / 2))
 
 
-def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Return which nodes of `finer(grid)` with these numbers are nodes of `grid`, and their numbers there."""
-    first, ends = np.array(grid.numbers), np.array(finer(grid).numbers)
+def _partners(grid: Stretches, fine: Stretches, numbers: NDArray[np.int64]) -> tuple[Any, Any]:
+    """Return which nodes of `fine`, the finer grid, with these numbers are nodes of `grid`, and their numbers there."""
+    first, ends = np.array(grid.numbers), np.array(fine.numbers)
     j = np.searchsorted(ends[1:-1], numbers, side="right")
     local, is_even = numbers - ends[j], (np.diff(first) % 2 == 0)[j]
     size = np.where(is_even, 3, 2)
@@ -271,13 +272,10 @@ def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.i
 
 def _samples(plan: Plan, grid: Stretches) -> NDArray[np.int64]:
     """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
-    shared = _partners(grid, stored_steps(finer(grid).steps, plan.store))[1]
+    fine = finer(grid)
+    shared = _partners(grid, fine, stored_steps(fine.steps, plan.store))[1]
     some = np.linspace(0, grid.steps, min(SAMPLES, grid.steps) + 1).astype(np.int64)
     return distinct(np.concatenate([shared, some]))
-
-
-def _ends(grid: Stretches) -> NDArray[np.int64]:
-    return np.array([0, grid.steps])
 
 
 def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> float:
@@ -288,7 +286,7 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     """
     i, k = np.array([-1]), np.array([-1])
     if not ends:
-        k, numbers = _partners(a.grid, b.problem.stored)
+        k, numbers = _partners(a.grid, b.grid, b.problem.stored)
         known = a.problem.stored
         i = np.minimum(np.searchsorted(known, numbers), len(known) - 1)
         i, k = i[known[i] == numbers], k[known[i] == numbers]

@@ -24,8 +24,8 @@ one by one.
 Growth. How much changes of a state grow along a run: its linearised steps, with orthonormal changes in between. X, the
 changes, goes through the matrices of the steps, and every so many steps is replaced by the Q of X = QR, by Gram and
 Schmidt (modified): ``Σ log R_kk`` is the logarithm of how much the k-th of them has grown, and the
-first k together of the volume that they span. A change of W counts in units of a velocity, one of N by √(Σ dN_ij²) in
-the same; what is orthonormal is the change over these units.
+first k together of the volume that they span. A change of W counts in units of a velocity; what is orthonormal is the
+change over these units.
 
 Of a body that may not turn about an axis n, changes of W are across n. Their round-off is not, and where it is not
 removed each time, it grows over changes that shrink, until the last ones are nothing else.
@@ -35,6 +35,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
+from itertools import product as iterate
 from typing import Any, NamedTuple
 
 from ..kernels import machine_code
@@ -50,7 +51,7 @@ from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, places
 from .sampling import mean
-from .workspace import turned_into
+from .workspace import entered, turned_into
 
 TOGETHER = 32  # steps between two times at which changes are made orthonormal
 
@@ -82,7 +83,8 @@ class Chain(NamedTuple):
     found: Doubles  # back: (count,) df/dp
     scratch: Doubles  # back: (width,)
     grown: int  # growth: how many changes, at most `LANES`
-    weights: Doubles  # (rows,) 1 over the squares of the units
+    weights: Doubles  # (6,) 1 over the squares of the units
+    metric: Doubles  # (6, 6) the same of the entries of N, which count as those in the body
     normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
     lengths: Doubles  # (times, count) R_kk
 
@@ -180,16 +182,16 @@ def grow(rows: int) -> Kernel:
 
     def orthonormalise(c: Any, lengths: Any) -> None:
         """Replace the changes by orthonormal ones that span the same, across `normal`, and write how long they were."""
-        x, weights, normal = c.state, [c.weights[i] for i in range(rows)], [c.normal[i] for i in range(rows)]
+        x, normal = c.state, [c.normal[i] for i in range(rows)]
         for k in loop(c.grown):
             y = [x[i * LANES + k] for i in range(rows)]
-            away = product(weights, normal, y)
+            away = product(c, normal, y)
             v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
             for j in loop(k):
                 before = [x[i * LANES + j] for i in range(rows)]
-                along = product(weights, before, v.y)
+                along = product(c, before, v.y)
                 v.y = tuple(v.y[i] - along * before[i] for i in range(rows))
-            length = sqrt(product(weights, v.y, v.y))
+            length = sqrt(product(c, v.y, v.y))
             lengths[k] = length
             for i in range(rows):
                 x[i * LANES + k] = v.y[i] / length
@@ -207,11 +209,13 @@ def grow(rows: int) -> Kernel:
     return Kernel(text, "i8", 0)
 
 
-def product(weights: Any, a: Any, b: Any) -> Any:
-    """Return the scalar product with these weights."""
-    total = weights[0] * a[0] * b[0]
-    for w, x, y in zip(weights[1:], a[1:], b[1:], strict=True):
-        total = total + w * x * y
+def product(c: Any, a: Any, b: Any) -> Any:
+    """Return the scalar product of two changes."""
+    total = c.weights[0] * a[0] * b[0]
+    for i in range(1, 6):
+        total = total + c.weights[i] * a[i] * b[i]
+    for i, j in iterate(range(6, len(a)), repeat=2):
+        total = total + c.metric[6 * (i - 6) + j - 6] * a[i] * b[j]
     return total
 
 
@@ -326,7 +330,8 @@ class ForwardRun(NamedTuple):
     fixed: Doubles  # the same, where those of inputs are what all steps have
     chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
     found: Doubles  # (kept, 6, padded)
-    first: Doubles  # quaternion at the start of the run
+    first: Doubles  # quaternion at the start of the run, scalar last, and W
+    is_first: int  # 1: the run begins with this piece
     turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
 
 
@@ -353,6 +358,10 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
+        begin, W = entered(body, own.first, own.first.shifted(4))
+        for _ in when(own.is_first != 0):
+            held = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
+            memory.p, memory.s = begin, held if parts.is_director_scheme else body.momentum_of(held)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
@@ -379,7 +388,6 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             for _ in when(chain.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
-                begin = Quaternion(*(own.first[k] for k in range(4)))
                 put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
                 v.done = v.done + 1
         now = v.state

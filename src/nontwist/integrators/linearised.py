@@ -7,7 +7,7 @@ length of the run; matrices are made within the kernels that multiply by them, `
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..engine.linearised import CHAIN, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY, address_of, put
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States, product
+from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
@@ -200,15 +200,6 @@ class Linearised:
             put(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
             put(block, STEPS, sloped=sloped.address, seeds=seeds)
 
-    @cached_property
-    def entering(self) -> tuple[Array, Array]:
-        """The matrices that make what a march carries, of quaternions, scalar last, and of W."""
-        body, B = self._fixed, np.eye(3) if self.frame is None else self.frame
-        frame = np.roll(body[BODY.frame : BODY.dead], -1)
-        p = product(np.eye(4), np.broadcast_to(frame, (4, 4)))[:, [3, 0, 1, 2]].T
-        e, held = body[BODY.E : BODY.basis], np.array([1.0, 1.0, not self.axis.any()])
-        return p, (held * (e[[1, 2, 0]] + e[[2, 0, 1]] if self.rows == 6 else 1.0))[:, None] * B.T
-
     def turned(self, x: Array, back: bool = False) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
         if self.frame is None:
@@ -277,6 +268,7 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
+        piece = piece._replace(chain=piece.chain.copy())  # threads share pieces
         piece.put(own.block, nodes)
         kernel(piece.linked(own.block, **arrays))
         self.require_no_error()

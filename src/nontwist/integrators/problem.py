@@ -70,6 +70,7 @@ class IVP(OnGrid):
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
     stretches: Stretches | None = None
+    on_gpu: bool = False  # whether an ensemble is marched on a GPU
     internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
     marched: Any = None  # the `Outcome.march` of this problem without output times, where all nodes are known already
 
@@ -113,7 +114,7 @@ class IVP(OnGrid):
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> IVP:
         arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
-        return replace(self, systems=systems, progress=None, marched=None, **parts, **changes)
+        return replace(self, systems=systems, progress=None, marched=None, on_gpu=False, **parts, **changes)
 
     def failed(self, states: int, status: Status, reason: str) -> Failure:
         """Return the failure of the step, or after the asked time, that follows so many good `states`."""

@@ -13,9 +13,10 @@ import numpy as np
 
 from ..engine.known_steps import LANES, STEPS
 from ..engine.linearised import TOGETHER, ForwardRun, chain_back, chain_forward, grow
-from ..engine.records import STATE, State, side_by_side
+from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
+from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Entries, Kept, Linearised, Nodes, Piece, Sampled, Workspace
@@ -130,7 +131,7 @@ class ForwardTangents:
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
-        self._start, self._entering = self._parted(start), steps.entering
+        self._start = self._parted(start)
         self._threads = PerThread(self._workspace)
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
@@ -145,9 +146,8 @@ class ForwardTangents:
         """
         x, state, found, turns, scale, calls, _ = self._threads.own
         first, seen, turned = self._start if start is None else self._parted(start)
-        scale[0], state[:], (of_p, of_W) = factor, 0.0, self._entering
-        state[STATE.p : STATE.s] = state[-4:] = of_p @ p
-        state[STATE.s : STATE.compensation], x[: len(seen), : self._count] = of_W @ W, seen
+        scale[0], state[:], x[: len(seen), : self._count] = factor, 0.0, seen
+        state[-7:-3], state[-3:] = p, W
         for block, address in calls:
             self._kernel(address)
             if block[STEPS.failed]:
@@ -166,7 +166,7 @@ class ForwardTangents:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
         steps, rows, count = self._steps, self._steps.rows, self._kept
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
-        state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
+        state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for piece in self._pieces:
@@ -178,7 +178,7 @@ class ForwardTangents:
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
             head.padded, head.found, head.chain = self._padded, found[piece.place :], piece.linked(block)
-            head.first, head.turns = state[-4:], turns[piece.place :]
+            head.first, head.is_first, head.turns = state[-7:], int(piece.first == 0), turns[piece.place :]
             calls.append((block, head.address))
             alive.append((head, piece))
         x[:] = fixed
@@ -235,9 +235,11 @@ class Growth:
         steps, k = self._steps, self.count
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
-        units[9:] /= np.sqrt(2.0)  # entries of N that stand there twice
-        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(steps.rows,), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units**2
+        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(6,), metric=(6, 6), normal=(steps.rows,))
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units[:6] ** 2
+        B = np.eye(3) if steps.frame is None else steps.frame
+        T = np.array([[(B @ dN @ B.T)[e] for dN in BASIS] for e in ENTRIES])  # to entries in the body
+        arrays["metric"][:] = T.T @ T / fastest**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done = np.empty((len(self.times), k)), 0
         for piece in self._pieces or steps.pieces():

@@ -69,7 +69,9 @@ class Wheel(Memory):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.times.size:
-            self._set(**smoothness(self.times))
+            self._set(breakpoints=smoothness(self.times)["breakpoints"])
+            if self.torque:
+                raise ValueError("torque is a number, or times and values of it, not both")
         if self.friction is not None:
             for speed in (*-SPEEDS, *SPEEDS):
                 (drag,) = checked(self.friction, (float(speed),), ())

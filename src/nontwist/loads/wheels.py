@@ -174,7 +174,8 @@ class Wheel(Memory):
         if self.friction is not None:
             drag = drag + call(self.friction, (speed,), ())[0]
         rate = torque - drag
-        return [*(cross(h * n, W) - rate * n)], [rate, torque * speed, drag * speed, 0.0 * h][: max(self.count, 3)]
+        rates = [rate, torque * speed, drag * speed, 0.0 * h][: 3 + bool(self.is_commanded)]  # numbers may be duals
+        return [*(cross(h * n, W) - rate * n)], rates
 
     @property
     def called(self) -> Function:

@@ -335,3 +335,8 @@ def test_a_moment_of_the_state_acts_on_a_point():
     height = run.directors.values[:, 2, 2]
     kinetic = run.kinetic_energy.values
     assert abs(kinetic - 2 * height - (kinetic[0] - 2 * height[0])).max() < 1e-6
+
+
+def test_a_weight_at_the_fixed_point_is_told():
+    with pytest.warns(UserWarning, match="gravity has no moment"):
+        heavy_top([2, 2, 1], mass=1, centre_of_mass=(0, 0, 0))

@@ -200,6 +200,28 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis):
         nt.simulate(nt.standard(J), load=load, integrator="lie-midpoint", **how)
 
 
+@pytest.mark.parametrize(("body", "limit"), [("standard", 2), ("suslov", 0.3)])
+def test_a_stepper_takes_the_steps_of_the_run(body, limit):
+    load = nt.wheel(AXES[0], 0.2, 2.0, viscous=0.03, coulomb=0.05) + nt.dry_friction(limit, (0.6, 0, 0.8))
+    how = {"step": 0.05, "integrator": "gauss", "order": 4}
+    loop = nt.stepper(BODIES[body], load=load, **how)
+    loop.reset(material_angular_velocity=W0, project=True)
+    states = [loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) for _ in range(60)]
+    more = nt.body_moment(lambda t: (0.1, 0, 0.2)) + nt.dry_friction(limit, (0.6, 0, 0.8))
+    whole = nt.wheel(AXES[0], 0.2, 2.0, 0.1, viscous=0.03, coulomb=0.05) + more
+    start = {"material_angular_velocity": W0, "project": True}
+    run = nt.simulate(BODIES[body], t_end=3, load=whole, **start, **how)
+    assert run.sticking.values[-1] == (body == "standard")
+    assert states[-1].quaternion == pytest.approx(run.quaternion.values[-1], abs=1e-13)
+    for name in ("material_angular_velocity", "wheel_speed", "wheel_work", "wheel_loss"):
+        assert getattr(states[-1], name) == pytest.approx(run[name].values[-1], abs=1e-13)
+    assert [one.load_work for one in states] == pytest.approx(run.load_work.values, abs=1e-14)
+    if body == "suslov":
+        assert [one.reaction_moment for one in states] == pytest.approx(run.reaction_moment.values, abs=1e-12)
+    loop.state = states[10]
+    assert loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) == states[11]
+
+
 @pytest.mark.parametrize("body", BODIES)
 def test_energy_never_rises_and_momentum_stays(body):
     load = nt.wheel((1, 0, 0), 0.2, 5, coulomb=0.1) + nt.wheel((1, 1, 1), 0.3, -4, viscous=0.01, coulomb=0.3)

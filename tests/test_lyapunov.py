@@ -164,6 +164,7 @@ def test_what_has_no_derivatives_has_no_exponents():
 def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
     rng, steps = np.random.default_rng(rows + count), 50
     M, n = np.eye(rows, rows + 2) + 0.1 * rng.normal(size=(steps, rows, rows + 2)), rng.normal(size=rows)
+    metric, length = np.eye(6) + np.cov(rng.normal(size=(6, 20))), np.linalg.norm(n)
     start, found, memory = rng.normal(size=(rows, LANES)), [], np.zeros((rows, rows + 2, LANES))
 
     @machine_code.KIND
@@ -177,15 +178,16 @@ def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
         made.steps, made.out = steps, memory
         chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
         chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
-        chain.weights, chain.normal = np.linspace(1, 2, rows), n / np.linalg.norm(n)
+        chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
         chain.state, chain.lengths = x, lengths
         getattr(linearised.grow(rows), how)(chain.address)
         found.append((x, lengths))
     assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])
     assert np.array_equal(found[0][1], found[1][1])
-    w, first = np.linspace(1, 2, rows)[:, None], start[:, :count]
+    G, first = np.zeros((rows, rows)), start[:, :count]
+    G[:6, :6], G[6:, 6:] = np.diag(np.linspace(1, 2, 6)), metric[: rows - 6, : rows - 6]
     for A in M[: linearised.TOGETHER]:
         first = A[:, :rows] @ first
-    first -= np.outer(n, n @ (w * first)) / (n @ n)
-    R = np.linalg.qr(np.sqrt(w) * first)[1]
+    first -= np.outer(n, n @ G @ first) / (length * length)
+    R = np.linalg.qr(np.linalg.cholesky(G).T @ first)[1]
     assert found[0][1][0] == pytest.approx(abs(np.diag(R)), rel=1e-11)

@@ -862,3 +862,11 @@ def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
         result = nontwist("twist", tmp_path / "a.csv", option, word)
         assert result.exit_code == 2
         assert f"Error: Invalid value for '{option}': '{word}' is not one of '" in result.stderr
+
+
+@pytest.mark.parametrize("letters", ["XYZ", "ZYX"])
+def test_named_angles_in_another_order_than_their_headers_are_told(letters):
+    table = io.StringIO("ms,Roll,Pitch,Yaw\n0,0,0,0\n10,1,2,3\n20,2,4,6\n")
+    with warned(*["unlike-headers"] * (letters == "ZYX")):
+        found = read_motion(table, ["ms", "Roll", "Pitch", "Yaw"], euler=letters, angle_unit="deg")
+    assert found["time"].values.tolist() == [0.0, 0.01, 0.02]

@@ -178,8 +178,36 @@ def test_a_stepper_takes_the_steps_of_the_run():
         state = loop.step(wheel_torque=(0.1, 0))
     assert state.quaternion == pytest.approx(whole.quaternion.values[20], abs=1e-14)
     assert state.wheel_momentum == pytest.approx(whole.wheel_momentum.values[20], abs=1e-14)
+    assert state.wheel_work == pytest.approx((whole.wheel_work.values[20, 0], 0), abs=1e-13)
+    assert state.load_work == pytest.approx(whole.load_work.values[19], abs=1e-14)
     loop.state = state
     assert loop.state.wheel_speed == pytest.approx(whole.wheel_speed.values[20], abs=1e-12)
+
+
+def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction():
+    """A factor multiplies the speed at first and the torque, and not friction."""
+    table = nt.wheel("z", 0.3, 3, ([0, 1, 1.5], [0, 0.2, 0.4]))
+    first, scaled = nt.wheel((1, 1, 0), 0.2, 2, spin_up, viscous=0.03), nt.wheel("y", 0.1, 1, 0.1, friction=drag)
+    how = {"step": 0.05, "integrator": "gauss", "order": 4}
+    loop = nt.stepper(nt.standard(J), load=nt.damping(0.1) + table + first + 2 * scaled, **how)
+    loop.reset(material_angular_velocity=W0)
+    kept = [loop.step(wheel_torque=(0.1, -0.2, 0.05)) for _ in range(40)]
+
+    def motor(t, speed):
+        return spin_up(t, speed) - 0.2
+
+    both = nt.wheel("z", 0.3, 3, ([0, 1, 1.5, 3], [0.1, 0.3, 0.5, 0.5]))  # the end of a table is a jump
+    own = nt.wheel((1, 1, 0), 0.2, 2, motor, viscous=0.03) + nt.wheel("y", 0.1, 2, 0.25, friction=drag)
+    run = nt.simulate(nt.standard(J), t_end=1.5, load=nt.damping(0.1) + both + own, material_angular_velocity=W0, **how)
+    state = kept[29]
+    assert state.material_angular_velocity == pytest.approx(run.material_angular_velocity.values[30], abs=1e-14)
+    for name in ("wheel_speed", "wheel_work", "wheel_loss"):
+        expected = np.nan_to_num(getattr(run, name).values[30])
+        assert getattr(state, name) == pytest.approx(expected, abs=1e-13)
+    loop.state = state
+    assert loop.step(wheel_torque=(0.1, -0.2, 0.05)) == kept[30]
+    loop.reset(start=run)
+    assert loop.state.wheel_work == pytest.approx(run.wheel_work.values[-1], abs=1e-15)
 
 
 @pytest.mark.parametrize("body", BODIES)

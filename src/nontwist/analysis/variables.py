@@ -277,8 +277,7 @@ def observables(
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
     rows = entries(p)
-    R = np.moveaxis(rows, (0, 1), (-2, -1))
-    q = R.swapaxes(-1, -2)
+    q = np.moveaxis(rows, (1, 0), (-2, -1))
     own = q if carried is None else carried[:, :, 0]
     w = [*np.moveaxis(W, -1, 0).copy()]
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
@@ -306,7 +305,7 @@ def observables(
         V = -(terms[0] + terms[1] + terms[2])
         if potentials is None:
             return V
-        of_load = sum(term.energy(R.swapaxes(-1, -2), potentials.times) for term in potentials.load.potentials)
+        of_load = sum(term.energy(q, potentials.times) for term in potentials.load.potentials)
         return V + potentials.scale[:, None] * of_load
 
     made |= {

@@ -183,7 +183,7 @@ class Contacts:
         h[standing] = turning[standing]
         r = np.zeros(len(h))
         for a, one in enumerate(self.wheels):
-            r[a] = one.responses(checked, t, (float(h[a]),), None, W)[1][0]
+            r[a] = one.responses(checked, t, (float(h[a]), *z[self.places[a] + 1 :][: one.count - 1]), None, W)[1][0]
         K = K + cross((h - turning) @ self.spins, W) - r @ self.spins
         place = len(z) - sum(term.state0.size for term in self.beside)
         for term in self.beside:

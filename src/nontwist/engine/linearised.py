@@ -24,8 +24,8 @@ one by one.
 Growth. How much changes of a state grow along a run: its linearised steps, with orthonormal changes in between. X, the
 changes, goes through the matrices of the steps, and every so many steps is replaced by the Q of X = QR, by Gram and
 Schmidt (modified): ``Σ log R_kk`` is the logarithm of how much the k-th of them has grown, and the
-first k together of the volume that they span. A change of W counts in units of a velocity, one of N by √(Σ dN_ij²) in
-the same; what is orthonormal is the change over these units.
+first k together of the volume that they span. A change of W counts in units of a velocity; what is orthonormal is the
+change over these units.
 
 Of a body that may not turn about an axis n, changes of W are across n. Their round-off is not, and where it is not
 removed each time, it grows over changes that shrink, until the last ones are nothing else.
@@ -35,6 +35,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
+from itertools import product as iterate
 from typing import Any, NamedTuple
 
 from ..kernels import machine_code
@@ -82,7 +83,8 @@ class Chain(NamedTuple):
     found: Doubles  # back: (count,) df/dp
     scratch: Doubles  # back: (width,)
     grown: int  # growth: how many changes, at most `LANES`
-    weights: Doubles  # (rows,) 1 over the squares of the units
+    weights: Doubles  # (6,) 1 over the squares of the units
+    metric: Doubles  # (6, 6) the same of the entries of N, which count as those in the body
     normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
     lengths: Doubles  # (times, count) R_kk
 
@@ -180,16 +182,16 @@ def grow(rows: int) -> Kernel:
 
     def orthonormalise(c: Any, lengths: Any) -> None:
         """Replace the changes by orthonormal ones that span the same, across `normal`, and write how long they were."""
-        x, weights, normal = c.state, [c.weights[i] for i in range(rows)], [c.normal[i] for i in range(rows)]
+        x, normal = c.state, [c.normal[i] for i in range(rows)]
         for k in loop(c.grown):
             y = [x[i * LANES + k] for i in range(rows)]
-            away = product(weights, normal, y)
+            away = product(c, normal, y)
             v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
             for j in loop(k):
                 before = [x[i * LANES + j] for i in range(rows)]
-                along = product(weights, before, v.y)
+                along = product(c, before, v.y)
                 v.y = tuple(v.y[i] - along * before[i] for i in range(rows))
-            length = sqrt(product(weights, v.y, v.y))
+            length = sqrt(product(c, v.y, v.y))
             lengths[k] = length
             for i in range(rows):
                 x[i * LANES + k] = v.y[i] / length
@@ -207,11 +209,13 @@ def grow(rows: int) -> Kernel:
     return Kernel(text, "i8", 0)
 
 
-def product(weights: Any, a: Any, b: Any) -> Any:
-    """Return the scalar product with these weights."""
-    total = weights[0] * a[0] * b[0]
-    for w, x, y in zip(weights[1:], a[1:], b[1:], strict=True):
-        total = total + w * x * y
+def product(c: Any, a: Any, b: Any) -> Any:
+    """Return the scalar product of two changes."""
+    total = c.weights[0] * a[0] * b[0]
+    for i in range(1, 6):
+        total = total + c.weights[i] * a[i] * b[i]
+    for i, j in iterate(range(6, len(a)), repeat=2):
+        total = total + c.metric[6 * (i - 6) + j - 6] * a[i] * b[j]
     return total
 
 

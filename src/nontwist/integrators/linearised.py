@@ -268,6 +268,7 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
+        piece = piece._replace(chain=piece.chain.copy())  # threads share pieces
         piece.put(own.block, nodes)
         kernel(piece.linked(own.block, **arrays))
         self.require_no_error()

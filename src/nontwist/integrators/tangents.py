@@ -16,6 +16,7 @@ from ..engine.linearised import TOGETHER, ForwardRun, chain_back, chain_forward,
 from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
+from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Entries, Kept, Linearised, Nodes, Piece, Sampled, Workspace
@@ -234,9 +235,11 @@ class Growth:
         steps, k = self._steps, self.count
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
-        units[9:] /= np.sqrt(2.0)  # entries of N that stand there twice
-        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(steps.rows,), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units**2
+        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(6,), metric=(6, 6), normal=(steps.rows,))
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units[:6] ** 2
+        B = np.eye(3) if steps.frame is None else steps.frame
+        T = np.array([[(B @ dN @ B.T)[e] for dN in BASIS] for e in ENTRIES])  # to entries in the body
+        arrays["metric"][:] = T.T @ T / fastest**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done = np.empty((len(self.times), k)), 0
         for piece in self._pieces or steps.pieces():

@@ -250,8 +250,8 @@ class Gpu:
         self._call("cuMemcpyDtoH_v2", ctypes.c_void_p(array.ctypes.data), source, size)
 
     def free(self, address: int) -> None:
-        """Give the memory of a copy back."""
-        self._call("cuMemFree_v2", ctypes.c_uint64(address))
+        """Give the memory of a copy back; where that fails, a call before has failed already."""
+        self._driver.cuMemFree_v2(ctypes.c_uint64(address))
 
     def run(self, code: str, address: int, count: int) -> None:
         """Run LLVM's code with an address for so many members, and wait for them."""

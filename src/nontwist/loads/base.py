@@ -216,11 +216,6 @@ class Load:
         return sum(found, np.zeros((times.size, 3)))
 
     @property
-    def without_wheels(self) -> Load:
-        """The load without its wheels."""
-        return Load(tuple(term for term in self.terms if not isinstance(term, Wheel)))
-
-    @property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
         return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))

@@ -136,6 +136,8 @@ SENTENCES |= {
     "them when a file is read",
     "no-times": "clocks are aligned from times; both recordings need them: {option[rate=HZ]} when a file is read",
     "time-zones": "the dates of both files are {hours:g} hours apart, and overlap without: taken for two time zones",
+    "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
+    "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "
     "{other_last:.6g} s; {option[clocks='shift']} finds how their clocks differ",
     "not-covered": "dropped {rows} at times that relative_to does not cover",

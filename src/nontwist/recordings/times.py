@@ -90,9 +90,8 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
 
     def tried(*wanted: int) -> Iterator[tuple[str, Clock | ValueError]]:
         for h in (h for h, rank in ranks.items() if rank in wanted and h not in empty):
-            is_unit = ranks[h] in (1, 2) and split_unit(h)[1] is None
             try:
-                yield h, read_times(table, h, how.time_unit or (h if is_unit else None))
+                yield h, read_times(table, h, how.time_unit)
             except ValueError as error:
                 yield h, error
 
@@ -262,6 +261,7 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     """Return the times of one column."""
     values = np.asarray(table.columns[name])
     words, stated = words_of(name)
+    stated = name if known(name, TIME) else stated
     is_date = values.dtype.kind in "mM"
     is_text = values.dtype.kind in "OUST" and next((number(v) is None for v in values.tolist() if v is not None), True)
     if is_date or is_text:

@@ -345,7 +345,7 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         with suppress(ValueError, TypeError, OverflowError):
             found = parsed(texts)
             return (found.dt.tz_localize(None) if found.dtype.kind == "M" else found).to_numpy(), name, order
-    raise InputError("not-a-time", name=name, value=texts[0])
+    raise InputError("not-a-time", name=name, value=values.tolist()[0])
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

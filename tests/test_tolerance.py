@@ -360,3 +360,10 @@ def test_low_orders_take_no_more_steps_than_they_need(name, tolerance):
     how = {"t_end": 10, "material_angular_velocity": (0.3, 2, 0.1), "load": nt.sine((1, 0.3, 0), 1.0, frame="body")}
     run = nt.integrate(nt.standard([3, 4, 5]), tolerance=tolerance, integrator=name, order=order, **how)
     assert tolerance / 20 < run.error_estimate <= tolerance / 10
+
+
+def test_a_body_at_rest_follows_a_fast_sine():
+    times, phase, rate = np.sort(np.random.default_rng(0).uniform(0, 100, 99)), np.pi / 2, 2 * np.pi * 50
+    run = nt.simulate(nt.standard([20, 80, 90]), times=times, load=nt.sine([1, 0, 0], 50, phase=phase))
+    exact = (np.cos(phase) - np.cos(rate * times + phase)) / (20 * rate)
+    assert abs(run.material_angular_velocity.values[:, 0] - exact).max() < 1e-8 * abs(exact).max()

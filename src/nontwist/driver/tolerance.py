@@ -37,7 +37,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from math import inf, log
+from math import inf, log, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import damping_rate, swing_rate
+from ..integrators.costs import damping_rate, highest_frequency, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
@@ -195,13 +195,14 @@ def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple
     if not plan.scheme.is_a_stable:
         rate = max(rate, damping_rate(plan.systems, plan.load, begin.load_scale))
 
-    def step(scheme: Integrator, longer: float = 1.0) -> float:
+    def step(scheme: Integrator, rate: float, longer: float = 1.0) -> float:
         h = _resolving(plan, scheme, span * rate) / rate
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
     longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
-    best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
-    return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
+    waves = max(rate, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
+    best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme, waves), longest))
+    return best, min(step(best, rate, LONGER if _order(best) <= LOW else 1.0), longest)
 
 
 def _resolving(plan: Plan, scheme: Integrator, whole: float) -> float:

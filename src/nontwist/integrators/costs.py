@@ -77,10 +77,14 @@ def unresolved(problem: IVP, order: int) -> str | None:
     )
 
 
+def highest_frequency(load: Load) -> float:
+    """Return that of the sines of a load, Hz, 0 without any."""
+    return max((term.frequency for term in load.terms if isinstance(term, Sine)), default=0.0)
+
+
 def undersampled(problem: IVP, nodes: int) -> str | None:
     """Return what to say of steps whose nodes see a sine of the load less than twice a period."""
-    fastest = max((term.frequency for term in problem.load.terms if isinstance(term, Sine)), default=0.0)
-    h = problem.grid.longest
+    fastest, h = highest_frequency(problem.load), problem.grid.longest
     if not h * fastest > nodes / 2:
         return None
     return (

@@ -38,6 +38,8 @@ SENTENCES |= {
     "no-column": "there is no column {name!r}; there are {names}",
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",
+    "thousands": "the column {name!r} has points where other columns have decimal commas: write one decimal mark, "
+    "and thousands without any",
     "columns": "name {sizes}, the time before them; got {count}",
     "three-columns": "3 columns need {option[euler]}, if they are angles, or {option[rotation_vector=True]}",
     # sensors and bodies
@@ -81,7 +83,7 @@ SENTENCES |= {
     "no-frames": "there is no frame with an orientation in it; export it with orientations of segments or sensors",
     "no-rotations": "it contains markers or signals, no rotations (group ROTATION); export these, or attitudes as CSV",
     "no-hierarchy": "it has no HIERARCHY followed by MOTION, as a BVH file has",
-    "no-frame-time": "there is no line 'Frame Time:' below MOTION",
+    "no-frame-time": "there is no line 'Frame Time:' below MOTION with a time above 0",
     "hierarchy": "its HIERARCHY is cut short or not one of a BVH file",
     "no-rate": "a C-kernel is a function of time: {option[rate=HZ]} gives samples per second",
     "no-samples": "there are no attitudes at this rate; choose a higher {option[rate]}",

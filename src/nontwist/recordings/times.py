@@ -99,7 +99,7 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         if isinstance(one, Clock):
             read[h] = one
         elif getattr(one, "code", "") in NOT_UNDERSTOOD:
-            notes.append(_not_used(one))
+            notes.append(not_used(one))
             unknown = unknown or one
         elif rate is None:
             raise one
@@ -127,7 +127,7 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         if isinstance(one, Clock) and one.start is not None and _increases(one):
             return one
         may_be = f"time: the column {h!r} may hold times; name it as the time column to use it"
-        notes.append(may_be if isinstance(one, Clock) else _not_used(one))
+        notes.append(may_be if isinstance(one, Clock) else not_used(one))
     how.require_without("time_unit", "no column of times is found")
     return Clock(notes=() if notes else ("time: none; a rate gives times",))
 
@@ -140,7 +140,7 @@ def ignored(what: str, time: Array | None) -> str:
     return f"time: {what}{average} is ignored, as a rate is given"
 
 
-def _not_used(error: ValueError) -> str:
+def not_used(error: ValueError) -> str:
     """Return the note on a column that is not understood: what is wrong, without the options that would help."""
     return f"time: not used: {str(error).partition('; ')[0]}"
 
@@ -339,11 +339,13 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         texts = texts.str.replace(written, iso, regex=True, flags=re.IGNORECASE)
     if texts.str.fullmatch(r"\d+:\d\d\.\d+").any():
         texts = texts.str.replace(r"^(\d+:\d\d(\.\d+)?)$", r"00:\1", regex=True)
+    if not (wrong := texts[texts.str.fullmatch(r"[-+]?\d+(,\d+)+", na=False)]).empty:  # ns to pandas
+        raise InputError("not-a-time", name=name, value=wrong.iloc[0])
     for parsed in (partial(pandas.to_datetime, format="ISO8601", utc=True), pandas.to_timedelta):
         with suppress(ValueError, TypeError, OverflowError):
             found = parsed(texts)
             return (found.dt.tz_localize(None) if found.dtype.kind == "M" else found).to_numpy(), name, order
-    raise InputError("not-a-time", name=name, value=values[0])
+    raise InputError("not-a-time", name=name, value=values.tolist()[0])
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

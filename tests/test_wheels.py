@@ -267,6 +267,7 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("x", 3, speed=1)),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="duration"),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="load[1].wheel"),
+        lambda: nt.sensitivities(nt.nontwisting(J), t_end=1, load=SKEW, wrt="axis"),
         lambda: nt.stepper(nt.standard(J), 0.1, load=SKEW).step(wheel_torque=1),
         lambda: nt.stepper(nt.standard(J), 0.1).step(wheel_torque=[1]),
         lambda: nt.lyapunov(nt.standard(J), t_end=1, load=RUBBING),

@@ -73,7 +73,7 @@ def sensitivities(
         the part of a change of the axis orthogonal to the axis.
         Under loads with memory, friction of wheels among them, only the start, the inertia and these fields of wheels
         count, and beside them there may be moments of time, `damping`, gravity and rotors. Where the torque of a wheel
-        is a table, there are none by the duration, its factor and its axis.
+        is a table, there are none by the duration, its factor and its axis; with wheels none by "axis" and "spin".
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project

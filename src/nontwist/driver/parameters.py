@@ -253,6 +253,8 @@ class Parameters:
             k = np.arange(len(changes))
             yield _always("terms", len(self.changes) + k, first + k, np.ones(len(k)))
             self.changes += changes
+        if one.field in ("axis", "spin") and n is not None and self.problem.load.wheels:
+            raise ValueError(f"runs with wheels have no derivatives by {one.field}, which their momenta begin with")
         if len(inertias := self.inertias_of(one)):
             columns = np.array([[dJ[e] for dJ in inertias] for e in ENTRIES])
             entry, parameter = np.nonzero(columns)

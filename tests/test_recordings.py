@@ -330,7 +330,7 @@ TEXTS = {  # content, options; code and fields
     "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "more-fields", {}),
     "unit of angles": ("a,b,c\n0,1,2\n", {"angle_unit": "grad", "euler": "ZYX", **ABC}, "type", {}),
     "two quaternions": ("qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2, {}, "several-orientations", {}),
-    **{f"thousands of ms, {one}": (beside(time_ms=[f"{980 + 20 * k:,}".replace(",", one) for k in range(N)]), {},
+    **{f"thousands of ms, {one}": (beside(time_ms=[f"{1000 + 20 * k:,}".replace(",", one) for k in range(N)]), {},
                                    "not-a-time", {"value": f"1{one}000"}) for one in ", "},
     "thousands of a gyroscope": ('t,a,b,c\n1.000,"1,000","2,000",0.5\n' * 2, {**ABC, "rotation_vector": True},
                                  "not-a-number", {"value": "1,000"}),

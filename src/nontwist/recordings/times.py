@@ -344,10 +344,7 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
     with suppress(ValueError, TypeError, OverflowError):
         if is_duration.all():
             return pandas.to_timedelta(texts).to_numpy(), name, order
-    wrong = [
-        one for one, is_one in zip(values.tolist(), is_duration, strict=True) if not is_one and number(one) is None
-    ]
-    raise InputError("not-a-time", name=name, value=(wrong or values.tolist())[0])
+    raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

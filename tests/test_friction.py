@@ -226,7 +226,6 @@ test_what_is_refused = refused_as(
         lambda: nt.dry_friction(1, "x") + nt.dry_friction(2),
         lambda: nt.simulate(nt.nontwisting(J), t_end=1, load=nt.dry_friction(1, "z")),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.dry_friction(1)),
-        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=nt.dry_friction(1), reduce="drift"),
     ]
 )
 

@@ -17,6 +17,7 @@ from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
+from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import as_store, asked_times, automatic_grid, count_steps, joined, paced, stored_steps
@@ -182,18 +183,14 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
 
 
 def require_observed(scheme: Integrator, load: Load) -> None:
-    """Raise a ValueError where an integrator computes no statistics over its steps, or none under this load."""
+    """Raise a ValueError where an integrator takes no steps to compute statistics over, or energy is not conserved."""
     if not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; store states with times=, or use {DEFAULT}")
-    if any(term.dead_force is None for term in load.potentials):
+    if any(isinstance(term, GravityGradient) for term in load.potentials):
         raise ValueError(
-            "reduce= supports the energy of linear potentials only; leave it out, and store the variable "
-            "potential_energy"
+            "reduce= does not support gravity_gradient, whose energy depends on time; leave it out, and store the "
+            "variable potential_energy"
         )
-    if load.wheels:
-        raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
-    if load.is_dry:
-        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
 
 
 def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:

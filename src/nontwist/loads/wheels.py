@@ -105,7 +105,7 @@ class Wheel(Memory):
     @property
     def varying(self) -> list[str]:
         """The names of the fields that are parameters of derivatives."""
-        return ["speed", "torque"] if self.is_driven else ["speed", "torque", "viscous"]
+        return ["speed", "torque", "inertia", "wheel"] + ["viscous"] * (not self.is_driven)
 
     @property
     def state0(self) -> Array:  # type: ignore[override]
@@ -158,9 +158,10 @@ class Wheel(Memory):
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
         """Return the moment, and h', A', D'; none where it stands, a part of the body, and h follows from W."""
         t, (h, *more), _, W = given
+        count = 3 + bool(self.is_commanded)
         if self.mode == 0:
-            return [0.0 * h] * 3, [0.0 * h] * self.count
-        n, W = Vector(*self.wheel.tolist()), Vector(*W)
+            return [0.0 * h] * 3, [0.0 * h] * count
+        n, W = Vector(*self.wheel), Vector(*W)
         speed = h * (1.0 / self.inertia) - n @ W
         torque = self.torque + 0.0 * speed
         for k in range(len(self.times) - 1):
@@ -174,8 +175,7 @@ class Wheel(Memory):
         if self.friction is not None:
             drag = drag + call(self.friction, (speed,), ())[0]
         rate = torque - drag
-        rates = [rate, torque * speed, drag * speed, 0.0 * h][: 3 + bool(self.is_commanded)]  # numbers may be duals
-        return [*(cross(h * n, W) - rate * n)], rates
+        return [*(cross(h * n, W) - rate * n)], [rate, torque * speed, drag * speed, 0.0 * h][:count]
 
     @property
     def called(self) -> Function:

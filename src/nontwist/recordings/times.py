@@ -12,7 +12,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -339,13 +338,13 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         texts = texts.str.replace(written, iso, regex=True, flags=re.IGNORECASE)
     if texts.str.fullmatch(r"\d+:\d\d\.\d+").any():
         texts = texts.str.replace(r"^(\d+:\d\d(\.\d+)?)$", r"00:\1", regex=True)
-    if not (wrong := texts[texts.str.fullmatch(r"[-+]?\d+(,\d+)+", na=False)]).empty:  # ns to pandas
-        raise InputError("not-a-time", name=name, value=wrong.iloc[0])
-    for parsed in (partial(pandas.to_datetime, format="ISO8601", utc=True), pandas.to_timedelta):
-        with suppress(ValueError, TypeError, OverflowError):
-            found = parsed(texts)
-            return (found.dt.tz_localize(None) if found.dtype.kind == "M" else found).to_numpy(), name, order
-    raise InputError("not-a-time", name=name, value=values.tolist()[0])
+    is_duration = texts.str.contains(r"[:a-z]", case=False, na=True)  # not 1,000, which is 1 µs to pandas
+    with suppress(ValueError, TypeError, OverflowError):
+        return pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy(), name, order
+    with suppress(ValueError, TypeError, OverflowError):
+        if is_duration.all():
+            return pandas.to_timedelta(texts).to_numpy(), name, order
+    raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

@@ -19,6 +19,7 @@ SHOWN = {  # topics on the page, and what the names of their figures contain the
     "workprecision": "heyoka|SciPy",
     "outputs": "",
     "ensembles": "heyoka|threads / one",
+    "gpu": "the GPU|/ GPU",
     "growth": "power",
     "defaults": "gauss 8",
     "derivatives": "gauss .*Jacobian",

@@ -21,6 +21,7 @@ TOPICS = {  # the module, and what it measures
     "workprecision": "Work and precision",
     "outputs": "Many outputs of one run",
     "ensembles": "Ensembles",
+    "gpu": "Ensembles on a GPU",
     "growth": "Growth",
     "steps": "One step, one call",
     "defaults": "The default integrator",

@@ -31,7 +31,6 @@ SIMULATED = "W = (6, -18, 0); " + BEGIN + "nt.simulate(b, **how)"
 WITHOUT_DASK = "import sys; sys.modules['dask'] = None; "
 SCHEMES = ("gauss", "lie-midpoint", "energy-momentum", "split", "exact", "continuous")
 CODES = {
-    "nothing": "pass",
     "numpy": "import numpy",
     "names": "import numpy; from nontwist import integrate, nontwisting, standard",
     **{f"{name}: first result": ONE.format(name=name) for name in SCHEMES},
@@ -67,7 +66,7 @@ def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
     return [
         Row("import nontwist, with the names for a run, beyond NumPy", warm["names"] - warm["numpy"], "s"),
         Row("Python and NumPy alone", warm["numpy"], "s"),
-        *(Row(name, warm[name], "s") for name in commands if name not in ("nothing", "names", "numpy")),
+        *(Row(name, warm[name], "s") for name in commands if name not in ("names", "numpy")),
     ]
 
 

@@ -1,10 +1,9 @@
-"""The gain by threads, and the cost of Dask for each block: case 1 with random starts, each to its end state."""
+"""The gain by threads in a sweep with its store: case 1 with random starts, each to its end state."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,6 @@ low = [-20, -20, 0]
 high = [20, 20, 0]
 """
 MEMBERS = {"closed form": 2**20, "1000 steps of order 2": 2**17}
-SIZE, BLOCKS = 64, 200
 
 
 def swept(name: str, count: int, **how: Any) -> Callable[[], None]:
@@ -51,22 +49,10 @@ def swept(name: str, count: int, **how: Any) -> Callable[[], None]:
 
 
 def rows() -> list[Row]:
-    """Measure whole sweeps, their stores included, with one and two threads, and what Dask costs beside."""
-    from distributed import Client, LocalCluster
-
+    """Measure whole sweeps, their stores included, with one and two threads."""
     found = []
     for name, count in MEMBERS.items():
         seconds = fastest({n: swept(name, count, workers=n, block=count // 16) for n in (1, 2)}, 3)
         found.append(Row(f"{count} members, {name}: two threads / one", seconds[1] / seconds[2], "×"))
         found.append(Row(f"{name}: members/s/core, the store included", count / seconds[1], "1/s"))
-    small = partial(swept, "closed form", SIZE * BLOCKS, block=SIZE)
-    with (
-        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
-        Client(cluster) as client,
-    ):
-        times = fastest({"dask": small(dask=client), "thread": small(workers=1)}, 3)
-    return [
-        *found,
-        Row(f"a block of {SIZE} members in one thread, written and verified", 1e3 * times["thread"] / BLOCKS, "ms"),
-        Row("what Dask adds to a block", 1e3 * (times["dask"] - times["thread"]) / BLOCKS, "ms"),
-    ]
+    return found

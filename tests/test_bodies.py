@@ -5,6 +5,7 @@ with W along it taken out by the moment that the plane leaves.
 """
 
 import json
+import pickle
 import re
 from dataclasses import replace
 
@@ -335,3 +336,16 @@ def test_a_moment_of_the_state_acts_on_a_point():
     height = run.directors.values[:, 2, 2]
     kinetic = run.kinetic_energy.values
     assert abs(kinetic - 2 * height - (kinetic[0] - 2 * height[0])).max() < 1e-6
+
+
+def test_a_weight_at_the_fixed_point_is_told():
+    with pytest.warns(UserWarning, match="gravity has no moment"):
+        heavy_top([2, 2, 1], mass=1, centre_of_mass=(0, 0, 0))
+
+
+def test_bodies_are_equal_by_their_numbers():
+    body = nontwisting([1, 2, 3], spin=([0, 1], [2, 3]))
+    same = [nontwisting([1, 2, 3], spin=([0, 1], [2, 3])), pickle.loads(pickle.dumps(body))]
+    assert {body, *same} == {body}
+    assert body != nontwisting([1, 2, 3], spin=([0, 1], [2, 3.5]))
+    assert body != standard([1, 2, 3])

@@ -427,7 +427,6 @@ def test_potentials(vectors):
 
 
 CALLED = ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])
-SIGNATURE = "void (double t, const double *directors, const double *angular_velocity, double *moment)"
 SOURCE = """
 void swing(double t, const double *d, const double *w, double *m)
 {

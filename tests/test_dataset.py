@@ -80,7 +80,22 @@ def test_rotation_and_quaternion_map_body_to_space(run):
     assert (rotation(run.directors.transpose("axis", "time", "director")) * R.inv()).magnitude() == pytest.approx(
         0, abs=1e-13
     )
+    for labels in ({"director": [3, 1, 2]}, {"axis": ["z", "x", "y"]}):
+        assert np.array_equal(rotation(run.directors.sel(labels)).as_matrix(), rotation(run.directors).as_matrix())
     assert (np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) > 0).all()
+
+
+def test_the_scalar_of_a_quaternion_is_where_its_coordinate_or_the_caller_says(run):
+    last, first = run.quaternion, run.quaternion.sel(quat=list("wxyz"))
+    for motion, is_first in (
+        (first, None),
+        (first, False),
+        (first.drop_vars("quat"), True),
+        (last.drop_vars("quat"), None),
+    ):
+        assert np.array_equal(rotation(motion, scalar_first=is_first).as_quat(), rotation(last).as_quat())
+    with pytest.raises(ValueError, match="quat must be x, y, z and w, got 0, 1, 2, 3"):
+        rotation(last.assign_coords(quat=range(4)))
 
 
 def test_the_quaternion_does_not_jump():

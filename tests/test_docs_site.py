@@ -133,7 +133,7 @@ def test_the_search_finds_a_function(browser, site):
     page.goto(f"{(site / 'search.html').as_uri()}?q=frame_of_curve")
     first = page.locator("#search-results li a").first
     first.wait_for()
-    assert "reference/frames.html" in first.get_attribute("href")
+    assert "reference/api/nontwist.curves.frame_of_curve.html" in first.get_attribute("href")
 
 
 COMMON = {
@@ -169,9 +169,9 @@ def test_the_search_finds_pages_by_their_common_names_best_first(browser, site):
 
 def test_names_in_code_lead_to_the_reference_and_the_reference_to_the_source(site):
     cells = (site / "howto" / "satellites.html").read_text(encoding="utf-8")
-    assert 'href="../reference/running.html#nontwist.simulate"' in cells
-    reference = (site / "reference" / "running.html").read_text(encoding="utf-8")
-    assert "../_modules/nontwist/driver/runs.html#simulate" in reference
+    assert 'href="../reference/api/nontwist.simulate.html#nontwist.simulate"' in cells
+    reference = (site / "reference" / "api" / "nontwist.simulate.html").read_text(encoding="utf-8")
+    assert "../../_modules/nontwist/driver/runs.html#simulate" in reference
     theory = (site / "theory" / "frame.html").read_text(encoding="utf-8")
     assert theory.count('class="glossary-link') > 5
     assert {"frame-light.svg", "frame-dark.svg", "area-light.svg", "area-dark.svg"} <= set(

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 import nontwist as nt
 from nontwist.driver.planning import planned
+from nontwist.driver.rubbing import Rubbed
 from nontwist.driver.starts import start_of_one
-from nontwist.driver.wheel_friction import Bearings
 from nontwist.errors import RunFileError
 from nontwist.runfile.document import checked
 from nontwist.runfile.folder import Folder
@@ -77,26 +77,29 @@ def test_a_ramp_moves_it_where_it_exceeds_the_limit(sign):
     assert run.total_kinetic_energy.values == pytest.approx((run.wheel_work - run.wheel_loss).values[:, 0], abs=1e-15)
 
 
-def by_scipy(times):
-    """W, momenta and losses of `PAIR`, from the momenta of body and wheels, mode after mode, with SciPy's events.
+def by_scipy(times, about=(), limits=()):
+    """W, speeds and losses of `PAIR`, beside dry friction about axes of the body, mode after mode, by SciPy's events.
 
-    The unknowns are W and the speeds; a wheel that stands has the speed 0, and what holds it is the rest of its
-    equation.
+    The unknowns are W and the speeds. A contact that sticks keeps its rate, a row times them, at zero by a force.
     """
     mass = np.block([[J, INERTIAS * AXES.T], [(INERTIAS * AXES.T).T, np.diag(INERTIAS)]])
+    n, rows = len(about), np.vstack([np.hstack([np.reshape(about, (-1, 3)), np.zeros((len(about), 2))]), np.eye(5)[3:]])
+    most = np.concatenate([limits, LIMITS])
 
     def rates(t, y, modes):
         W, speeds = y[:3], y[3:5]
-        force = np.array([swing(t, 0), lean(t, 0)]) - VISCOUS * speeds - modes * LIMITS
         total = J @ W + (INERTIAS * speeds) @ AXES
-        right = np.concatenate([np.cross(total, W), force])
-        moves = np.concatenate([np.ones(3, bool), modes != 0])
-        found = np.zeros(5)
-        found[moves] = np.linalg.solve(mass[np.ix_(moves, moves)], right[moves])
-        return found, right[3:] - (mass @ found)[3:]
+        drive = np.array([swing(t, 0), lean(t, 0)]) - VISCOUS * speeds
+        right = np.concatenate([np.cross(total, W), drive]) - (modes * most) @ rows
+        stuck = rows[modes == 0]
+        whole = np.block([[mass, stuck.T], [stuck, np.zeros((len(stuck), len(stuck)))]])
+        found = np.linalg.solve(whole, np.concatenate([right, np.zeros(len(stuck))]))
+        held = np.zeros(len(rows))
+        held[modes == 0] = found[5:]
+        return found[:5], held
 
     y, t = np.concatenate([W0, [2.0, 0.0], np.zeros(2)]), 0.0
-    modes, found, seen = np.array([1, 1]), {0.0: y}, []
+    modes, found, seen = np.array([int(np.sign(a @ W0)) for a in about] + [1, 1]), {0.0: y}, []
     while t < times[-1]:
         begin, own = t, modes.copy()
 
@@ -104,10 +107,10 @@ def by_scipy(times):
             if t < begin + 1e-9:
                 return 1.0
             held = rates(t, y, own)[1]
-            return min(own[k] * y[3 + k] if own[k] else LIMITS[k] - abs(held[k]) for k in range(2))
+            return min(own[k] * (rows[k] @ y[:5]) if own[k] else most[k] - abs(held[k]) for k in range(n + 2))
 
         def slope(t, y, own=own):
-            loss = (VISCOUS * y[3:5] + own * LIMITS) * y[3:5]
+            loss = (VISCOUS * y[3:5] + own[n:] * LIMITS) * y[3:5]
             return np.concatenate([rates(t, y[:5], own)[0], loss])
 
         ends.terminal = True
@@ -118,12 +121,12 @@ def by_scipy(times):
             found[t] = y.copy()
             continue
         held = rates(t, y, own)[1]
-        for k in range(2):
-            if own[k] and abs(y[3 + k]) < 1e-9:
-                y[3 + k], modes[k] = 0.0, 0
+        for k in range(n + 2):
+            if own[k] and abs(rows[k] @ y[:5]) < 1e-9:
+                modes[k] = 0
                 holds = rates(t, y, modes)[1][k]
-                modes[k] = 0 if abs(holds) <= LIMITS[k] else np.sign(holds)
-            elif not own[k] and LIMITS[k] - abs(held[k]) < 1e-9:
+                modes[k] = 0 if abs(holds) <= most[k] else np.sign(holds)
+            elif not own[k] and most[k] - abs(held[k]) < 1e-9:
                 modes[k] = np.sign(held[k])
         seen.append(tuple(modes))
     return np.array([found[x] for x in times]), seen
@@ -144,6 +147,98 @@ def test_skew_wheels_stand_and_slip_as_scipy_finds():
     assert np.ptp(balance.values) < 1e-12
     chosen = nt.simulate(nt.standard(J), times=times, tolerance=1e-9, material_angular_velocity=W0, load=PAIR)
     assert chosen.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-8)
+
+
+def test_beside_dry_friction_of_the_body_as_scipy_finds():
+    times, a = np.linspace(0, 9, 61), np.array([0.6, 0, 0.8])
+    expected, modes = by_scipy(times, [a], [0.6])
+    assert {(0, 1, 1), (0, 0, 0), (0, 1, -1)} <= set(modes)
+    load = PAIR + nt.dry_friction(0.6, a)
+    run = nt.simulate(nt.standard(J), times=times, step=0.025, material_angular_velocity=W0, load=load)
+    assert run.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-11)
+    assert run.wheel_speed.values == pytest.approx(expected[:, 3:5], abs=1e-11)
+    assert run.wheel_loss.values == pytest.approx(expected[:, 5:], abs=1e-11)
+
+
+def test_a_wheel_runs_down_in_a_body_that_friction_holds():
+    """About one axis: J_c W' = -c + c_w until the body rests, then I Ω' = -c_w alone until the wheel stands."""
+    c, own, inertia = 0.3, 0.1, 0.2
+    rate = (own - c) / (5 - inertia)
+    load = nt.dry_friction(c, "z") + nt.wheel("z", inertia, 5, coulomb=own)
+    run = nt.simulate(nt.standard(J), t_end=12, step=0.05, load=load, angular_velocity=(0, 0, 0.2))
+    t, end = run.time.values, -0.2 / rate
+    W, speed = run.material_angular_velocity.values, run.wheel_speed.values[:, 0]
+    assert W[:, 2] == pytest.approx(np.where(t < end, 0.2 + rate * t, 0), abs=1e-15)
+    assert (W[t > end] == 0).all()
+    assert speed == pytest.approx(np.maximum(5 - own / inertia * t - np.where(t < end, rate * t, -0.2), 0), abs=1e-14)
+    assert run.dissipated_energy.values.sum() == pytest.approx(c * 0.2 * end / 2, rel=1e-14)
+    energy = run.total_kinetic_energy + run.wheel_loss.sum("wheel")
+    assert np.diff(energy.values) == pytest.approx(-run.dissipated_energy.values, abs=1e-14)
+
+
+@pytest.mark.parametrize("beside", ["wheel", "driven wheel", "memory"])
+@pytest.mark.parametrize("axis", [None, "z"])
+def test_a_body_rests_until_what_it_carries_moves_it(beside, axis):
+    """A ramp of 3 N m a second from 6 s on exceeds the limit 0.3 at 6.1 s."""
+    ramp = ([0, 6, 6.5, 12], [0, 0, 1.5, 1.5])
+    loads = {
+        "wheel": nt.wheel("z", 0.2, torque=ramp, viscous=1e-12),
+        "driven wheel": nt.wheel("z", 0.2, torque=ramp),
+        "memory": nt.memory_load(ramping, pushing, [0.0], scale=[1.0], frame="body", compiled=True),
+    }
+    load = nt.dry_friction(0.3, axis) + loads[beside]
+    how = {"t_end": 7, "step": 0.05, "angular_velocity": (0, 0, 0.2)}
+    run = nt.simulate(nt.standard(J), load=load, **how)
+    t, spin = run.time.values, run.material_angular_velocity.values[:, 2]
+    inertia = 5 if beside == "memory" else 4.8
+    moved = np.where(t < 6.5, 1.5 * (t - 6.1) ** 2, 0.24 + 1.2 * (t - 6.5)) / inertia
+    stop = 0.2 * inertia / 0.3
+    assert (spin[(t > stop) & (t < 6.1)] == 0).all()
+    expected = np.where(t < stop, 0.2 - 0.3 / inertia * t, np.where(t > 6.1, -moved, 0))
+    assert spin == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
+    with pytest.raises(ValueError, match="lie-midpoint does not take"):
+        nt.simulate(nt.standard(J), load=load, integrator="lie-midpoint", **how)
+
+
+@pytest.mark.parametrize(("body", "limit"), [("standard", 2), ("suslov", 0.3)])
+def test_a_stepper_takes_the_steps_of_the_run(body, limit):
+    load = nt.wheel(AXES[0], 0.2, 2.0, viscous=0.03, coulomb=0.05) + nt.dry_friction(limit, (0.6, 0, 0.8))
+    how = {"step": 0.05, "integrator": "gauss", "order": 4}
+    loop = nt.stepper(BODIES[body], load=load, **how)
+    loop.reset(material_angular_velocity=W0, project=True)
+    states = [loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) for _ in range(60)]
+    more = nt.body_moment(lambda t: (0.1, 0, 0.2)) + nt.dry_friction(limit, (0.6, 0, 0.8))
+    whole = nt.wheel(AXES[0], 0.2, 2.0, 0.1, viscous=0.03, coulomb=0.05) + more
+    start = {"material_angular_velocity": W0, "project": True}
+    run = nt.simulate(BODIES[body], t_end=3, load=whole, **start, **how)
+    assert run.sticking.values[-1] == (body == "standard")
+    assert states[-1].quaternion == pytest.approx(run.quaternion.values[-1], abs=1e-13)
+    for name in ("material_angular_velocity", "wheel_speed", "wheel_work", "wheel_loss"):
+        assert getattr(states[-1], name) == pytest.approx(run[name].values[-1], abs=1e-13)
+    assert [one.load_work for one in states] == pytest.approx(run.load_work.values, abs=1e-14)
+    if body == "suslov":
+        assert [one.reaction_moment for one in states] == pytest.approx(run.reaction_moment.values, abs=1e-12)
+    loop.state = states[10]
+    assert loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) == states[11]
+
+
+def test_statistics_are_those_of_the_run():
+    load = nt.wheel(AXES[0], 0.2, 2.0, viscous=0.03, coulomb=0.05) + nt.dry_friction(0.05, (0.6, 0, 0.8))
+    how = {"t_end": 3, "step": 0.05, "load": load, "project": True}
+    starts = np.array([W0, -0.5 * W0])
+    kinds = ["drift", "extrema", "averages", "total_twist"]
+    many = nt.simulate_ensemble(BODIES["suslov"], material_angular_velocity=starts, reduce=kinds, **how)
+    assert many.energy_drift.values.max() < 1e-14
+    for member, W in enumerate(starts):
+        run = nt.simulate(BODIES["suslov"], material_angular_velocity=W, **how)
+        found = many.sel(member=member)
+        for name in ("kinetic_energy", "spatial_momentum", "twist_rate", "reaction_moment"):
+            assert found[f"{name}_max"].values == pytest.approx(run[name].values.max(axis=0), abs=1e-12)
+            assert found[f"{name}_min"].values == pytest.approx(run[name].values.min(axis=0), abs=1e-12)
+        assert found.reaction_moment_mean == pytest.approx(run.reaction_moment.values.mean(), abs=1e-12)
+        mean = np.trapezoid(run.kinetic_energy.values, run.time.values) / 3
+        assert found.kinetic_energy_mean == pytest.approx(mean, rel=1e-3)
+        assert found.kinetic_energy_mean != mean
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -197,6 +292,14 @@ def test_a_wheel_whose_friction_is_huge_stands_at_once(how):
     assert energy[0] - energy[-1] == pytest.approx(run.wheel_loss.values[-1, 0], rel=1e-14)
 
 
+def ramping(t, z, directors, w):
+    return [np.where((t >= 6) & (t < 6.5), 3.0, 0.0)]
+
+
+def pushing(t, z, directors, w):
+    return [0.0, 0.0, -z[0]]
+
+
 def fading(t, z, directors, w):
     return [0.5 * w[0] - z[0]]
 
@@ -231,7 +334,7 @@ def test_a_wheel_is_stopped_by_an_impulse_that_keeps_the_momentum():
     plan = planned(nt.standard(J), load, "gauss", 8, None, 1, None, 0.1, 1)
     problem = plan.problem(start_of_one(nt.standard(J), None, None, None, W0, None, False), plan.grid)
     problem.internal[0, 0] += 0.5  # 2.5 rad/s
-    march = Bearings(plan.scheme, problem)
+    march = Rubbed(plan.scheme, problem)
     rest = [J @ W0 + 0.2 * 2.5 * np.eye(3)[2] + 0.3 * 5 * np.array([1, 1, 0]) / np.sqrt(2)]
     march.settle([0], {})
     W, z = march.state.velocity, march.state.internal
@@ -259,13 +362,7 @@ def test_a_run_file_says_the_same():
 test_what_is_refused = refused_as(
     [
         lambda: nt.wheel("x", 1, coulomb=-1),
-        lambda: under(nt.standard(J), integrator="continuous"),
-        lambda: under(nt.nontwisting(J, spin=1)),
+        lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1) + nt.dry_friction(1)),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1)),
-        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1), reduce="drift"),
     ]
 )
-
-
-def under(body, **how):
-    return nt.simulate(body, t_end=1, load=nt.wheel("z", 0.2, coulomb=1), **how)

@@ -133,7 +133,7 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tm
     with Image.open("film.gif") as film:
         assert (film.n_frames, film.info["duration"], film.size[0]) == (11, 50, 333)
     for rate, frames, duration in ((30, 1 + 17, 30), (1, 2, 1000)):  # a GIF counts hundredths: 3, not 3.33
-        save_film([runs[0].sel(time=slice(0, 1))], "odd.gif", seconds=0.5, rate=rate, force=True)
+        save_film([runs[0].sel(time=slice(0, 1))], "odd.gif", seconds=0.5, rate=rate, width=100, force=True)
         with Image.open("odd.gif") as film:
             assert (film.n_frames, film.info["duration"]) == (frames, duration)
     assert nontwist("view", "free.nc", "--png", "wide.png", "--width", "1111").exit_code == 0
@@ -235,13 +235,16 @@ def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = nt.simulate(nt.standard([3, 4, 5]), t_end=1, material_angular_velocity=(0, 0, 20 * np.pi))
     nt.save_run(run, "run.nc")
-    result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1")
+    film = ["view", "run.nc", "--gif", "film.gif", "--seconds", "1", "--width", "100"]
+    result = nontwist(*film)
     assert result.stderr.startswith(
         "warning: the body turns by 300° from picture to picture, on average, so it may seem to turn backwards or to "
         "stand; use --seconds 1 --fps 50, or a part of the run: --from T0 --to T1, in Python "
         "run.sel(time=slice(t0, t1))\nwritten: film.gif ("
     )
-    result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1", "--fps", "50", "--force")
+    result = nontwist(
+        "view", "run.nc", "--gif", "film.gif", "--seconds", "1", "--fps", "50", "--force", "--width", "100"
+    )
     assert result.stderr.startswith("written: film.gif (")
 
 

@@ -12,7 +12,18 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fit_errors import csv, model_of, off
-from nontwist import body_moment, fit_inertia, inertia, nontwisting, plot, save_run, sensors, simulate, standard
+from nontwist import (
+    Problem,
+    body_moment,
+    fit_inertia,
+    inertia,
+    nontwisting,
+    plot,
+    save_run,
+    sensors,
+    simulate,
+    standard,
+)
 from nontwist.cli import app
 from nontwist.fitting.bodies import FREE_BODY, TRACELESS, Model, entries
 from nontwist.fitting.estimating import estimate
@@ -418,6 +429,16 @@ def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be():
     _, recording = throw(1, phone=False)
     found = [fit_inertia(recording, interval="all", physical=one).principal.moments for one in (True, False)]
     np.testing.assert_allclose(*found, atol=1e-6)  # where bodies are, it makes no difference
+
+
+def test_the_command_fits_it_and_writes_its_motion(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    in_degrees("water.csv", *not_a_body())
+    result = CliRunner().invoke(app, ["fit", "water.csv", "--all", "--unphysical", "--out", "water.toml"])
+    assert result.exit_code == 0, result.output
+    found = np.sort(np.linalg.eigvalsh(Problem.read("water.toml").system.inertia))
+    assert found / found.sum() == pytest.approx([0.2, 0.29, 0.51], abs=1e-3)
+    assert CliRunner().invoke(app, ["fit", "water.csv", "--all", "--out", "body.toml"]).exit_code == 3
 
 
 # Files

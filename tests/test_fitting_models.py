@@ -135,20 +135,22 @@ ALL = {"pivot": Pivot(0.5, 0.15, None, 9.81), "damping": 1, "unit": 0.05}
 HELD = {"pivot": KNOWN, "damping": 1, "constraint": np.array([0.0, 0.8, 0.6]), "unit": 6e-4}
 
 
-@pytest.mark.parametrize(
-    ("attitudes", "places"), [("none", []), ("both", range(4, 11)), ("both", [5, 10]), ("only", []), ("none", [7, 8])]
-)
-@pytest.mark.parametrize(
-    "acting",
-    [
-        {},
-        {"pivot": Pivot(MASS, FAR, None, 9.81), "damping": 3, "unit": 0.05},
-        {**ALL, "wheel": Wheel(np.array([0, 0.6, 0.8]), 1e-3, 0.1)},
-        {**HELD, "wheel": Wheel(np.array([0.6, 0.0, 0.8]), WHEEL, 0.01)},
-        {**HELD, "wheel": Wheel(None, WHEEL, 0.01)},
-    ],
-    ids=["free", "a pivot", "a pivot and a rotor", "held", "held, with an axis that is fitted"],
-)
+ACTING = [
+    {},
+    {"pivot": Pivot(MASS, FAR, None, 9.81), "damping": 3, "unit": 0.05},
+    {**ALL, "wheel": Wheel(np.array([0, 0.6, 0.8]), 1e-3, 0.1)},
+    {**HELD, "wheel": Wheel(np.array([0.6, 0.0, 0.8]), WHEEL, 0.01)},
+    {**HELD, "wheel": Wheel(None, WHEEL, 0.01)},
+]
+READ = [("none", []), ("both", range(4, 11)), ("both", [5, 10]), ("only", []), ("none", [7, 8])]
+MIXED = [  # each with two of the others in the quick suite
+    pytest.param(acting, places, attitudes, marks=[pytest.mark.long] if (i - j) % 5 > 1 else [])
+    for i, acting in enumerate(ACTING)
+    for j, (attitudes, places) in enumerate(READ)
+]
+
+
+@pytest.mark.parametrize(("acting", "places", "attitudes"), MIXED)
 def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, places, attitudes):
     model, rng = Model(**acting, oriented=attitudes != "none"), np.random.default_rng(0)
     time, rates, speeds = (one[::7] for one in spun())

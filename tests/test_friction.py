@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from nontwist.errors import SimulationError, Status
-from nontwist.integrators import LieMidpoint
 from nontwist.integrators.compiled import Compiled
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import forecast
@@ -225,20 +224,10 @@ test_what_is_refused = refused_as(
         lambda: -nt.dry_friction(1),
         lambda: nt.dry_friction(1, "x") + nt.dry_friction(2, (-3, 0, 0)),
         lambda: nt.dry_friction(1, "x") + nt.dry_friction(2),
-        lambda: under(nt.standard(J), integrator="energy-momentum"),
-        lambda: under(nt.standard(J), integrator="continuous"),
-        lambda: under(nt.nontwisting(J, spin=1)),
-        lambda: under(nt.nontwisting(J), axis="z"),
-        lambda: under(nt.standard(J), integrator=LieMidpoint(dissipation=1)),
-        lambda: nt.stepper(nt.standard(J), 0.1, load=nt.dry_friction(1)),
+        lambda: nt.simulate(nt.nontwisting(J), t_end=1, load=nt.dry_friction(1, "z")),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.dry_friction(1)),
-        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, load=nt.dry_friction(1), reduce="drift"),
     ]
 )
-
-
-def under(body, axis=None, **how):
-    return nt.simulate(body, t_end=1, load=nt.dry_friction(1, axis), **how)
 
 
 # ---- other loads that jump

@@ -468,7 +468,7 @@ test_refusals = refused_as(
         lambda: EnergyMomentum(moments="other"),
         lambda: simulate(FREE, t_end=1, step=0.1, load=director_forces(lambda t, d, w: (1, 2, 3))),
         lambda: simulate(FREE, t_end=1, load=QUADRATIC, integrator="exact"),
-        lambda: simulate_ensemble(FREE, t_end=1, step=0.1, load=QUADRATIC, reduce="drift"),
+        lambda: simulate_ensemble(FREE, t_end=1, step=0.1, load=gravity_gradient(0.4), reduce="drift"),
     ],
     kind=(ValueError, SimulationError),
 )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from nontwist import Problem, integrate, sine, standard
+from nontwist import Problem, integrate, sine, standard, wheel
 from nontwist.errors import RunFileError
 
 ROOT = Path(__file__).parent.parent
@@ -88,3 +88,31 @@ def test_of_arguments():
     integrate(standard([1, 1, 1]), load=sine((1e100, 0, 0), 1.0), **how)
     with pytest.raises(ValueError, match=r"1e\+?100"):
         integrate(standard([1, 1, 1]), load=sine((1.01e100, 0, 0), 1.0), **how)
+
+
+STEPS = {  # integrator and order, the steps a period of a sine whose nodes see it twice
+    "gauss of order 8": ({"integrator": "gauss", "order": 8}, 0.5),
+    "lie-midpoint": ({"integrator": "lie-midpoint"}, 2.0),
+}
+
+
+@pytest.mark.parametrize("case", STEPS)
+def test_a_sine_that_steps_do_not_resolve_is_told(case, recwarn):
+    how, least = STEPS[case]
+    for count, told in ((1.001 * least, 0), (0.999 * least, 1)):
+        load = sine([1, 0, 0], 1 / (0.1 * count))
+        integrate(standard([20, 30, 40]), t_end=1, step=0.1, load=load, **how)
+        assert sum("does not resolve" in str(one.message) for one in recwarn.list) == told
+
+
+def test_short_ramps_of_the_torque_of_a_wheel_shorten_no_other_steps():
+    def steps(ramp):
+        load = wheel("z", 0.5, 1, torque=([0, ramp, 3, 3 + ramp], [0, 0.1, 0.1, 0]))
+        return integrate(standard([3, 4, 5]), t_end=100, store="end", load=load).stretches.steps
+
+    assert steps(1e-4) <= steps(1) + 4
+
+
+def test_of_the_shortest_span():
+    with pytest.raises(ValueError, match="another unit of time"):
+        integrate(standard([2, 3, 4]), t_end=5e-324, angular_velocity=(0, 0, 1))

@@ -1,5 +1,6 @@
 """Lyapunov exponents: closed forms, sums, and the growth of the tangents of `sensitivities`."""
 
+import ctypes
 import json
 
 import numpy as np
@@ -8,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from nontwist.engine import linearised
-from nontwist.kernels.memory import view_of
+from nontwist.engine.known_steps import LANES, Steps
+from nontwist.kernels import machine_code
+from nontwist.kernels.memory import View, doubles, view_of
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 C = np.array([[0.1, 0.02, 0], [0.02, 0.2, 0.03], [0, 0.03, 0.3]])
@@ -159,19 +162,32 @@ def test_what_has_no_derivatives_has_no_exponents():
 
 @pytest.mark.parametrize(("rows", "count"), [(6, 6), (6, 5), (12, 3)])
 def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
-    rng, steps = np.random.default_rng(rows + count), 5
-    M, n = rng.normal(size=(rows, rows + 2, steps)), rng.normal(size=rows)
-    start, found = rng.normal(size=(rows, linearised.LANES)), []
+    rng, steps = np.random.default_rng(rows + count), 50
+    M, n = np.eye(rows, rows + 2) + 0.1 * rng.normal(size=(steps, rows, rows + 2)), rng.normal(size=rows)
+    metric, length = np.eye(6) + np.cov(rng.normal(size=(6, 20))), np.linalg.norm(n)
+    start, found, memory = rng.normal(size=(rows, LANES)), [], np.zeros((rows, rows + 2, LANES))
+
+    @machine_code.KIND
+    def make(address):
+        first = View(Steps, doubles(address)).first
+        part = M[first : first + LANES]
+        memory[:, :, : len(part)] = np.moveaxis(part, 0, -1)
+
     for how in ("__call__", "on_floats"):
-        block, x, lengths = view_of(linearised.Growth), start.copy(), np.zeros((3, count))
-        block.steps, block.width, block.stride, block.changes, block.every = steps, rows + 2, steps, count, 2
-        block.matrices, block.weights, block.normal = M, np.linspace(1, 2, rows), n / np.linalg.norm(n)
-        block.state, block.lengths = x, lengths
-        getattr(linearised.grow(rows), how)(block.address)
+        made, chain, x, lengths = view_of(Steps), view_of(linearised.Chain), start.copy(), np.zeros((2, count))
+        made.steps, made.out = steps, memory
+        chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
+        chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
+        chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
+        chain.state, chain.lengths = x, lengths
+        getattr(linearised.grow(rows), how)(chain.address)
         found.append((x, lengths))
     assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])
     assert np.array_equal(found[0][1], found[1][1])
-    w, first = np.linspace(1, 2, rows)[:, None], M[:, :rows, 1] @ M[:, :rows, 0] @ start[:, :count]
-    first -= np.outer(n, n @ (w * first)) / (n @ n)
-    R = np.linalg.qr(np.sqrt(w) * first)[1]
-    assert found[0][1][0] == pytest.approx(abs(np.diag(R)), rel=1e-12)
+    G, first = np.zeros((rows, rows)), start[:, :count]
+    G[:6, :6], G[6:, 6:] = np.diag(np.linspace(1, 2, 6)), metric[: rows - 6, : rows - 6]
+    for A in M[: linearised.TOGETHER]:
+        first = A[:, :rows] @ first
+    first -= np.outer(n, n @ G @ first) / (length * length)
+    R = np.linalg.qr(np.linalg.cholesky(G).T @ first)[1]
+    assert found[0][1][0] == pytest.approx(abs(np.diag(R)), rel=1e-11)

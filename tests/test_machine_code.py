@@ -91,7 +91,7 @@ def test_processors_have_the_vectors_that_are_fast_on_them(name, features, found
         get_host_cpu_features=lambda: SimpleNamespace(flatten=lambda: features),
         get_process_triple=lambda: "x86_64-unknown-linux-gnu",
     )
-    monkeypatch.setattr(machine_code, "_binding", lambda: llvm)
+    monkeypatch.setattr(machine_code, "binding", lambda: llvm)
     machine_code.processor.cache_clear()
     try:
         assert machine_code.processor() == (name, found)

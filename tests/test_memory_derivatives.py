@@ -71,13 +71,40 @@ def test_derivatives_are_those_of_differences(beside, body, order):
     how |= {"project": True, "integrator": "gauss"}
     found = nt.sensitivities(body, wrt=[*START, *(f"load[0].{name}" for name in FIELDS)], **how)
 
-    def by(name, make):
-        return derivative(lambda e: nt.integrate(body, **how | {name: make(e)}), 4e-4)
+    weights = np.random.default_rng(2).normal(size=9) / 3  # along the sum of all directions, none of which is lost
 
-    rows = [by("material_angular_velocity", lambda e, v=v: W0 + e * v) for v in np.eye(3)]
-    rows += [by("rotation", lambda e, v=v: Rotation.from_rotvec(e * v)) for v in np.eye(3)]
-    rows += [by("load", lambda e, n=n, x=x: loaded(beside, **{n: x + e})) for n, x in FIELDS.items()]
-    assert last(found) == pytest.approx(np.array(rows).T, abs=5e-9)
+    def run_of(e):
+        own = {name: x + e * c for (name, x), c in zip(FIELDS.items(), weights[6:], strict=True)}
+        start = {"material_angular_velocity": W0 + e * weights[:3], "rotation": Rotation.from_rotvec(e * weights[3:6])}
+        return nt.integrate(body, **how | start | {"load": loaded(beside, **own)})
+
+    assert last(found) @ weights == pytest.approx(derivative(run_of, 4e-4), abs=5e-9)
+
+
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+@pytest.mark.parametrize("body", BODIES)
+def test_of_inertias_and_axes_they_are_those_of_differences(body):
+    """Of the axis of a wheel counts what is across it."""
+    made = {"standard": nt.standard, "suslov": lambda J: nt.suslov(J, (1, 0, 1))}
+    make, axis = made.get(body, lambda J: nt.heavy_top(J, 1, (0, 0, 0.5))), np.array([0.6, 0.8, 0])
+    how = {"t_end": 2, "step": 0.1, "order": 4, "integrator": "gauss", "material_angular_velocity": W0, "project": True}
+
+    def rubbing(inertia=0.2, n=axis):
+        own = 1.5 * nt.wheel(n, inertia, 3, 0.1, viscous=0.05) + nt.wheel("z", 0.1, 2, 0.1)
+        return own + nt.memory_load(fading, pulling, [0.3, -0.2], scale=[1.0, 1.0], compiled=True)
+
+    wrt = ["inertia", "load[0].inertia", "load[0].wheel"]
+    found = nt.sensitivities(make(J + 0.2), wrt=wrt, load=rubbing(), **how)
+    weights = np.random.default_rng(3).normal(size=10) / 10
+    a, b, c, d, e, f = weights[:6]
+    change = np.array([[a, f, e], [f, b, d], [e, d, c]])
+
+    def run_of(x):
+        return nt.integrate(
+            make(J + 0.2 + x * change), load=rubbing(0.2 + x * weights[6], axis + x * weights[7:]), **how
+        )
+
+    assert last(found) @ weights == pytest.approx(derivative(run_of, 4e-4), abs=5e-9)
 
 
 def test_adjoint_propagator_and_continued_sums_agree():
@@ -103,7 +130,7 @@ def test_of_a_driven_wheel_beside_memory_they_are_what_they_are_alone():
     ("body", "load", "wrt", "words"),
     [
         (nt.standard(J), loaded(), "load_scale", "load_scale is none of them"),
-        (nt.standard(J), loaded(), "inertia", "inertia is none of them"),
+        (nt.suslov(J, (1, 0, 1)), loaded(), "axis", "axis is none of them"),
         (nt.standard(J), loaded(), "load[0].scale", r"load\[0\].scale is none of them"),
         (nt.standard(J), loaded() + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), START, "no derivatives beside .*spring"),
         (nt.nontwisting(J, spin=1), loaded("memory in space"), START, "where a spin is prescribed"),

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from conftest import ended
 from nontwist import (
     DirectorSystem,
     compare,
@@ -171,6 +172,7 @@ def test_viewer_comparison_and_figure_have_words_for_them(written):
 @pytest.mark.usefixtures("newcomers")
 def test_the_commands_take_them(written, monkeypatch):
     monkeypatch.chdir(written.parent)
+    written.write_text(RUN.replace("t_end = 1.0", "t_end = 0.25"), encoding="utf-8")
     result = CliRunner().invoke(app, ["precision", "run.toml", "--json"])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["observed_order"] == pytest.approx(1, abs=0.1)
@@ -539,39 +541,36 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
         done = [sys.executable, "-m", "nontwist", *words]
         return subprocess.run(done, capture_output=True, text=True, check=False)
 
-    alone = command("check", "run.toml")
-    assert alone.returncode == 3
+    alone = ended(3, "check", "run.toml")
     assert next(line for line in alone.stderr.splitlines() if "load.0.kind" in line).endswith(
         f'"gravity_gradient"{YOUR_OWN}'
     )
     for words in (["--import", "own_load", "check", "run.toml"], ["check", "run.toml", "--import=own_load"]):
         done = command(*words)
         assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "next: nontwist run run.toml --import own_load")
-    made = command("run", "run.toml", "--import", "own_load", "--quiet")
-    assert (made.returncode, open_run("run.nc").attrs["status"]) == (0, 0)
     (table,) = blocks_of_the_page("load", "toml")
     Path("magnet.toml").write_text(table, encoding="utf-8")
-    made = command("run", "magnet.toml", "--import", "own_load", "--quiet")
-    assert (made.returncode, open_run("magnet.nc").attrs["status"]) == (0, 0), made.stderr
-    for words in (["--import", "elsewhere", "check", "run.toml"], ["check", "run.toml", "--import"]):
-        assert command(*words).returncode == 2
+    for name in ("run", "magnet"):
+        made = command("run", f"{name}.toml", "--import", "own_load", "--quiet")
+        assert (made.returncode, open_run(f"{name}.nc").attrs["status"]) == (0, 0), made.stderr
     over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
     Path("sweep.toml").write_text(load + body.partition("[time]")[0] + over, encoding="utf-8")
     many = command("sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1")
     assert (many.returncode, "2, 0 failed" in many.stdout) == (0, True), many.stderr
-    Path("broken.py").write_text("raise ValueError('at its end')\n", encoding="utf-8")
+
+
+def test_modules_that_cannot_be_imported_are_named(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "broken.py").write_text("raise ValueError('at its end')\n", encoding="utf-8")
     for name, message in (
         ("elsewhere", "elsewhere cannot be imported: ModuleNotFoundError: No module named 'elsewhere'"),
         ("broken", "broken cannot be imported: ValueError: at its end"),
         ("own_load.py", "'own_load.py' is not the name of a module, as own_load"),
         ("", "'' is not the name of a module, as own_load"),
     ):
-        refused = command(f"--import={name}", "check", "run.toml")
-        assert (refused.returncode, refused.stderr.splitlines()[-1]) == (
-            2,
-            f"Error: Invalid value for --import: {message}",
-        )
-    assert "--import" in command("check", "run.toml", "--import").stderr.splitlines()[-1]
+        refused = ended(2, f"--import={name}", "check", "run.toml")
+        assert refused.stderr.splitlines()[-1] == f"Error: Invalid value for --import: {message}"
+    assert "--import" in ended(2, "check", "run.toml", "--import").stderr.splitlines()[-1]
 
 
 def moon(inertia, mass, centre_of_mass, gravity=(0, 0, -1.62)):

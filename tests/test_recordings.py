@@ -32,6 +32,7 @@ from recordings.makers import (
     bvh,
     made,
     mat,
+    mat73,
     motive,
     mt_manager,
     mvnx,
@@ -329,6 +330,13 @@ TEXTS = {  # content, options; code and fields
     "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "more-fields", {}),
     "unit of angles": ("a,b,c\n0,1,2\n", {"angle_unit": "grad", "euler": "ZYX", **ABC}, "type", {}),
     "two quaternions": ("qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2, {}, "several-orientations", {}),
+    **{f"thousands of ms, {one}": (beside(time_ms=[f"{1000 + 20 * k:,}".replace(",", one) for k in range(N)]), {},
+                                   "not-a-time", {"value": f"1{one}000"}) for one in ", "},
+    "thousands of a gyroscope": ('t,a,b,c\n1.000,"1,000","2,000",0.5\n' * 2, {**ABC, "rotation_vector": True},
+                                 "not-a-number", {"value": "1,000"}),
+    "thousands of s": (table({"t": [f"{1 + t:.3f}" for t in T], **quaternion()}, ";", decimal=",").getvalue(), {},
+                       "thousands", {"name": "t"}),
+    "underscores": (beside(time=[f"0_{k}" for k in range(N)]), {}, "not-a-time", {"value": "0_0"}),
     "words": ("hello world\nthis is no recording\n", {}, "no-orientation", {}),
 }  # fmt: skip
 FILES = {  # content, file, options; code and fields
@@ -338,6 +346,13 @@ FILES = {  # content, file, options; code and fields
     "MVNX, cut short": (mvnx()[:2000], "a.mvnx", {}, "unreadable", {"what": "MVNX file"}),
     "BVH": ("\n".join([*bvh().split("\n")[:30], "1 2 3"]), "a.bvh", {"body": "Arm"}, "row-length",
             {"place": "line 31", "what": "motion", "count": 3, "width": 12}),
+    "BVH, channels of an end": (bvh().replace("Site\n    {", "Site\n{ CHANNELS 1 Xrotation", 1), "a.bvh", {},
+                                "hierarchy", {}),
+    "BVH, another axis": (bvh().replace("Zrotation", "Wrotation"), "a.bvh", {}, "hierarchy", {}),
+    "BVH, underscores": ("\n".join([*bvh().split("\n")[:30], "1_0 " * 12]), "a.bvh", {}, "not-a-number",
+                         {"value": "1_0"}),
+    **{f"BVH, {step}": (bvh().replace("0.02", step, 1), "a.bvh", {}, "no-frame-time", {})
+       for step in ("-0.02", "0", "nan", "inf")},
     "BVH, cut short": ("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", "a.bvh", {}, "no-hierarchy", {}),
     "NumPy, objects": (objects, "a.npy", {}, "unreadable", {"what": "NPY file"}),
     "NumPy, scalar": (BOTH, "a.npz", {"body": "leg"}, "scalar-unknown", {"who": "the array 'leg' does"}),
@@ -532,6 +547,51 @@ def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
         (tmp_path / "a.bvh").write_text(f"{head}Frames: {frames}\nFrame Time: 0.1\n" + "1 2 3\n" * 3, encoding="utf-8")
         notes = read_motion(tmp_path / "a.bvh").attrs["notes"]
         assert ("the file states 5 frames and holds 3: cut short or badly written" in notes) == said
+
+
+def test_a_bvh_file_may_turn_twice_about_an_axis(tmp_path):
+    head = "HIERARCHY\nROOT a\n{\nCHANNELS 3 Zrotation Xrotation Zrotation\n}\nMOTION\nFrames: 2\nFrame Time: 0.1\n"
+    (tmp_path / "a.bvh").write_text(head + "10 20 30\n40 50 60\n", encoding="utf-8")
+    same(read_motion(tmp_path / "a.bvh"), Rotation.from_euler("ZXZ", [[10, 20, 30], [40, 50, 60]], degrees=True))
+
+
+@pytest.mark.parametrize("missing", ["time", "times", "index"])
+def test_frames_of_mvnx_keep_their_times(missing, tmp_path):
+    """Where frames are lost, and one time, all times or an index is missing."""
+    lines = [line for line in mvnx().split("\n") if not 20 <= int((re.findall(r'index="(\d+)"', line) or [0])[0]) < 30]
+    at = next(k for k, line in enumerate(lines) if 'index="9"' in line)
+    gone = {
+        "time": (' time="180"', at, at + 1),
+        "times": (r' time="\d+"', 0, None),
+        "index": (' index="9"', at, at + 1),
+    }
+    pattern, first, last = gone[missing]
+    lines[first:last] = [re.sub(pattern, "", line) for line in lines[first:last]]
+    (tmp_path / "a.mvnx").write_text("\n".join(lines), encoding="utf-8")
+    assert np.allclose(
+        read_motion(tmp_path / "a.mvnx", body="sensor LeftHand").time, np.delete(np.arange(60), range(20, 30)) / 50
+    )
+
+
+@pytest.mark.parametrize(("rate", "is_said"), [(25.0, True), (50.0, False)])
+def test_times_in_a_file_are_taken_before_its_rate(rate, is_said, tmp_path):
+    np.savez(tmp_path / "a.npz", fps=rate, time=5 + T, R=R.as_matrix(), video=np.arange(9.0))
+    found = read_motion(tmp_path / "a.npz")
+    assert np.array_equal(found.time, 5 + T)
+    assert (f"{rate:g} samples a second, from which the times differ" in found.notes) == is_said
+    np.savez(tmp_path / "b.npz", fps=rate, time=["noon"] * N, R=R.as_matrix())
+    found = read_motion(tmp_path / "b.npz")
+    assert np.array_equal(found.time, np.arange(N) / rate)
+    assert "time: not used: the column 'time' holds 'noon'" in found.notes
+    with refused("not-a-time"):
+        read_motion(tmp_path / "b.npz", time_column="time")
+
+
+def test_pages_of_every_version_of_matlab(tmp_path):
+    pages = {"time": T, "R": np.moveaxis(R.as_matrix(), 0, 2)}
+    for number, write in enumerate((mat, mat73)):
+        write(tmp_path / f"{number}.mat", pages)
+        same(read_motion(tmp_path / f"{number}.mat"))
 
 
 def test_a_unit_that_a_header_contradicts_is_refused():
@@ -804,3 +864,11 @@ def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
         result = nontwist("twist", tmp_path / "a.csv", option, word)
         assert result.exit_code == 2
         assert f"Error: Invalid value for '{option}': '{word}' is not one of '" in result.stderr
+
+
+@pytest.mark.parametrize("letters", ["XYZ", "ZYX"])
+def test_named_angles_in_another_order_than_their_headers_are_told(letters):
+    table = io.StringIO("ms,Roll,Pitch,Yaw\n0,0,0,0\n10,1,2,3\n20,2,4,6\n")
+    with warned(*["unlike-headers"] * (letters == "ZYX")):
+        found = read_motion(table, ["ms", "Roll", "Pitch", "Yaw"], euler=letters, angle_unit="deg")
+    assert found["time"].values.tolist() == [0.0, 0.01, 0.02]

@@ -152,7 +152,6 @@ test_refusals = refused_as(
     [
         lambda: rotor((0, 0, 1), [0, 1]),
         lambda: rotor((0, 0, 1), [0], [1.0]),
-        lambda: simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split"),
     ]
 )
 

@@ -321,7 +321,7 @@ def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request)
 
 
 def test_a_second_run_to_one_output_is_refused_at_once(here):
-    from nontwist.io import reserved
+    from nontwist.io.results import reserved
 
     here(BODY + TIME)
     here(BODY + TIME, "first.toml")

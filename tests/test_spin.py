@@ -202,7 +202,6 @@ test_refusals = refused_as(
         lambda: DirectorSystem(np.diag([3.0, 2, 1]), spin=1),
         lambda: DirectorSystem(np.diag([3.0, 2, 1]), axis=(0, 1, 1), spin=1),
         lambda: DirectorSystem.stack([nontwisting([3, 4, 5], spin=([0, 1], [0, c])) for c in (1, 2)]),
-        lambda: simulate(SPUN, t_end=1, step=0.1, integrator="split"),
         lambda: simulate(SPUN, t_end=1, step=0.1, integrator=Continuous(form="director")),
     ]
 )

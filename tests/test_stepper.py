@@ -22,7 +22,6 @@ FREE = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 TOP = nt.heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
 
 every_scheme = pytest.mark.parametrize(("integrator", "order"), SCHEMES)
-every_body = pytest.mark.parametrize("body", BODIES)
 
 
 def constant(body, space):
@@ -44,10 +43,11 @@ def require_same_bits(found, run):
     assert [state.material_angular_velocity for state in found] == bits(run.material_angular_velocity)
 
 
-@every_scheme
-@every_body
-def test_states_work_and_reaction_have_the_bits_of_a_run(body, integrator, order):
-    system, how = BODIES[body](), {"integrator": integrator, "order": order}
+@pytest.mark.parametrize("order", [2, 4, 8])
+@pytest.mark.parametrize("body", BODIES)
+def test_states_work_and_reaction_have_the_bits_of_a_run(body, order):
+    """Those of the other integrators are in the table of promises."""
+    system, how = BODIES[body](), {"integrator": "gauss", "order": order}
     run = nt.integrate(system, t_end=H * N, step=H, load=constant(M, m), project=True, **START, **how)
     loop = nt.stepper(system, H, **how)
     loop.reset(project=True, **START)

@@ -18,6 +18,7 @@ from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import largest_velocity
+from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 from refusals import says
 from tolerance_problems import Motion, Task, error_of, generated, truth
@@ -47,6 +48,16 @@ def ratios(seeds):
     return found
 
 
+def test_states_that_are_shown_take_no_march_of_their_own(monkeypatch):
+    marched, run = [], StackMarch.run
+    monkeypatch.setattr(StackMarch, "run", lambda own, *more: marched.append(own.stack.steps) or run(own, *more))
+    found = [nt.integrate(BODY, t_end=2, **W, **how) for how in ({}, {"times": [0.5, 2]})]
+    coarse = marched[0]
+    assert marched == 2 * [coarse, coarse, coarse // 2 * 3]  # two trials, and the floor with the first
+    assert len(found[0].time) > marched[2]
+    assert np.array_equal(*(one.material_angular_velocity[-1] for one in found))
+
+
 def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
     sound = completion.march
 
@@ -63,9 +74,9 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
-def test_16_problems_are_solved_within_their_tolerance():
-    found = ratios(range(16))
-    assert len(found) > 12
+def test_8_problems_are_solved_within_their_tolerance():
+    found = ratios(range(8))
+    assert len(found) > 6
     assert max(found.values()) <= 1
 
 
@@ -78,7 +89,7 @@ def test_2000_problems_are_solved_within_their_tolerance():
     assert found.max() <= 10
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.long)])
 def test_the_truth_is_that_of_34_digits(seed):
     task = generated(seed)
     task = task._replace(t_end=0.1 * task.t_end, tolerance=1e-11)
@@ -268,13 +279,16 @@ def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
 def test_steps_that_miss_a_swing_are_refined():
     """Of a moment that is a function the rate is not known; the same pendulum, and the first distances do not fall."""
     omega, angle, t = 2.7, 1e-3, 20.0
-    load = nt.moment(lambda t, directors, w: 4 * omega**2 * np.cross(-directors[2], (0, 0, -1)))
+
+    def hanging(t, directors, w):
+        return 4 * omega**2 * np.cross(-directors[2], np.array([0, 0, -1.0]))
+
     run = nt.simulate(
         nt.standard([4, 6, 4]),
         t_end=t,
         store="end",
         rotation=Rotation.from_euler("x", angle),
-        load=load,
+        load=compiled_load(hanging),
         tolerance=1e-8,
     )
     sn = ellipj(ellipk(np.sin(angle / 2) ** 2) - omega * t, np.sin(angle / 2) ** 2)[0]
@@ -356,3 +370,10 @@ def test_the_moved_start_differs_by_as_much_in_every_number():
     assert abs(moved.velocity / W - 1) == pytest.approx(np.full((1, 3), tolerance.CHANGE), rel=1e-3)
     assert (p.inv() * Rotation.from_quat(moved.quaternion)).magnitude() == pytest.approx(tolerance.CHANGE, rel=1e-3)
     assert moved.load_scale - 1 == pytest.approx(tolerance.CHANGE, rel=1e-3)
+
+
+def test_a_body_at_rest_follows_a_fast_sine():
+    times, phase, rate = np.sort(np.random.default_rng(0).uniform(0, 100, 99)), np.pi / 2, 2 * np.pi * 50
+    run = nt.simulate(nt.standard([20, 80, 90]), times=times, load=nt.sine([1, 0, 0], 50, phase=phase))
+    exact = (np.cos(phase) - np.cos(rate * times + phase)) / (20 * rate)
+    assert abs(run.material_angular_velocity.values[:, 0] - exact).max() < 1e-8 * abs(exact).max()

@@ -224,6 +224,7 @@ FORMS = {
     "matrices": lambda: (R.as_matrix(), T),
     "quaternions, flipped signs": lambda: (R.as_quat() * np.where(np.arange(60) % 3, 1, -1)[:, None], T),
     "DataFrame": lambda: (table(), None),
+    "DataFrame, a column again": lambda: (pandas.concat([table(), table()[["Time (s)"]]], axis=1), None),
     "DataFrame, matrix": lambda: (matrix_table(), None),
     "DataArray": lambda: (xarray.DataArray(R.as_quat(), {"time": T, "quat": list("xyzw")}, ("time", "quat")), None),
     "Dataset": lambda: (

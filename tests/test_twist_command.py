@@ -99,7 +99,10 @@ def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tm
     assert 10 < level < 95  # an exponent would be printed
     expected = f"{round(largest, -1):.0f}°/s at t = {when:g} s; noise of each rate ± {round(level, -1):.0f}°/s"
     assert shown["largest twist rate"] == expected
-    assert shown["±"] == "of noise one standard deviation; of sampling, an estimate of the error"
+    assert (
+        shown["±"]
+        == "of noise, independent from sample to sample, one standard deviation; of sampling, an estimate of the error"
+    )
     assert not re.search(r"\de[+-]\d", re.sub("sampling ± [^,]*", "", result.stdout))
 
 

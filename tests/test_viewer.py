@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import LOW_CONTRAST, PAPER_J, frames, until
 from conftest import nontwist as command
+from nontwist.cli.outcomes import smooth
 from nontwist.loads.kinds import load_in_words
 from nontwist.paper.tables import CASES
 from nontwist.viewer.content import STATES, content
@@ -610,3 +611,16 @@ def test_unusual_runs_are_drawn(visit):
         assert places(page)[0] == pytest.approx(run.directors.isel(time=-1).sel(director=3).values, abs=6e-4)
         assert places(page)[1] == pytest.approx(run.directors.isel(time=4).sel(director=3).values, abs=6e-4)
         assert "NaN" not in page.inner_text("body")
+
+
+def test_states_are_added_between_stored_ones_at_times_that_are_apart():
+    fast = nt.simulate(nt.standard([2, 3, 4]), t_end=4, step=0.005, angular_velocity=[0, 1, 120])
+    time = smooth(fast)["time"].values
+    assert np.isin(fast["time"], time).all()
+    assert np.diff(time).min() == pytest.approx(0.005 / 7, rel=0.2)
+
+
+def test_states_whose_times_differ_by_round_off_are_shown_once():
+    near = nt.simulate(nt.nontwisting([3, 4, 5]), times=[0, 0.5, np.nextafter(0.5, 1), 1], angular_velocity=(0, 2, 0))
+    with pytest.warns(UserWarning, match="duplicate"):
+        assert content(near)["end"] == 1.0

@@ -64,7 +64,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         ("nontwist.comparison", "compare"),
         ("nontwist.validation", "validate"),
         ("nontwist.viewer", "view"),
-        ("nontwist.io", "open_run"),
+        ("nontwist.io.results", "open_run"),
         ("nontwist.recordings.reading", "read_motion"),
         ("nontwist.sweeps", "sweep_member"),
         ("nontwist.sweeps.figure", "draw"),

@@ -1,12 +1,14 @@
-"""`.. public:: nontwist.plot` and the names below it: a table with a line for each, then all that their docstrings say.
+"""`.. public:: nontwist.plot` and the names below it: a table with a line for each, and a page for each.
 
 The names of all such directives are collected; the build warns of public names that no page has, and of names that two
 pages have.
 """
 
 import inspect
+import re
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from docutils.nodes import Node
@@ -16,6 +18,8 @@ from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
+PAGES = "api"  # the folder of the pages, made before the others are read
+LISTED = re.compile(r"^\.\. public:: (\S+)\n\n((?: {3}\S.*\n)+)", re.MULTILINE)
 logger = logging.getLogger(__name__)
 CLASS = (
     "   :members:",
@@ -48,36 +52,63 @@ def comment(namespace: Any, name: str) -> list[str]:
 
 
 class Public(SphinxDirective):
-    """Document the names in the content, which `module` offers."""
+    """List the names in the content, which `module` offers, each with its first sentence and a page of its own."""
 
     required_arguments = 1
     has_content = True
 
     def run(self) -> list[Node]:
-        """Return a table of the names and their entries."""
+        """Return a table of the names, and a tree of their pages."""
         module, names = self.arguments[0], " ".join(self.content).split()
         told = getattr(self.env, "public_names", None) or {}
         self.env.public_names = told
         for name in names:
             told.setdefault(module, {}).setdefault(name, set()).add(self.env.docname)
+        table = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{module}.{name}" for name in names), ""]
+        tree = [".. toctree::", "   :hidden:", "", *(f"   {PAGES}/{module}.{name}" for name in names), ""]
+        return self.parse_text_to_nodes("\n".join(table + tree))
+
+
+class Entry(SphinxDirective):
+    """Document a name that a module offers: all that its docstring says."""
+
+    required_arguments = 2
+
+    def run(self) -> list[Node]:
+        """Return the entry."""
+        module, name = self.arguments
         namespace = namespace_of(module)
-        callables = [name for name in names if callable(getattr(namespace, name))]
-        lines = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{module}.{name}" for name in callables), ""]
-        for name in names:
-            if inspect.isclass(getattr(namespace, name)):
-                lines += [f".. autoclass:: {module}.{name}", *CLASS, ""]
-            elif name not in callables:
-                lines += [f".. autodata:: {module}.{name}", "   :no-value:", "", *comment(namespace, name), ""]
-            else:
-                lines += [f".. autofunction:: {module}.{name}", ""]
+        if inspect.isclass(getattr(namespace, name)):
+            lines = [f".. autoclass:: {module}.{name}", *CLASS, ""]
+        elif callable(getattr(namespace, name)):
+            lines = [f".. autofunction:: {module}.{name}", ""]
+        else:
+            lines = [f".. autodata:: {module}.{name}", "   :no-value:", "", *comment(namespace, name), ""]
         entries = self.parse_text_to_nodes("\n".join(lines))
         for entry in entries:
             for signature in entry.findall(desc_signature):
-                name = f"nontwist.{signature['fullname']}"  # where the page of a source that has both kinds leads
-                if name not in self.state.document.ids:
-                    signature["ids"].append(name)
-                    self.state.document.ids[name] = signature
+                for space in ("nontwist", "nontwist.results"):  # where the page of a source that has both kinds leads
+                    if (place := f"{space}.{signature['fullname']}") not in self.state.document.ids:
+                        signature["ids"].append(place)
+                        self.state.document.ids[place] = signature
         return entries
+
+
+def make_pages(app: Sphinx) -> None:
+    """Write a page for each name that a page of the reference lists, and remove those that none lists."""
+    reference = Path(app.srcdir) / "reference"
+    pages = {}
+    for page in reference.glob("*.md"):
+        for module, content in LISTED.findall(page.read_text(encoding="utf-8")):
+            for name in content.split():
+                text = f"{name}\n{'=' * len(name)}\n\n.. entry:: {module} {name}\n"
+                pages[reference / PAGES / f"{module}.{name}.rst"] = text
+    (reference / PAGES).mkdir(exist_ok=True)
+    for old in {*(reference / PAGES).iterdir()} - pages.keys():
+        old.unlink()
+    for place, text in pages.items():
+        if not place.exists() or place.read_text(encoding="utf-8") != text:
+            place.write_text(text, encoding="utf-8")
 
 
 def complain(app: Sphinx, env: object) -> None:
@@ -117,6 +148,8 @@ def without_factories(
 def setup(app: Sphinx) -> dict[str, bool]:
     """Offer the directive and check that it has been given every name."""
     app.add_directive("public", Public)
+    app.add_directive("entry", Entry)
+    app.connect("builder-inited", make_pages)
     app.connect("autodoc-process-signature", without_factories)
     app.connect("env-merge-info", merge)
     app.connect("env-check-consistency", complain)

@@ -22,7 +22,8 @@ from nontwist import nontwisting, open_run, save_run, simulate, sine, standard
 from nontwist.driver import single_run
 from nontwist.driver.signals import sigterm_interrupts
 from nontwist.errors import SimulationInterrupt
-from nontwist.io import reserved, results, whole
+from nontwist.io import results, whole
+from nontwist.io.results import reserved
 
 from .children import CONTEXT, answer, child, happened, heard
 from .files import a_run

@@ -150,7 +150,9 @@ class Trajectory:
     def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]] | None) -> Trajectory:
         """Return a run of the `known` attributes; `read` gives others once one is asked for, or the next `_read`."""
         run = cls.__new__(cls)
-        vars(run).update(known, _read=read)
+        attributes = vars(run)
+        attributes.update(known)
+        attributes["_read"] = read
         return run
 
     def _warned(self, text: str) -> Trajectory:

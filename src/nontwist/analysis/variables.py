@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
+from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, shown
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
@@ -102,7 +102,7 @@ MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles wh
 }
 VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
-Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
+Described = tuple[Any, Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
 Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
@@ -122,7 +122,7 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
-def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
+def assembled(variables: Mapping[str, Described], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
     """Return a dataset of variables, each (dims, array, attributes).
 
     They are taken as they are: xarray would copy and compare them one by one, and import Dask, in a third of a second,
@@ -130,10 +130,7 @@ def assembled(variables: dict[str, Any], coordinates: Coordinates, record: dict[
     """
     import xarray
 
-    own = {
-        name: xarray.Variable(dims, array, attributes, fastpath=True)
-        for name, (dims, array, attributes) in variables.items()
-    }
+    own = {name: xarray.Variable(*about, fastpath=True) for name, about in variables.items()}
     along, indexes = coordinates
     return xarray.Dataset._construct_direct(own | along, set(along), attrs=record, indexes=indexes)
 
@@ -279,10 +276,10 @@ def observables(
         return {name: made[name]() for name in names}
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
-    R = attitudes(p)
-    q = np.ascontiguousarray(R.swapaxes(-1, -2))
+    rows = entries(p)
+    q = np.moveaxis(rows, (1, 0), (-2, -1))
     own = q if carried is None else carried[:, :, 0]
-    w = [W[..., i] for i in range(3)]
+    w = [*np.moveaxis(W, -1, 0).copy()]
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
     if wheels is not None:  # which do not change their shape
@@ -301,7 +298,6 @@ def observables(
     elif absent := [name for name in names if WHEELS.get(name, ((),))[0][1:] == ("wheel",)]:
         raise ValueError(f"there is no variable {absent[0]!r}, as the load has no wheels")
     whole = [Pi[i] + h[..., i] for i in range(3)]
-    rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
 
     def potential_energy() -> Array:
         f = dead[:, None]
@@ -309,11 +305,11 @@ def observables(
         V = -(terms[0] + terms[1] + terms[2])
         if potentials is None:
             return V
-        of_load = sum(term.energy(R.swapaxes(-1, -2), potentials.times) for term in potentials.load.potentials)
+        of_load = sum(term.energy(q, potentials.times) for term in potentials.load.potentials)
         return V + potentials.scale[:, None] * of_load
 
     made |= {
-        "directors": lambda: own,
+        "directors": lambda: np.ascontiguousarray(own),
         "director_velocities": lambda: director_velocities(q, W, N) if carried is None else carried[:, :, 1],
         "angular_velocity": lambda: np.stack([_dot(row, w) for row in rows], axis=-1),
         "spatial_momentum": lambda: np.stack([_dot(row, Pi) for row in rows], axis=-1),

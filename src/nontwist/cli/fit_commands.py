@@ -70,6 +70,7 @@ def fit_command(
     rotor: Annotated[str | None, SETTINGS["rotor"]] = None,
     damping: Annotated[str | None, SETTINGS["damping"]] = None,
     constraint: Annotated[str | None, SETTINGS["constraint"]] = None,
+    unphysical: Annotated[bool, Opt("Also accept a J with a moment larger than the sum of the others.")] = False,
     orientation: Annotated[str | None, SETTINGS["orientation"]] = None,
     *,
     reading: Annotated[dict[str, Any], READING],
@@ -118,6 +119,7 @@ def fit_command(
     words = (gravity, rotor, orientation, delay, misalignment, axis_scales, damping, constraint)
     acting = {name: settings(text, name) for name, text in zip(SETTINGS, words, strict=True)}
     how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **reading, **acting}
+    how["physical"] = not unphysical
     fit = fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
     rows, numbers = fit.table(), fit.numbers()
     if in_words({"files": data, **numbers}, as_json, quiet):

@@ -272,6 +272,8 @@ def smooth(
     if first == last or len(part["time"]) >= most or largest_turn(run) <= FAR:
         return part
     speed = float(np.linalg.norm(run["material_angular_velocity"], axis=1).max())
-    count = int(min(np.ceil((last - first) * speed / FAR), most))
-    found = resample(run, np.union1d(part["time"], np.linspace(first, last, count)), load)
+    count, own = min(np.ceil((last - first) * speed / FAR), most), np.unique([first, *part["time"].values, last])
+    parts = np.ceil(np.diff(own) * (count / (last - first)))  # of each interval between stored states
+    ends = np.append(0.0, np.cumsum(parts))
+    found = resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
     return found.assign({name: one for name, one in run.items() if name not in found and "time" not in one.dims})

@@ -120,7 +120,7 @@ def export_command(
 def _opened(path: Path) -> xarray.Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
     from ..errors import ResultFileError
-    from ..io import open_run
+    from ..io.results import open_run
 
     require_readable(path)
     run = open_run(path)
@@ -262,9 +262,7 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def _vector(values: Any) -> str:
-    import numpy as np
-
-    return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 def _words(name: str, value: str | float) -> str:

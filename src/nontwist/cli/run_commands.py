@@ -44,7 +44,7 @@ def run_command(
     part, too.
     """
     from ..driver.signals import sigterm_interrupts
-    from ..io import reserved
+    from ..io.results import reserved
     from ..io.whole import require_free
 
     run_files = read_all(files, overrides)

@@ -172,6 +172,18 @@ def hint(*commands: str) -> str:
     return f"next: {', '.join(command + modules for command in commands)}"
 
 
+def _body_words(run_file: RunFile) -> str:
+    """Return kind, principal moments and weight of a body."""
+    import numpy as np
+
+    from ..geometry.values import vector_text
+
+    moments = np.linalg.eigvalsh(run_file.problem.system.convected_inertia)
+    weight = run_file.body.weight(run_file._folder)
+    heavy = "" if weight is None else f"; {weight[0]:.4g} kg, centre of mass {vector_text(weight[1])} m"
+    return f"{run_file.body.kind}, principal moments {', '.join(f'{J:.4g}' for J in moments)} kg m²{heavy}"
+
+
 def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
     from dataclasses import asdict
@@ -180,7 +192,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
 
     scheme = run_file.prepared.scheme
     rows = {
-        "body": run_file.body.kind,
+        "body": _body_words(run_file),
         "loads": ", ".join(forecast.loads) or "none",
         "integrator": scheme_words({"name": scheme.name, **asdict(scheme)}),
     }

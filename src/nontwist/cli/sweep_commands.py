@@ -300,7 +300,7 @@ def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
 
 
 def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
-    from ..io import save_run
+    from ..io.results import save_run
     from ..io.whole import require_free, written
     from ..sweeps import sweep_member
     from ..sweeps.reading import member_file

@@ -233,7 +233,7 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
 
 def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
-    from ..io import save_run
+    from ..io.results import save_run
     from ..io.whole import written
 
     save_run(result, places[".nc"], force=force)
@@ -317,7 +317,8 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
             rows["both sensors"] = "\n".join(both)
     if noise is not None:
         told = ", of the drift of a clock two" if " ppm" in result.attrs["alignment"] else ""
-        rows["±"] = f"of noise one standard deviation{told}; of sampling, an estimate of the error"
+        of_noise = f"of noise, independent from sample to sample, one standard deviation{told}"
+        rows["±"] = f"{of_noise}; of sampling, an estimate of the error"
     if "alignment" in rows:
         rows["alignment"] += "\nthe errors of the total twist do not include those of the alignment"
     print_rows(result.attrs["title"], rows)

@@ -163,7 +163,7 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
 
     A recording is read as `how` says, which was typed as `given`.
     """
-    from ..io import open_run
+    from ..io.results import open_run
     from ..recordings.reading import read_motion
     from ..recordings.twisting import twist
 

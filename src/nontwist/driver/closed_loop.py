@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,16 +14,19 @@ from ..geometry.values import shown
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
-from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector
-from ..integrators.wheels import places
+from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
+from ..integrators.wheels import COMMANDED, commanded, places
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
+from ..loads.terms import Table
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
+from . import completion
 from .completion import OVERFLOW
+from .contacts import refusal
 from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
-from .planning import internal_states, resolve_integrator
+from .planning import fitting, internal_states, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
 from .starts import BodyState, start_of_one
 
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 ZERO: Vector = (0.0, 0.0, 0.0)
+NONE = ()
 ASIDE = (*STARTS, "t_start", "t_end", "tolerance", "times", "store")  # of a problem: times and output
 
 
@@ -60,7 +63,8 @@ def stepper(
     order : int, optional
         2 by default for every integrator. A higher order, which only `gauss` has, pays off only for long steps.
     load : Load, optional
-        What acts in addition to the moments of each step: disturbances, damping, functions of the state.
+        What acts in addition to the moments of each step: disturbances, damping, functions of the state, wheels. Under
+        dry friction, of the body or of a wheel, a step takes some milliseconds.
 
     Returns
     -------
@@ -109,6 +113,61 @@ def stepper(
     return loop
 
 
+class MarchedStep:
+    """The step of a body under dry friction, or with wheels that have friction: a run of one step."""
+
+    def __init__(self, system: DirectorSystem, load: Load, step: float, scheme: Compiled) -> None:
+        self.step, self.scheme, self._failed = step, scheme, Failure(Status.OK, 0, nan, nan)
+        self.stack = IVP(stacked(system), np.eye(4)[3:], np.zeros((1, 3)), load, 0.0, step, 1, ENDS, intervals=True)
+        fitting(load, scheme, self.stack.systems)
+        if (reason := refusal(scheme, self.stack)) is not None:
+            raise ValueError(reason)
+        self._own, self._load = sum(one.count for one in load.wheels), commanded(load)
+
+    def begin(self, problem: IVP) -> Numbers:
+        """Return the numbers at the start of a problem, as `SingleStep` does."""
+        z = [] if problem.internal is None else problem.internal[0, self._own :].tolist()
+        return self._numbers(problem.quaternion[0], problem.velocity[0], 0.0, 0.0, z, 0.0)
+
+    def __call__(
+        self,
+        numbers: Numbers,
+        start: float,
+        number: int,
+        body: Vector,
+        space: Vector,
+        wheels: tuple[Wheels, Array] | None,
+    ) -> tuple[Numbers, Wheels]:
+        """Take a step, as `SingleStep` does."""
+        t, h, load = start + number * self.step, self.step, self._load
+        own, torques = wheels or ((), np.zeros(0))
+        z = [x for one, torque in zip(own, torques.tolist(), strict=True) for x in (*one, torque)]
+        z += numbers[NUMBERS.carried : (NUMBERS.carried + len(numbers)) // 2]
+        around, frames = np.array([t - h, t + 2 * h]), ("body", "space")
+        for frame, moment in zip(frames, (body, space), strict=True):
+            if any(moment):
+                load = load + Table(frame, around, np.array([moment, moment]))  # type: ignore[arg-type]
+        begin: dict[str, Any] = {"quaternion": np.array([numbers[:4]]), "velocity": np.array([numbers[4:7]])}
+        begin |= {"internal": np.array([z]) if z else None, "t_start": t, "t_end": t + h}
+        outcome = completion.march(self.scheme, replace(self.stack, load=load, **begin))
+        self._failed = (outcome.failure() or Failure(Status.OK, 0, nan, nan))._replace(step=number)
+        end, means = outcome.states.part(0, -1), outcome.intervals
+        assert means is not None
+        z = [] if end.internal is None else end.internal.tolist()
+        ends = tuple(tuple(z[COMMANDED * k :][:3]) for k in range(len(own)))
+        mu = float(means.multipliers[0, 0, -1]) if self.stack.systems.axis is not None else 0.0
+        work, rest = float(means.load_work[0, 0]), z[COMMANDED * len(own) :]
+        return self._numbers(end.quaternion, end.velocity, mu, work, rest, self._failed.status), ends
+
+    @staticmethod
+    def _numbers(p: Array, W: Array, mu: float, work: float, z: list[float], status: float) -> Numbers:
+        return (*p.tolist(), *W.tolist(), mu, work, *z, *(0.0 for _ in z), float(status))
+
+    def failure(self, number: int) -> Failure | None:
+        """Return why the step just taken failed, None where it did not."""
+        return self._failed if self._failed.status else None
+
+
 class Kind(NamedTuple):
     """What two steppers must have in common to exchange states."""
 
@@ -140,12 +199,12 @@ class StepperState(BodyState):
     (0.01, array([0.e+00, 0.e+00, 1.e-05]))
     """
 
-    __slots__ = ("_axes", "_kind", "_momenta", "_start", "_steps")
+    __slots__ = ("_axes", "_kind", "_start", "_steps", "_wheels")
     _axes: tuple[tuple[float, ...], ...]  # inertia and axis of each wheel
     _kind: Kind
-    _momenta: tuple[float, ...]
     _start: float
     _steps: int
+    _wheels: Wheels
 
     @property
     def time(self) -> float:
@@ -166,13 +225,24 @@ class StepperState(BodyState):
     @property
     def wheel_momentum(self) -> tuple[float, ...]:
         """Axial momentum of each wheel in space, kg m² s⁻¹."""
-        return self._momenta
+        return tuple(one[0] for one in self._wheels)
+
+    @property
+    def wheel_work(self) -> tuple[float, ...]:
+        """Work of the motor of each wheel since the last reset, or since the start of the run that it continues, J."""
+        return tuple(one[1] for one in self._wheels)
+
+    @property
+    def wheel_loss(self) -> tuple[float, ...]:
+        """Energy that friction of each wheel has taken since then, J."""
+        return tuple(one[2] for one in self._wheels)
 
     @property
     def wheel_speed(self) -> tuple[float, ...]:
         """Speed of each wheel relative to the body, rad/s."""
         x, y, z = self.material_angular_velocity
-        return tuple(h / I - (a * x + b * y + c * z) for h, (I, a, b, c) in zip(self._momenta, self._axes, strict=True))
+        found = zip(self._wheels, self._axes, strict=True)
+        return tuple(h / I - (a * x + b * y + c * z) for (h, *_), (I, a, b, c) in found)
 
     @property
     def load_work(self) -> float:
@@ -193,7 +263,7 @@ class StepperState(BodyState):
         return hash(self._key())
 
     def _key(self) -> tuple[Any, ...]:
-        return self._kind, self._numbers, self._momenta, self._start, self._steps
+        return self._kind, self._numbers, self._wheels, self._start, self._steps
 
 
 class Stepper:
@@ -234,15 +304,9 @@ class Stepper:
     def __init__(self, system: DirectorSystem, step: float, integrator: Compiled, load: Load) -> None:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
-        if not all(one.is_driven for one in load.wheels):
-            raise ValueError(
-                "a stepper has wheels without friction, and motors whose torque is no function: take friction off "
-                "wheel_torque, by state.wheel_speed"
-            )
-        self._single, self._wheels = SingleStep(system, load, step, integrator), load.wheels
-        self._places = [place for _, place in places(load)]  # of the momenta
-        own = sum(one.state0.size for one in load.wheels)
-        self._own, count = own, load.internal_state.size - own
+        self._single: Any = (MarchedStep if load.is_dry else SingleStep)(system, load, step, integrator)
+        self._wheels = load.wheels
+        count = load.internal_state.size - sum(one.count for one in load.wheels)
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count)
         self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
         self.reset()
@@ -293,13 +357,13 @@ class Stepper:
         systems, p, W, N = stacked(self.system), *begin[:3]
         problem = IVP(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         internal = internal_states(systems, self.load, begin, t)
-        rest = None if internal is None or internal.shape[1] == self._own else internal[:, self._own :]
-        numbers = self._single.begin(replace(problem, internal=rest))
-        self._state = self._made(numbers, t, 0, [] if internal is None else internal[0, self._places].tolist())
+        numbers = self._single.begin(replace(problem, internal=internal))
+        wheels = [] if internal is None else [internal[0, k:][: one.count] for one, k in places(self.load)]
+        self._state = self._made(numbers, t, 0, tuple((*own.tolist(), 0.0, 0.0)[:3] for own in wheels))
         return self._state
 
     def step(
-        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = ()
+        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = NONE
     ) -> StepperState:
         """Take one step under moments that are constant over it, and return the state at its end.
 
@@ -332,28 +396,25 @@ class Stepper:
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state
         k = now._steps
-        momenta, wheels = self._driven(now, wheel_torque) if self._wheels or np.size(wheel_torque) else ((), None)
+        has_torque = wheel_torque is not NONE and np.size(wheel_torque)
+        wheels = (now._wheels, self._torques(wheel_torque)) if self._wheels or has_torque else None
         try:
-            numbers = self._single(now._numbers, now._start, k, body, space, wheels)
+            numbers, ends = self._single(now._numbers, now._start, k, body, space, wheels)
         except ValueError as error:
             raise self._error(Failure(Status.LOAD, k, nan, nan, str(error))) from error
         if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
             raise self._error(
                 self._single.failure(k) or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
             )
-        self._state = state = self._made(numbers, now._start, k + 1, momenta)
+        self._state = state = self._made(numbers, now._start, k + 1, ends)
         return state
 
-    def _driven(self, now: StepperState, torque: ArrayLike) -> tuple[tuple[float, ...], tuple[Array, Array]]:
-        """Return the momenta of the wheels after a step, and what these are for the step: their sum, and its rate."""
+    def _torques(self, torque: ArrayLike) -> Array:
+        """Return the torque on each wheel."""
         own, count = as_array(torque, "wheel_torque", (None,)), len(self._wheels)
         if own.size not in (0, count):
             raise ValueError(f"wheel_torque needs a number for each wheel, {count}, got {own.size}")
-        begin, h, t = np.array(now._momenta), self.step_size, now._time
-        change = [one.scale * float(np.diff(one.impulse(np.array([t, t + h])))[0]) for one in self._wheels]
-        end = begin + np.array(change) + h * (own if own.size else 0.0)
-        axes = np.stack([one.direction for one in self._wheels])
-        return tuple(end.tolist()), (begin @ axes, (end - begin) / h @ axes)
+        return own if own.size else np.zeros(count)
 
     @property
     def state(self) -> StepperState:
@@ -398,9 +459,9 @@ class Stepper:
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.system, self.step_size, self.integrator, self.load, self._state)
 
-    def _made(self, numbers: Numbers, start: float, steps: int, momenta: Sequence[float] = ()) -> StepperState:
+    def _made(self, numbers: Numbers, start: float, steps: int, wheels: Wheels) -> StepperState:
         state = StepperState.__new__(StepperState)
-        state._momenta, state._axes = tuple(momenta), self._axes
+        state._wheels, state._axes = wheels, self._axes
         state._kind, state._numbers, state._start, state._steps = self._kind, numbers, start, steps
         state._time = start + steps * self.step_size
         return state

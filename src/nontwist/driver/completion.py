@@ -11,13 +11,15 @@ from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
-from ..analysis.variables import NODES, observables, potentials_of
+from ..analysis.variables import NODES, Wheels, observables, potentials_of
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
 from ..integrators import Integrator, Status
 from ..integrators.base import IVP, Failure, Outcome
+from ..integrators.load_samples import as_marched
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
 from ..integrators.wheels import as_gyrostat, of_locked, put_works_between, with_wheels, with_works
@@ -33,6 +35,7 @@ OVERFLOW = (
 NO_ROTATION = "its quaternion is not of unit length, which is a defect of the integrator; use another integrator"
 MISSING_STATES = "the integrator returned {} of {} states, which is a defect of it; use another integrator"
 NOT_INCREASING = "the output times do not increase up to t_end"
+X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2  # between two nodes
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
 
 
@@ -49,12 +52,19 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         In a stack of more than one.
     """
     require_resolution(problem.t_start, problem.t_end, problem.grid)
-    if problem.load.is_dry:
+    load = problem.load
+    in_kernels = not (load.is_dry or load.wheels or any(one.dead_force is None for one in load.potentials))
+    own = problem if in_kernels else replace(problem, observed=False)
+    if load.is_dry:
         from . import contacts  # which marches the parts of a run by this function
 
-        outcome = contacts.march(scheme, problem, threads)
+        outcome = contacts.march(scheme, own, threads)
     else:
-        outcome = _march(scheme, problem, threads)
+        outcome = _march(scheme, own, threads)
+    if problem.observed and outcome.observed is None:
+        outcome = outcome._replace(
+            observed=np.stack([_observed(scheme, problem.member(i)) for i in range(len(problem))])
+        )
     reasons = dict(outcome.reasons)
     for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
         from . import contacts
@@ -86,6 +96,33 @@ def _march(scheme: Integrator, problem: IVP, threads: int) -> Outcome:
     if len(whole.output) == len(problem.output):
         return found if problem.intervals else found._replace(intervals=None)
     return found.at(whole, problem)
+
+
+def _observed(scheme: Integrator, problem: IVP) -> Array:
+    """Return what is observed of one body, (4, COLUMNS), where no kernel does: at nodes, for integrals between them."""
+    nodes = problem.times(np.arange(problem.steps + 1))
+    h = np.diff(nodes)
+    times = np.append(np.column_stack([nodes[:-1], nodes[:-1, None] + h[:, None] * X]).ravel(), nodes[-1])
+    whole = replace(problem, asked=times, intervals=True, observed=False, progress=None)
+    outcome = march(scheme, whole)
+    if outcome.failure() is not None:
+        return np.full((4, len(COLUMN_NAMES)), np.nan)
+    means, held, systems = outcome.intervals, potentials_of(problem.load, times), problem.systems
+    assert means is not None
+    names = [name for name in OBSERVED if name in NODES]
+    found = observables(names, systems, outcome.states, None, held, Wheels.of(problem.load.description))
+    work = np.append(0.0, np.cumsum(means.load_work[0]))
+    found["energy"] = found["kinetic_energy"] + found["potential_energy"] - work
+    found["vertical_momentum"] = found["spatial_momentum"] @ as_marched(problem, False)[0].vertical[0]
+    mu = means.multipliers[0, :, -1:] if systems.axis is not None else np.zeros((len(times) - 1, 1))
+    reaction = -np.add.reduceat(mu * np.diff(times)[:, None], np.arange(0, len(mu), 1 + len(X)))[:, 0] / h
+    found["reaction_moment"] = np.zeros(len(times))[None]
+    columns = np.column_stack([found[name][0] for name in OBSERVED])
+    ends, inner = columns[:: 1 + len(X)], columns[:-1].reshape(len(h), 1 + len(X), -1)[:, 1:]
+    integral = np.einsum("n,k,nkc->c", h, WEIGHTS, inner)
+    result = np.array([ends[0], ends.min(axis=0), ends.max(axis=0), integral])
+    result[:, -1] = np.nan, reaction.min(), reaction.max(), reaction @ h
+    return result
 
 
 def between(scheme: Integrator, problem: IVP, states: States) -> States | None:

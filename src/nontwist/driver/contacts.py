@@ -1,4 +1,4 @@
-"""Dry friction, of a body or in the bearings of its wheels: a run is taken apart where a contact sticks, or slides on.
+"""Dry friction, of a body and in the bearings of its wheels: a run is taken apart where a contact sticks, or slides on.
 
 A contact k has a rate r_k, linear in the velocities, and a limit c_k. Along it acts -λ_k, with λ_k in c_k Sgn(r_k):
 Sgn(r) = {sign r}, and [-1, 1] at r = 0. With S the inverse of the mass that the contacts feel, and b what else changes
@@ -24,8 +24,21 @@ r, which takes energy, and the rest of the step follows in the new modes. Means 
 that a step does not turn a body far behind the root, it is at most as long as two of the times in which a rate would
 vanish, where this is much shorter than the step.
 
-`rubbing` has what is particular of a body, `wheel_friction` that of wheels. Other loads that jump with the state are
-named.
+With the momenta h and the speeds Ω of wheels about axes n_a (`loads.wheels`), r_a what acts on each beside dry
+friction, J_c the inertia of what carries them, Q = J_c⁻¹, across a constrained axis n ``Q - Q n nᵀQ/n·Qn``, and M the
+moments of all else,
+
+    J_c W' = K - Gᵀλ - μ n,        K = M + (J_c W + Σ h n) × W - Σ r n,        h_a' = r_a - λ_a,
+
+the rows of G being the axes a of friction of the body, and -n of that in bearings. Hence ``W' = Q (K - Gᵀλ)`` and, with
+D that of bearings alone, 1/I,
+
+    rates    G W + D h,        b = G Q K + D r,        S = G Q Gᵀ + D.
+
+A wheel that stands is a part of the body, ``h = I n·W``; one that slips has the constant torque -λ, which takes c |Ω|.
+An impulse p changes W by -Q Gᵀ p, and h of bearings by -p: the total momentum does not feel those in bearings.
+
+`rubbing` has how a body slides, sticks and rests. Other loads that jump with the state are named.
 """
 
 from __future__ import annotations
@@ -34,6 +47,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,10 +58,14 @@ from ..geometry.values import number_text, vector_text
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.members import one_by_one
 from ..integrators.problem import Intervals, onward, started
+from ..integrators.wheels import carrier, places
 from ..loads import Load
 from ..loads.base import moment_at, state_moment_at
+from ..loads.calls import checked
 from ..loads.friction import ROUND_OFF
+from ..loads.memory import MOMENTS
 from ..loads.terms import Term
+from ..loads.wheels import Wheel
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -64,6 +82,7 @@ RESTLESS = "dry friction changes between sticking and sliding without end"
 SCHEMES = "dry_friction needs an integrator that splits its steps, gauss or lie-midpoint; {} does not"
 SPIN = "dry_friction does not act on a body whose spin is prescribed; leave spin= out"
 WHEELS_SPIN = "coulomb= of a wheel does not act on a body whose spin is prescribed; leave spin= out, or use viscous="
+BEARINGS = "dry_friction against w does not act beside coulomb= of a wheel; give axis=, or leave one of the two out"
 ALONG = "dry_friction about the constrained axis does nothing, as the body does not turn about it; leave it out"
 DISSIPATION = "dry_friction sticks by a constraint, under which dissipation= is not possible; leave it out"
 GLANCES, HALVINGS = 64, 40
@@ -101,17 +120,18 @@ class Contacts:
     ----------
     load : Load
         What acts in all modes.
-    limits, S : of the contacts, (n,) and (n, n)
+    frictions : those of the body, whose contacts come first
+    wheels, places : of each wheel a, and the place of h among the internal states
+    dry : numbers of the wheels of the other contacts
+    limits, G, D, S : of the contacts
     modes : dict
     at_nodes : bool
         Whether pieces have the states at all nodes.
     """
 
-    limits: Array
-    S: Array
-
-    def __init__(self, scheme: Integrator, problem: IVP, load: Load) -> None:
-        self.scheme, self.problem, self.load, self.body = scheme, problem, load, problem.system
+    def __init__(self, scheme: Integrator, problem: IVP) -> None:
+        self.scheme, self.problem, self.body = scheme, problem, problem.system
+        self.load, self.frictions = problem.load.without_frictions, problem.load.frictions
         self.t, self.modes, self.at_nodes = problem.t_start, Modes(), False
         z = None if problem.internal is None else problem.internal[0].copy()
         self.state = States(problem.quaternion[0].copy(), problem.velocity[0].copy(), internal=z)
@@ -119,24 +139,92 @@ class Contacts:
         self.failure: Failure | None = None
         self._inverses = dict[tuple[int, ...], Array]()  # of parts of S
         self.nodes = problem.times(np.arange(problem.steps + 1))
+        found = list(places(self.load))
+        self.wheels, self.places = [one.unscaled for one, _ in found], np.array([place for _, place in found], int)
+        self.dry, self.bearings = [a for a, one in enumerate(self.wheels) if one.is_dry], len(self.frictions)
+        self.beside = [term for term in self.load.remembering if not isinstance(term, Wheel)]
+        self.plain = Load(tuple(term for term in self.load.terms if term not in self.load.remembering))
+        self.limits = np.array([one.limit for one in self.frictions] + [self.wheels[a].coulomb for a in self.dry])
+        self.inertia = np.array([one.inertia for one in self.wheels])
+        self.spins = np.array([one.direction for one in self.wheels]).reshape(-1, 3)
+        self.J = (carrier(self.body, self.load) if self.wheels else self.body).convected_inertia
+        self.Q = self.inverse = np.linalg.inv(self.J)
+        if (n := self.body.axis) is not None:
+            self.Q = self.Q - np.outer(self.Q @ n, self.Q @ n) / (n @ self.Q @ n)
+        self.D = np.concatenate([np.zeros(self.bearings), 1 / self.inertia[self.dry]])
+        self.turn([np.zeros(3) if one.axis is None else one.axis for one in self.frictions])
 
-    # ---- what a subclass says
+    def turn(self, axes: Sequence[Array]) -> None:
+        """Set the axes of the friction of the body."""
+        self.G = np.concatenate([np.reshape(axes, (-1, 3)), -self.spins[self.dry]])
+        self.S = self.G @ self.Q @ self.G.T + np.diag(self.D)
+        self._inverses.clear()
 
-    def rates(self, W: Array, z: Any) -> Array:
-        """Return the rates r of the contacts."""
-        raise NotImplementedError
+    # ---- rates and forces
 
-    def noise(self, W: Array, z: Any) -> Array:
-        """Return the size of the numbers that the rates are sums of."""
-        raise NotImplementedError
+    def rate(self, k: int, W: Sequence[float], z: Any) -> tuple[float, float]:
+        """Return the rate of a contact, and the size of the numbers that it is the sum of."""
+        (a, b, c), (x, y, s) = self.G[k].tolist(), W
+        own = self.D[k] * z[self.places[self.dry[k - self.bearings]]] if k >= self.bearings else 0.0
+        return own + a * x + b * y + c * s, abs(own) + sqrt(x * x + y * y + s * s)
+
+    def rates(self) -> Array:
+        """Return the rates of all contacts."""
+        _, W, *_, z = self.state
+        return np.array([self.rate(k, W.tolist(), z)[0] for k in range(len(self.limits))])
+
+    def forces(self, t: float, q: Array, W: Array, z: Any) -> tuple[Array, Array]:
+        """Return K, and r of the wheels; q: directors as rows, z: of standing wheels it follows from W."""
+        K = torque(self.body, self.plain, t, q, W)
+        if z is None:
+            return K, np.zeros(0)
+        h, turning = np.asarray(z)[self.places], self.inertia * (self.spins @ W)
+        standing = self.wheels_of(self.standing)
+        h[standing] = turning[standing]
+        r = np.zeros(len(h))
+        for a, one in enumerate(self.wheels):
+            r[a] = one.responses(checked, t, (float(h[a]), *z[self.places[a] + 1 :][: one.count - 1]), None, W)[1][0]
+        K = K + cross((h - turning) @ self.spins, W) - r @ self.spins
+        place = len(z) - sum(term.state0.size for term in self.beside)
+        for term in self.beside:
+            own = z[place : place + term.state0.size]
+            found = term.text(checked, [*q.ravel().tolist(), *(W @ q).tolist(), *W.tolist(), *own, t])
+            K = K + term.scale * (q @ np.array(found[:3]) + np.array(found[3:MOMENTS]))
+            place += len(own)
+        return K, r
 
     def free(self, t: float, q: Array, W: Array, z: Any) -> Array:
-        """Return b, the derivatives of the rates without friction; q: directors as rows."""
-        raise NotImplementedError
+        """Return b, the derivatives of the rates without friction."""
+        K, r = self.forces(t, q, W, z)
+        b: Array = self.G @ (self.Q @ K)
+        b[self.bearings :] += r[self.dry] / self.inertia[self.dry]
+        return b
+
+    def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:
+        """Return W' in the modes that there are."""
+        K, lam = self.forces(t, q, W, z)[0], self.holding(self.free(t, q, W, z), self.modes)[0]
+        found: Array = self.Q @ (K - lam @ self.G)
+        return found
 
     def kick(self, contacts: Sequence[int], p: Array) -> None:
-        """Change the state by impulses along contacts."""
-        raise NotImplementedError
+        """Change the state by impulses along contacts; what is left of W is round-off, or no longer there."""
+        _, W, *_, z = self.state
+        change = self.Q @ (p @ self.G[list(contacts)])
+        W -= change
+        if abs(W).max() <= max(ROUND_OFF * abs(change).max(), TINY):
+            W[:] = 0.0
+        if z is not None:
+            own = self.wheels_of(contacts)
+            z[self.places[own]] = self.inertia[own] * (self.spins[own] @ W)
+
+    def wheels_of(self, contacts: Sequence[int]) -> list[int]:
+        """Return the numbers of the wheels of those contacts that are in bearings."""
+        return [self.dry[k - self.bearings] for k in contacts if k >= self.bearings]
+
+    @property
+    def standing(self) -> list[int]:
+        """The contacts that stick."""
+        return [k for k, sign in self.modes.items() if not sign]
 
     def phase(self, stuck: list[int]) -> Phase | None:
         """Return the smooth problem in which these contacts stick and all others slide; None where it fails."""
@@ -147,10 +235,10 @@ class Contacts:
     def begin(self) -> None:
         """Choose the first modes."""
         _, W, *_, z = self.state
-        rates = self.rates(W, z)
-        slides = abs(rates) > ROUND_OFF * self.noise(W, z)
-        self.modes = {k: 1 if rates[k] > 0 else -1 for k in np.flatnonzero(slides).tolist()}
-        if zero := np.flatnonzero(~slides).tolist():
+        found = [self.rate(k, W.tolist(), z) for k in range(len(self.limits))]
+        slides = {k: 1 if x > 0 else -1 for k, (x, size) in enumerate(found) if abs(x) > ROUND_OFF * size}
+        self.modes = slides
+        if zero := [k for k in range(len(found)) if k not in slides]:
             self.settle(zero, {})
 
     def holding(self, b: Array, modes: Modes) -> tuple[Array, Array]:
@@ -168,7 +256,7 @@ class Contacts:
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
         """Choose the modes of contacts whose rates are zero; those that are `forced` slide."""
         own, (_, W, *_, z) = list(zero), self.state
-        self.kick(own, self._inverse(own) @ self.rates(W, z)[own])
+        self.kick(own, self._inverse(own) @ self.rates()[own])
         b, free = self.free(self.t, directors(self.state.quaternion), W, z), [k for k in zero if k not in forced]
         for signs in product((0, 1, -1), repeat=len(free)):
             modes = self.modes | forced | dict(zip(free, signs, strict=True))
@@ -186,10 +274,11 @@ class Contacts:
         modes, known = dict(self.modes), dict[Any, Array]()
 
         def left(t: float, s: BodyState, k: int, side: int) -> float:
-            W, z = np.array(s.material_angular_velocity), np.array(s.internal_state)
             if not side:
-                return float(modes[k] * self.rates(W, z)[k] + ROUND_OFF * self.noise(W, z)[k])
+                rate, size = self.rate(k, s.material_angular_velocity, s.internal_state)
+                return modes[k] * rate + ROUND_OFF * size
             if (key := (t, s._numbers)) not in known:  # several functions ask for it
+                W, z = np.array(s.material_angular_velocity), s.internal_state or None
                 known[key] = self.holding(self.free(t, s.directors, W, z), modes)[0]
             return float(self.limits[k] * (1 + ROUND_OFF) - side * known[key][k])
 
@@ -213,7 +302,7 @@ class Contacts:
 
     def advance(self) -> None:
         """March while modes stay, to a node at most."""
-        stuck = [k for k, sign in self.modes.items() if not sign]
+        stuck = self.standing
         if (phase := self.phase(stuck)) is None:
             return
         one = replace(self.until(left=self.time_left()), systems=stacked(phase.system), load=phase.load)
@@ -227,7 +316,7 @@ class Contacts:
     def time_left(self) -> float:
         """Return the time in which the first of the rates would vanish, at its derivative here."""
         _, W, *_, z = self.state
-        rates = self.rates(W, z)
+        rates = self.rates()
         slopes = self.holding(self.free(self.t, directors(self.state.quaternion), W, z), self.modes)[1]
         falls = [k for k, sign in self.modes.items() if sign and sign * slopes[k] < 0 < sign * rates[k]]
         return float(min((-rates[falls] / slopes[falls]), default=np.inf))
@@ -313,6 +402,8 @@ def refusal(scheme: Integrator, problem: IVP) -> str | None:
     systems = problem.systems
     if systems.spin is not None:
         return SPIN
+    if any(one.axis is None for one in own) and any(one.is_dry for one in problem.load.wheels):
+        return BEARINGS
     if getattr(scheme, "dissipation", 0.0):
         return DISSIPATION
     if systems.axis is not None:
@@ -331,14 +422,10 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         What `refusal` returns; as the integrator.
     """
     from .rubbing import Rubbed, Tumbling
-    from .wheel_friction import Bearings
 
     if (reason := refusal(scheme, problem)) is not None:
         raise ValueError(reason)
-    own = problem.load.frictions
-    kind: type[Rubbed | Bearings] = Bearings
-    if own:
-        kind = Tumbling if own[0].axis is None else Rubbed
+    kind = Tumbling if any(one.axis is None for one in problem.load.frictions) else Rubbed
     return one_by_one(lambda one: kind(scheme, one).march(), problem, threads)
 
 

@@ -66,12 +66,14 @@ def sensitivities(
         of the grid is lengthened with the same number of steps; "load_scale"; and the parameters of the terms of the
         load: "pulse" and "sine", their peaks; "frequency"; "phase"; "values" of tables and of momenta of rotors;
         "rotor", the axis of one; "damping", the entries of its matrix; "linear" and "quadratic", the coefficients of a
-        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; "speed", "torque" and
-        "viscous" of wheels; fields of loads of your own. ``"load[1].values"`` selects those of the second term alone,
-        ``"load[1].scale"`` its factor. For a body with a constrained axis only the admissible part of a change counts:
-        the part of a velocity orthogonal to the axis, and the part of a change of the axis orthogonal to the axis.
-        Under loads with memory, friction of wheels among them, only the start and these fields of wheels count, and
-        beside them there may be moments of time, `damping`, gravity and rotors.
+        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; "speed", "torque",
+        "viscous" and "wheel", the axis, of wheels, and ``"load[1].inertia"``; fields of loads of your own.
+        ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. For a body with a
+        constrained axis only the admissible part of a change counts: the part of a velocity orthogonal to the axis, and
+        the part of a change of the axis orthogonal to the axis.
+        Under loads with memory, friction of wheels among them, only the start, the inertia and these fields of wheels
+        count, and beside them there may be moments of time, `damping`, gravity and rotors. Where the torque of a wheel
+        is a table, there are none by the duration, its factor and its axis; with wheels none by "axis" and "spin".
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project
@@ -254,7 +256,8 @@ def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
 
 def _remembering(solved: Solved, parameters: Parameters) -> tuple[RememberingSteps, Array]:
     """Return the steps of a run with memory, and the changes of the first state by the parameters."""
-    steps = RememberingSteps(solved.problem, solved.run.integrator, parameters.of_wheels)  # type: ignore[arg-type]
+    of_wheels, inertias = parameters.of_wheels, parameters.inertias
+    steps = RememberingSteps(solved.problem, solved.run.integrator, of_wheels, inertias)  # type: ignore[arg-type]
     return steps, steps.start(parameters.start(6, solved.problem.velocity[0], solved.removed))
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
 from ..analysis import ensemble_dataset, statistics
-from ..errors import warn
+from ..errors import InputError, Option, warn
 from ..geometry.arrays import largest_size
-from ..geometry.values import as_whole
+from ..geometry.values import among, as_whole, shown
 from ..integrators import Status
 from ..integrators.base import IVP, Outcome
 from ..integrators.time_grid import stretched
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-@takes(OfEnsemble, "variables", "reduce", "progress", "threads", store="end")
+@takes(OfEnsemble, "variables", "reduce", "progress", "threads", "device", store="end")
 def simulate_ensemble(
     system: DirectorSystem | SystemStack | Problem,
     *,
@@ -38,6 +38,7 @@ def simulate_ensemble(
     reduce: str | Iterable[str] = (),
     progress: bool = False,
     threads: int | None = None,
+    device: Literal["cpu", "gpu"] = "cpu",
     **keywords: Unpack[OfEnsemble],
 ) -> xarray.Dataset:
     """Integrate the motions of many bodies, or of one from many starts, and return them as one dataset.
@@ -77,6 +78,9 @@ def simulate_ensemble(
         "total_twist".
     threads : int, optional
         Number of threads; by default one per processor.
+    device : "cpu" or "gpu"
+        Where the members march: "gpu" is the first one of NVIDIA, one member a thread, for `gauss`, `lie-midpoint` and
+        `energy-momentum`. It has not been tried on a GPU.
 
     Returns
     -------
@@ -88,7 +92,7 @@ def simulate_ensemble(
     Raises
     ------
     ValueError
-        An argument is invalid; the message names it.
+        An argument is invalid; the message names it. There is no GPU, or a part of the load does not run there.
 
     Warns
     -----
@@ -119,6 +123,10 @@ def simulate_ensemble(
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested:
         require_observed(scheme, load)
+    if on_gpu := is_gpu(device):
+        from ..integrators.gpu import require
+
+        require(scheme, load)
     grid, first = plan.grid, None
     if grid is None and scheme.any_times and store == "end":
         grid = stretched((t0, t1), (1,))
@@ -127,7 +135,7 @@ def simulate_ensemble(
         scheme, grid = first.scheme, finer(first.grid)
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
-    problem = replace(plan.problem(begin, grid), observed=bool(requested))
+    problem = replace(plan.problem(begin, grid), observed=bool(requested), on_gpu=on_gpu)
     count = len(problem.output)
     _require_memory(names, m, count)
     if scheme.is_compiled:
@@ -136,17 +144,18 @@ def simulate_ensemble(
         warn_of_step(scheme, problem)
     size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
-    announce(members_cost(scheme, one, m, count, size, workers), scheme, one)
+    if not on_gpu:
+        announce(members_cost(scheme, one, m, count, size, workers), scheme, one)
     kept: dict[str, Any] = {}
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:
             on_grid = plan._replace(asked=None)  # the steps do not heed output times
-            found = controlled(on_grid, begin, workers, first, observed=bool(requested), progress=report)
+            found = controlled(on_grid, begin, workers, first, on_gpu, observed=bool(requested), progress=report)
             scheme, problem, outcome, *numbers = found
             kept = dict(zip(("tolerance", "error_estimate"), numbers, strict=True))
             if plan.asked is not None:
                 own = plan._replace(scheme=scheme).problem(begin, problem.grid)
-                problem = replace(own, observed=bool(requested))
+                problem = replace(own, observed=bool(requested), on_gpu=on_gpu)
                 outcome = completion.march(scheme, problem, workers)
         else:
             problem = replace(problem, progress=report)
@@ -157,6 +166,13 @@ def simulate_ensemble(
         kept["warning"] = text
     many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
     return with_messages(many, problem, outcome)
+
+
+def is_gpu(device: Any) -> bool:
+    """Whether a device is the GPU, and not the processor; an InputError where it is neither."""
+    if not among(device, ("cpu", "gpu")):
+        raise InputError("type", name=Option("device"), words="'cpu' or 'gpu'", value=shown(device))
+    return bool(device == "gpu")
 
 
 def messages(problem: IVP, outcome: Outcome) -> dict[int, str]:

@@ -42,6 +42,7 @@ RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
 DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 LOW, ZERO = 1 / 3, 1e-9  # of the sum of the values before and after: a low value, one that is as good as zero
+SAME = 16  # units in the last place between an output time and the node that it is, to round-off
 FINE = np.linspace(-1, 1, 513)[1:-1]  # where the lowest point of a polynomial is looked for
 MESSAGE = "the event {} ended the run at t = {:.12g} s"
 
@@ -130,7 +131,7 @@ def joined(pieces: Sequence[Piece], problem: IVP, failure: Failure | None = None
 
     all_states: Any = zip(pieces[0].states, *(one.states.part(slice(1, None)) for one in pieces[1:]), strict=True)
     states = States(*(whole(list(arrays), len(times)) for arrays in all_states))
-    means = [one.means.of_one.values() for one in pieces if one.means is not None]
+    means = [[x if x is None else x[0] for x in one.means] for one in pieces if one.means is not None]
     intervals = (
         Intervals(*(whole(list(arrays), len(times) - 1) for arrays in zip(*means, strict=True))) if means else None
     )
@@ -261,15 +262,17 @@ class Search:
     def roots(self, part: Part) -> Iterator[Root]:
         """Yield the events of a part in the order of their times, up to one that ends the run."""
         times, states = part.times, part.outcome.states.part(0)
+        is_apart = np.diff(times) > SAME * np.spacing(abs(times[1:]))
         bodies, found, crossed, near = bodies_of(times, states), list[Root](), list[Crossing](), list[Crossing]()
         for number, event in enumerate(self.events):
             values = event.values(bodies)
             signs = np.sign(values)
             changes = signs[1:] * signs[:-1]
-            for k in np.flatnonzero((changes < 0) | dips(values)).tolist():
+            for k in np.flatnonzero(((changes < 0) | dips(values)) & is_apart).tolist():
                 own = Crossing(number, k, tuple(times[k : k + 2]), tuple(values[k : k + 2]))
                 (crossed if changes[k] < 0 else near).append(own)
-            for k in (np.flatnonzero((signs[:-1] != 0) & (signs[1:] == 0)) + 1).tolist():
+            is_there = (signs[:-1] != 0) & ((signs[1:] == 0) | ((changes < 0) & ~is_apart))
+            for k in (np.flatnonzero(is_there) + 1).tolist():
                 if event.counts(signs[k - 1] < 0):
                     found.append(Root(float(times[k]), number, states.part(k), part, k))
         crossed += self._hidden(part, near)

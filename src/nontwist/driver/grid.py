@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array, as_positive, increasing
+from ..geometry.arrays import Array, as_array, as_number, increasing
 from ..geometry.values import as_whole, counted, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, damping_rate, largest_velocity
@@ -40,7 +40,9 @@ def count_steps(span: float, step: float) -> int:
         The step is not positive, not finite, longer than the span, takes more than 1e11 steps, or does not divide the
         span to 1e-9 N; the message names valid steps.
     """
-    h = float(as_positive(step, "step", (), "s"))
+    h = as_number(step, "step")
+    if h <= 0:
+        raise ValueError(f"step must be positive, got {h:g} s")
     if h > span * (1 + FIT):
         raise ValueError(f"step = {h:g} s is longer than the span of {span:g} s")
     if is_too_short(span, h):

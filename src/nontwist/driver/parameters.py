@@ -124,7 +124,7 @@ class Parameters:
             for field, (labels, unit) in parameters_of(term).items():
                 one = f"load[{k}].{field}", labels, unit, k, field
                 known[one[0]] = [one]
-                if field != "scale":
+                if field != "scale" and field not in OWN:
                     known.setdefault(field, []).append(one)
         return known
 
@@ -143,17 +143,25 @@ class Parameters:
 
     def _is_of_memory(self, one: Parameter) -> bool:
         """Whether runs with memory have derivatives by a parameter."""
-        return (
-            one.name in EVERY if one.term is None else isinstance(self.terms[one.term], Wheel) and one.field in FIELDS
-        )
+        if one.term is None:
+            return one.name in (*EVERY, "inertia", "principal_inertia") and not (self._drawn and "inertia" in one.name)
+        return isinstance(self.terms[one.term], Wheel) and one.field in FIELDS
 
     @property
-    def of_wheels(self) -> list[tuple[int, str] | None]:
-        """The number of a wheel and the name of its field, for each number; None: another parameter."""
+    def of_wheels(self) -> list[tuple[int, str, int] | None]:
+        """The number of a wheel, the name of its field, and the component, for each number; None: another parameter."""
         numbers = [k for k, term in enumerate(self.terms) if isinstance(term, Wheel)]
-        return [
-            None if one.term is None else (numbers.index(one.term), one.field) for one in self.all for _ in one.labels
-        ]
+        each = ((one, k) for one in self.all for k in range(len(one.labels)))
+        return [None if one.term is None else (numbers.index(one.term), one.field, k) for one, k in each]
+
+    @property
+    def inertias(self) -> Array:
+        """The changes of the inertia, of a body with wheels that of their carrier, by each number, (count, 3, 3)."""
+        found = np.zeros((self.count, 3, 3))
+        for one in self.all:
+            if len(own := self.inertias_of(one)):
+                found[one.first : one.first + len(own)] = own
+        return found
 
     @property
     def labels(self) -> list[str]:
@@ -245,12 +253,14 @@ class Parameters:
             k = np.arange(len(changes))
             yield _always("terms", len(self.changes) + k, first + k, np.ones(len(k)))
             self.changes += changes
-        if one.term is not None:
-            yield from self._effects_of_term(self.terms[one.term], one.field, first, self._scale)
-        elif one.field in ("inertia", "principal_inertia"):
-            columns = np.array([[dJ[e] for dJ in self._inertias(one.field)] for e in ENTRIES])
+        if one.field in ("axis", "spin") and n is not None and self.problem.load.wheels:
+            raise ValueError(f"runs with wheels have no derivatives by {one.field}, which their momenta begin with")
+        if len(inertias := self.inertias_of(one)):
+            columns = np.array([[dJ[e] for dJ in inertias] for e in ENTRIES])
             entry, parameter = np.nonzero(columns)
             yield _always("inertia", entry, first + parameter, columns[entry, parameter])
+        if one.term is not None:
+            yield from self._effects_of_term(self.terms[one.term], one.field, first, self._scale)
         elif one.field == "axis" and n is not None:
             yield _matrix("axis", np.eye(3) - np.outer(n[0], n[0]), first)
         elif one.field == "dead_force":
@@ -273,7 +283,7 @@ class Parameters:
             if any(is_called(term) and not isinstance(term, ForceTable) for term in self.terms):
                 yield Effect(("time",), partial(self._later, first))
             for term in self.terms:
-                if isinstance(term, Rotor):
+                if isinstance(term, Rotor | Wheel):
                     yield Effect(("rotor", "rate"), partial(self._later_rotor, term, first))
                 elif isinstance(term, ForceTable) or (term.kind in ("body", "space") and not is_called(term)):
                     yield Effect((_input_of(term),), partial(self._later_moment, term, first))
@@ -295,6 +305,19 @@ class Parameters:
         else:
             fixed = fixed_slopes(term, field)
             yield _always(name, fixed.component, first + fixed.parameter, factor * fixed.value)
+
+    def inertias_of(self, one: Parameter) -> Array:
+        """Return the changes of the inertia, of a body with wheels that of their carrier, (count or 0, 3, 3)."""
+        if one.term is None:
+            return self._inertias(one.field) if one.field in ("inertia", "principal_inertia") else np.zeros((0, 3, 3))
+        wheel = self.terms[one.term]
+        if not isinstance(wheel, Wheel) or one.field not in ("inertia", "wheel"):
+            return np.zeros((0, 3, 3))
+        n = wheel.direction
+        if one.field == "inertia":
+            return -np.outer(n, n)[None]
+        across = np.eye(3) - np.outer(n, n)
+        return -wheel.inertia * (across[:, :, None] * n + n[:, None] * across[:, None])
 
     def _inertias(self, field: str) -> Array:
         """Return the changes of the inertia by the numbers of a parameter, (count, 3, 3)."""
@@ -321,11 +344,27 @@ class Parameters:
         """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum."""
         t0, ends = self.problem.t_start, (nodes.begin, nodes.end)
         if isinstance(term, Wheel):
-            rows = (term.slopes_of_momentum(field, t - t0)[:, None] * term.direction for t in ends)
-            begin, end = (Slopes(*_rows(one)) for one in rows)
+            begin, end = (Slopes.of(self.slopes_of_wheel(term, field, t - t0, factor)) for t in ends)
+            factor = 1.0
         else:
             begin, end = (rotor_slopes(term, field, t) for t in ends)
         yield from _rotor(begin, end, first, nodes, factor)
+
+    def slopes_of_wheel(self, wheel: Wheel, field: str, since: Array, factor: float) -> Array:
+        """Return the derivatives of h n of a wheel at (n,) times after the start by a parameter, (n, 3, count)."""
+        n, own = wheel.direction, factor * wheel.scale
+        if field not in ("inertia", "wheel"):
+            return factor * (wheel.slopes_of_momentum(field, since)[:, None] * n)[..., None]
+        t0, systems = self.problem.t_start, self.problem.systems
+        W = self.problem.velocity[0] + (0.0 if systems.axis is None else systems.spin_at(t0)[0] * systems.axis[0])
+        speed = own * wheel.speed + n @ W
+        if field == "inertia":
+            return np.tile(speed * n, (len(since), 1))[..., None]
+        if wheel.times.size:
+            raise ValueError("runs have no derivatives by the axis of a wheel whose torque is a table")
+        across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(since)
+        found: Array = h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
+        return found
 
     # ---- a longer last stretch, with as many steps: longer steps, and later nodes
 
@@ -340,8 +379,6 @@ class Parameters:
 
     def _longer(self, first: int, nodes: Nodes) -> Iterator[Entries]:
         """Yield what it does to the sizes of steps, and to a spin."""
-        if self.problem.load.wheels:
-            raise ValueError("runs with wheels have no derivatives by the duration")
         at, _, begin = self._later_by(nodes)
         steps = np.arange(max(nodes.first, begin), nodes.last)
         if not len(steps):
@@ -370,16 +407,21 @@ class Parameters:
             rates, factor = moment_rates(term, nodes.times), self._scale
         yield _nodal(_input_of(term), Slopes(*_rows(rates * later[:, None])), first, nodes, factor)
 
-    def _later_rotor(self, term: Rotor, first: int, nodes: Nodes) -> Iterator[Entries]:
-        """Yield what it does to the momentum of a rotor, and to its rate."""
-        at = self._later_by(nodes)[0]
-        chords = [term.scale * chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
+    def _later_rotor(self, term: Rotor | Wheel, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what it does to the momentum of a rotor or a wheel, and to its rate."""
+        if isinstance(term, Wheel) and term.times.size:
+            raise ValueError("runs have no derivatives by the duration with a wheel whose torque is a table")
+        at, ends, n = self._later_by(nodes)[0], (nodes.begin, nodes.end), term.direction
+        if isinstance(term, Wheel):
+            chords, momenta = [term.torque_at(t) for t in ends], [term.impulse(t)[:, None] * n for t in ends]
+        else:
+            chords, momenta = [chord(term.times, term.values, t) for t in ends], [term.momentum(t) for t in ends]
         moved = [
-            Slopes(*_rows((rate * by)[:, None] * term.rotor))
+            Slopes(*_rows((term.scale * rate * by)[:, None] * n))
             for rate, by in zip(chords, (at[:-1], at[1:]), strict=True)
         ]
         yield from _rotor(moved[0], moved[1], first, nodes, self._scale)
-        change = term.scale * (term.momentum(nodes.end) - term.momentum(nodes.begin))
+        change = term.scale * (momenta[1] - momenta[0])
         change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
         row, component, _, value = _rows(change)
         yield Entries("rate", component, first + 0 * component, self._scale * value, nodes.first + row)

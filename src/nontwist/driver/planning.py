@@ -17,6 +17,7 @@ from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
+from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import as_store, asked_times, automatic_grid, count_steps, joined, paced, stored_steps
@@ -144,6 +145,8 @@ def planned(
         raise ValueError("give t_end= or times=")
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
+    if t1 - t0 < 1e-300:
+        raise ValueError(f"t_end = {t1:g} s is less than 1e-300 s after t_start; choose another unit of time")
     steps = None if step is None else count_steps(t1 - t0, step)
     if asked is not None and scheme.any_times:
         steps = 1
@@ -169,10 +172,10 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
     """Return a load that knows the body; a ValueError where it does not go with integrator, bodies or friction."""
     load = known_body(load, systems)
     scheme.require_memory(load)
-    if load.frictions and load.remembering:
+    if load.frictions and load.remembering and not scheme.remembers:
         raise ValueError(
-            "dry_friction does not act beside wheels and loads with memory; friction of a wheel is "
-            "wheel(viscous=..., coulomb=..., friction=...)"
+            f"{scheme.name} does not take dry_friction beside wheels and loads with memory; use gauss, which solves "
+            "for their states while the body rests"
         )
     for k in range(len(systems)) if load.wheels else ():
         carrier(systems[k], load)
@@ -180,18 +183,14 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
 
 
 def require_observed(scheme: Integrator, load: Load) -> None:
-    """Raise a ValueError where an integrator computes no statistics over its steps, or none under this load."""
+    """Raise a ValueError where an integrator takes no steps to compute statistics over, or energy is not conserved."""
     if not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; store states with times=, or use {DEFAULT}")
-    if any(term.dead_force is None for term in load.potentials):
+    if any(isinstance(term, GravityGradient) for term in load.potentials):
         raise ValueError(
-            "reduce= supports the energy of linear potentials only; leave it out, and store the variable "
-            "potential_energy"
+            "reduce= does not support gravity_gradient, whose energy depends on time; leave it out, and store the "
+            "variable potential_energy"
         )
-    if load.wheels:
-        raise ValueError("reduce= does not support wheels; store states, and take statistics from these")
-    if load.is_dry:
-        raise ValueError("reduce= does not support dry friction; leave it out, and store states")
 
 
 def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float) -> Array | None:

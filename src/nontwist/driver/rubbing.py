@@ -1,17 +1,9 @@
-"""Dry friction of a body, about axes or against w: its contacts (`contacts`), how it sticks, rests and starts.
-
-With M the moments of all else, contacts along axes a_k of the body, and a constrained axis n,
-
-    J W' + W × J W = M - Σ λ_k a_k - μ n,        λ_k in c_k Sgn(a_k·W),        n·W = 0,
-
-so with Q = J⁻¹, across n under a constraint (``Q - Q n nᵀQ/n·Qn``), A the rows a_k and K = M + J W × W
-
-    W' = Q (K - Aᵀλ),        b = A Q K,        S = A Q Aᵀ.
+"""How a body under dry friction, and wheels in their bearings, slide, stick, rest and start (`contacts`).
 
 - Sliding, the moment -σ c a along the frame is constant. Steps keep their balance of work, so friction takes c |a·W| as
   long as a·W has the sign at the stages.
 - Sticking, the body is the Suslov body of axis a, whose μ is λ.
-- Resting, W = 0 exactly and Λ constant, if nothing accelerates the body.
+- Resting, W = 0 exactly and Λ constant, if nothing accelerates the body. Wheels then turn as if nothing carried them.
 
 Against w there is one contact, whose λ a is in c Sgn(W), the unit ball at W = 0; sticking is always rest. It ends where
 the moment that is needed, K across n, exceeds c. Where W = 0 the body starts with W' = α u, |u| = 1 and α > 0, ``(α J +
@@ -27,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,11 +28,12 @@ from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
 from ..integrators.base import IVP, Integrator
 from ..loads import Load, moment
-from ..loads.friction import ROUND_OFF
+from ..loads.friction import Sliding
 from ..loads.potentials import GravityGradient
-from ..loads.terms import Damping, Table
+from ..loads.terms import Damping
+from ..loads.wheels import OnBodyAtRest, Wheel
 from ..models.system import DirectorSystem
-from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase, torque
+from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
 from .events import XTOL, Piece
 from .starts import body_state
 
@@ -57,102 +50,82 @@ HELD = (
 
 
 class Rubbed(Contacts):
-    """A body under dry friction about axes.
+    """A body under dry friction about axes, and in the bearings of its wheels.
 
     Attributes
     ----------
-    axes : (n, 3) array, a of each contact
     axis : (1, 3) or (0, 3) array, the constrained one
     """
 
     has_twist = False  # of pieces: while a body sticks, it would be that about the axis of a contact
 
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
-        super().__init__(scheme, problem, problem.load.without_frictions)
-        own, n = problem.load.frictions, self.body.axis
-        self.limits = np.array([term.limit for term in own])
-        self.J = self.body.convected_inertia
-        self.Q = self.inverse = np.linalg.inv(self.J)
-        self.axis = np.empty((0, 3)) if n is None else n[None]
-        if n is not None:
-            self.Q = self.Q - np.outer(self.Q @ n, self.Q @ n) / (n @ self.Q @ n)
-        self.turn([np.zeros(3) if term.axis is None else term.axis for term in own])
-        self.is_alone = all(term in self.load.potentials for term in self.load.terms)
-        self.at_nodes = not self.is_alone
-
-    def turn(self, axes: Sequence[Array]) -> None:
-        """Set the axes of the contacts."""
-        self.axes = np.array(axes)
-        self.S = self.axes @ self.Q @ self.axes.T
-        self._inverses.clear()
-
-    # ---- contacts
-
-    def rates(self, W: Array, z: Any) -> Array:
-        """Return a·W."""
-        found: Array = self.axes @ W
-        return found
-
-    def noise(self, W: Array, z: Any) -> Array:
-        """Return |W|, of each."""
-        return np.full(len(self.limits), np.sqrt(W @ W))
-
-    def free(self, t: float, q: Array, W: Array, z: Any) -> Array:
-        """Return A Q K."""
-        b: Array = self.axes @ (self.Q @ self.torque(t, q, W))
-        return b
-
-    def kick(self, contacts: Sequence[int], p: Array) -> None:
-        """Change W by impulses along axes; what is left of it is round-off, or no longer there."""
-        W, change = self.state.velocity, self.Q @ (p @ self.axes[list(contacts)])
-        W -= change
-        if abs(W).max() <= max(ROUND_OFF * abs(change).max(), TINY):
-            W[:] = 0.0
-
-    def torque(self, t: float, q: Array, W: Array) -> Array:
-        """Return K without friction."""
-        return torque(self.body, self.load, t, q, W)
+        super().__init__(scheme, problem)
+        self.axis = np.empty((0, 3)) if self.body.axis is None else self.body.axis[None]
+        self._in_mode = dict[tuple[int, int], Wheel]()
 
     def sliding(self, W: Array) -> Array:
-        """Return the moment of the contacts that slide, along the frame."""
-        signs = np.array([float(self.modes.get(k, 0)) for k in range(len(self.limits))])
-        found: Array = -(self.limits * signs) @ self.axes
+        """Return the moment of the friction of the body that slides, along the frame."""
+        signs = np.array([float(self.modes.get(k, 0)) for k in range(self.bearings)])
+        found: Array = -(self.limits[: self.bearings] * signs) @ self.G[: self.bearings]
         return found
 
     # ---- from mode to mode
 
     def phase(self, stuck: list[int]) -> Phase | None:
         """Return the smooth problem in which these contacts stick and all others slide; None where it fails."""
-        W, body = self.state.velocity, self.body
-        if stuck and not W.any() and self.stillness(stuck, self.t, directors(self.state.quaternion)) >= 0:
-            changes = self.ends_of_rest(stuck) if self._varies() else []
-            return Phase(DirectorSystem(body.euler_inertia, body.axis), Load(), changes, partial(self._rested, stuck))
-        held, told = body, self._slid
-        if stuck:
-            if np.linalg.matrix_rank(np.concatenate([self.axes[stuck], self.axis])) > 1:
+        (p, W, *_, z), body = self.state, self.body
+        own = [k for k in stuck if k < self.bearings]
+        if own and not W.any() and self.stillness(self.t, directors(p), z) >= 0:
+            changes = self.ends_of_rest() if self._varies() else []
+            return Phase(DirectorSystem(body.euler_inertia, body.axis), self.resting(), changes, self._rested)
+        held, told = body, self._slid if self.frictions else self._stood
+        if own:
+            if np.linalg.matrix_rank(np.concatenate([self.G[own], self.axis])) > 1:
                 self.fail(HELD)
                 return None
-            held, told = DirectorSystem(body.euler_inertia, self.axes[stuck[0]], body.dead_force), self._held
+            held, told = DirectorSystem(body.euler_inertia, self.G[own[0]], body.dead_force), self._held
         return Phase(held, self.under(self.sliding(W)), self.changes(list(self.modes)), told)
 
+    def in_modes(self) -> Load:
+        """Return the load with wheels that slip or stand as the modes say."""
+        modes = {self.dry[k - self.bearings]: sign for k, sign in self.modes.items() if k >= self.bearings}
+        numbers = iter(range(len(self.wheels)))
+
+        def term_of(wheel: Wheel) -> Wheel:
+            if (a := next(numbers)) not in modes:
+                return wheel
+            if (key := (a, modes[a])) not in self._in_mode:
+                self._in_mode[key] = replace(self.wheels[a], mode=modes[a])
+            return self._in_mode[key]
+
+        return Load(tuple(term_of(one) if isinstance(one, Wheel) else one for one in self.load.terms))
+
     def under(self, moment: Array) -> Load:
-        """Return the load beside a moment along the frame that stays."""
+        """Return the load in the modes that there are, beside a moment along the frame that stays."""
+        if not self.frictions:
+            return self.in_modes()
         t = self.problem.t_start, self.problem.t_end
         apart = 1.0 + t[1] - t[0]
-        return self.load + Table("body", np.array([t[0] - apart, t[1] + apart]), np.array([moment, moment])).load
+        return (
+            self.in_modes() + Sliding("body", np.array([t[0] - apart, t[1] + apart]), np.array([moment, moment])).load
+        )
 
-    def stillness(self, stuck: list[int], t: float, q: Array) -> float:
+    def resting(self) -> Load:
+        """Return what has memory, without its moments."""
+        wheels = (one.unscaled for one in self.in_modes().wheels)
+        return Load((*map(OnBodyAtRest.carried, wheels), *(term.scaled(0.0) for term in self.beside)))
+
+    def stillness(self, t: float, q: Array, z: Any) -> float:
         """Return a number that is negative where contacts that hold a body at rest do not hold all of it."""
-        K = self.torque(t, q, np.zeros(3))
-        lam = self._inverse(stuck) @ (self.axes[stuck] @ (self.Q @ K))
-        rate = self.Q @ (K - lam @ self.axes[stuck])
-        return float(STILL * abs(self.inverse @ K).max() - abs(rate).max())
+        K, W = self.forces(t, q, np.zeros(3), z)[0], np.zeros(3)
+        return float(STILL * abs(self.inverse @ K).max() - abs(self.slope(t, q, W, z)).max())
 
-    def ends_of_rest(self, stuck: list[int]) -> list[Change]:
+    def ends_of_rest(self) -> list[Change]:
         """Return what can end it."""
         return [
-            *self.changes(stuck),
-            Change(-1, 0, lambda t, s: TINY + self.stillness(stuck, t, s.directors)),
+            *self.changes(list(self.modes)),
+            Change(-1, 0, lambda t, s: TINY + self.stillness(t, s.directors, s.internal_state or None)),
         ]
 
     def _varies(self) -> bool:
@@ -162,8 +135,16 @@ class Rubbed(Contacts):
 
     # ---- pieces
 
+    def _stood(self, piece: Piece) -> Piece:
+        """Return a piece with the momenta of standing wheels, which follow from W."""
+        own, (_, W, *_, z) = self.wheels_of(self.standing), piece.states
+        if own and z is not None:
+            z[:, self.places[own]] = self.inertia[own] * (W @ self.spins[own].T)
+        return piece
+
     def _slid(self, piece: Piece) -> Piece:
         """Return a piece with what friction takes in it."""
+        piece = self._stood(piece)
         if (means := piece.means) is None:
             return piece
         means = means._replace(dissipated_energy=self._dissipated(piece))
@@ -180,28 +161,28 @@ class Rubbed(Contacts):
             return self._slid(piece)
         length = np.diff(times)[:, None]
         if own.dead_moment is not None:
-            momentum = np.einsum("nij,nj->ni", attitudes(p), W @ self.J)
+            momentum = np.einsum("nij,nj->ni", attitudes(p), W @ self.body.convected_inertia)
             friction = np.diff(momentum, axis=0) / length - own.moment[0] - own.dead_moment[0]
         else:
-            a = next(self.axes[k] for k, sign in self.modes.items() if not sign)
-            friction = -own.multipliers[0] * (attitudes(p[1:] + p[:-1]) @ a)
+            friction = -own.multipliers[0] * (attitudes(p[1:] + p[:-1]) @ self.G[min(self.standing)])
         none = np.zeros((1, len(length), 3))
         means = own._replace(multipliers=none[:, :, :0], moment=own.moment + friction, dead_moment=none)
         return self._slid(piece._replace(means=means))
 
-    def _rested(self, stuck: list[int], piece: Piece) -> Piece:
+    def _rested(self, piece: Piece) -> Piece:
         """Return a piece in which a body without load rests as that of this one: friction carries all but μ."""
-        times, own, q = piece.times, piece.means, directors(self.state.quaternion)
+        times, own, q, W = piece.times, piece.means, directors(self.state.quaternion), np.zeros(3)
         assert own is not None
-        middles, potentials = ((times[1:] + times[:-1]) / 2).tolist(), self.load.potentials
-        dead, n = cross(q, self.body.dead_force).sum(axis=0), self.axis
-        given = [sum((term.scale * term.moment_at(t, q, np.zeros(3)) for term in potentials), dead) for t in middles]
-        potential = np.array(given).reshape(1, -1, 3)
+        middles, potentials, n = (times[1:] + times[:-1]) / 2, self.load.potentials, self.axis
+        dead = cross(q, self.body.dead_force).sum(axis=0)
+        given = [sum((term.scale * term.moment_at(t, q, W) for term in potentials), dead) for t in middles.tolist()]
+        potential, z = np.array(given).reshape(1, -1, 3), piece.states.internal
         means = own._replace(moment=-potential, dead_moment=np.zeros(potential.shape))
         if len(n):
-            K = np.array([self.torque(t, q, np.zeros(3)) for t in middles]).reshape(-1, 3)
-            lam = K @ self.Q @ self.axes[stuck].T @ self._inverse(stuck)
-            mu = (K - lam @ self.axes[stuck]) @ (self.inverse @ n[0]) / (n[0] @ self.inverse @ n[0])
+            inner = [None] * len(middles) if z is None else (z[1:] + z[:-1]) / 2
+            K = np.array([self.forces(t, q, W, y)[0] for t, y in zip(middles.tolist(), inner, strict=True)])
+            lam = [self.holding(self.free(t, q, W, y), self.modes)[0] for t, y in zip(middles, inner, strict=True)]
+            mu = (K.reshape(-1, 3) - np.array(lam) @ self.G) @ (self.inverse @ n[0]) / (n[0] @ self.inverse @ n[0])
             is_linear = all(term.dead_force is not None for term in potentials)
             means = means._replace(
                 multipliers=mu[None, :, None],
@@ -209,29 +190,16 @@ class Rubbed(Contacts):
                 dead_moment=potential if is_linear else None,
             )
         p, count = self.state.quaternion, len(times)
-        return self._slid(Piece(times, States(np.tile(p, (count, 1)), np.zeros((count, 3))), means))
+        states = States(np.tile(p, (count, 1)), np.zeros((count, 3)), internal=z)
+        return self._slid(Piece(times, states, means))
 
     def _dissipated(self, piece: Piece) -> Array:
-        """Return the energy that friction takes in each interval of a piece: its work where no other load has any.
-
-        Otherwise the power is integrated, by a cubic polynomial through its values and derivatives.
-        """
-        times, states, means = piece
+        """Return the energy that friction of the body takes in each interval of a piece: its moment is constant."""
+        means = piece.means
         assert means is not None
-        if self.is_alone:
-            return -means.load_work
-        if not any(self.modes.values()):
+        if means.turned is None:
             return np.zeros(means.load_work.shape)
-        power, rate = np.zeros((2, len(times)))
-        held = [k for k, sign in self.modes.items() if not sign]
-        for i, (t, p, W) in enumerate(zip(times.tolist(), *states[:2], strict=True)):
-            along = self.sliding(W)
-            K = self.torque(t, directors(p), W) + along
-            if held:
-                K = K - (self._inverse(held) @ (self.axes[held] @ (self.Q @ K))) @ self.axes[held]
-            power[i], rate[i] = -along @ W, -along @ (self.Q @ K)
-        h = np.diff(times)
-        found: Array = (h / 2 * (power[1:] + power[:-1]) + h**2 / 12 * (rate[:-1] - rate[1:]))[None]
+        found: Array = -means.turned[..., :3] @ self.sliding(np.zeros(3))
         return found
 
 
@@ -243,12 +211,39 @@ class Tumbling(Rubbed):
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem)
         self.is_plane = True
+        self.is_alone = all(term in self.load.potentials for term in self.load.terms)
+        self.at_nodes = not self.is_alone
+
+    def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:
+        """Return W' while the body slides."""
+        found: Array = self.Q @ (self.forces(t, q, W, z)[0] + self.sliding(W))
+        return found
 
     def sliding(self, W: Array) -> Array:
         """Return the moment of friction, along the frame."""
         if self.is_plane or not W.any():
             return super().sliding(W)
         found: Array = -self.limits[0] * W / np.linalg.norm(W)
+        return found
+
+    def _dissipated(self, piece: Piece) -> Array:
+        """Return the energy that friction takes in each interval of a piece, where its moment turns.
+
+        It is its work where no other load has any. Otherwise the power is integrated, by a cubic polynomial through its
+        values and derivatives.
+        """
+        times, (p, velocities, *_, internal), means = piece
+        assert means is not None
+        if self.is_plane:
+            return super()._dissipated(piece)
+        if self.is_alone:
+            return -means.load_work
+        power, rate = np.zeros((2, len(times)))
+        for i, (t, W) in enumerate(zip(times.tolist(), velocities, strict=True)):
+            along, z = self.sliding(W), None if internal is None else internal[i]
+            power[i], rate[i] = -along @ W, -along @ self.slope(t, directors(p[i]), W, z)
+        h = np.diff(times)
+        found: Array = (h / 2 * (power[1:] + power[:-1]) + h**2 / 12 * (rate[:-1] - rate[1:]))[None]
         return found
 
     def begin(self) -> None:
@@ -262,25 +257,25 @@ class Tumbling(Rubbed):
 
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
         """Choose the mode where W is zero; it is to slide if it is `forced`."""
-        q, W = directors(self.state.quaternion), self.state.velocity
-        W[:] = 0.0
+        self.state.velocity[:] = 0.0
         self.modes, self.is_plane = {0: 0}, True
-        K = self._across(self.torque(self.t, q, W))
+        K = self._needed()
         if np.linalg.norm(K) > self.limits[0] or forced:
             start = self._rate_at_rest()
             u = start if start.any() else K
             self.modes = {0: 1}
             self.turn([u / np.linalg.norm(u)])
 
-    def stillness(self, stuck: list[int], t: float, q: Array) -> float:
+    def stillness(self, t: float, q: Array, z: Any) -> float:
         """Return that friction holds all of a body at rest."""
         return 0.0
 
-    def ends_of_rest(self, stuck: list[int]) -> list[Change]:
+    def ends_of_rest(self) -> list[Change]:
         """Return what can end it: the moment that is needed."""
 
         def left(t: float, s: Any) -> float:
-            return float(self.limits[0] - np.linalg.norm(self._across(self.torque(t, s.directors, np.zeros(3)))))
+            K = self.forces(t, s.directors, np.zeros(3), s.internal_state or None)[0]
+            return float(self.limits[0] - np.linalg.norm(self._across(K)))
 
         return [Change(0, 1, left)]
 
@@ -297,11 +292,16 @@ class Tumbling(Rubbed):
         """Return a moment across the constrained axis."""
         return K - (self.axis @ K) @ self.axis
 
+    def _needed(self) -> Array:
+        """Return the moment, across the constrained axis, that holds the body at rest here."""
+        p, *_, z = self.state
+        return self._across(self.forces(self.t, directors(p), np.zeros(3), z)[0])
+
     def _rate_at_rest(self) -> Array:
         """Return W' at W = 0, against friction: 0 up to its limit."""
         from scipy.optimize import brentq
 
-        K = self._across(self.torque(self.t, directors(self.state.quaternion), np.zeros(3)))
+        K = self._needed()
         basis = np.linalg.svd(np.concatenate([self.axis, np.zeros((1, 3))]))[2][len(self.axis) :]
         J, m, c = basis @ self.J @ basis.T, basis @ K, self.limits[0]
         if not c:
@@ -324,7 +324,7 @@ class Tumbling(Rubbed):
         one = replace(self.until(PLANE, self.time_left()), load=self.under(self.sliding(self.state.velocity)))
         piece, root = self.marched(one, self.changes([0]), at_nodes=True)
         W = piece.states.velocity
-        if self.failure is not None or abs(np.cross(W, self.axes[0])).max() > IN_PLANE * abs(W).max():
+        if self.failure is not None or abs(np.cross(W, self.G[0])).max() > IN_PLANE * abs(W).max():
             self.failure = None
             return False
         self.keep(self._slid(piece))
@@ -334,19 +334,19 @@ class Tumbling(Rubbed):
 
     def _slide_around(self) -> None:
         """March while W may turn, or, where it may vanish within four steps, a part of that time."""
-        one, c, W = self.until(), self.limits[0], self.state.velocity
-        h, load = one.grid.longest, self.load + against(c)
+        one, W = self.until(), self.state.velocity
+        h, load = one.grid.longest, self.load + against(float(self.limits[0]))
         if not W.any():
             self._start(h)
             return
 
         def time_left(t: float, s: Any) -> float:
             w = np.array(s.material_angular_velocity)
-            size = np.linalg.norm(w)
-            rate = self.Q @ (self.torque(t, s.directors, w) - c * w / size)
-            return float(QUARTER * size / np.linalg.norm(rate)) if rate.any() else np.inf
+            rate = self.slope(t, s.directors, w, s.internal_state or None)
+            return float(QUARTER * np.linalg.norm(w) / np.linalg.norm(rate)) if rate.any() else np.inf
 
-        left = time_left(self.t, body_state(self.t, *(x.tolist() for x in self.state[:2])))
+        p, _, *_, z = self.state
+        left = time_left(self.t, body_state(self.t, p.tolist(), W.tolist(), () if z is None else z.tolist()))
         if left > h:
             change = Change(0, 0, lambda t, s: min(time_left(t, s), 2 * h) - h)
             self.keep(self._slid(self.marched(replace(one, load=load), [change])[0]))
@@ -362,8 +362,7 @@ class Tumbling(Rubbed):
         """Let the body start to turn, for a short time, to the velocity that it has under the friction along it."""
         begin, node = self.t, float(self.nodes[self.number() + 1])
         a = self._rate_at_rest()
-        K = self.torque(begin, directors(self.state.quaternion), np.zeros(3))
-        is_slow = np.linalg.norm(a) <= SLOW * np.linalg.norm(self.inverse @ K)
+        is_slow = np.linalg.norm(a) <= SLOW * np.linalg.norm(self.inverse @ self._needed())
         to = min(begin + max((SLOWLY if is_slow else BEGIN) * h, TICKS * float(np.spacing(abs(begin)))), node)
         along = self.under(self.sliding(self.state.velocity))
         self.keep(self._slid(self.marched(replace(self.to(to), load=along), [])[0]))

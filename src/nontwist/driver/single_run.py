@@ -82,11 +82,12 @@ class PreparedPlan:
         found, squares, fastest = self._march(p, W, scale)
         if not squares < self._safe:
             return None
-        known = self._known | {"_fastest": sqrt(fastest)}
+        run = Trajectory._later(self._known, partial(self._march.read, found))
+        vars(run)["_fastest"] = sqrt(fastest)
         if scale != 1:
-            known["load"] = [term | {"scale": scale * term["scale"]} for term in self._terms]
-            known["potentials"] = self._held and scale * self._held
-        return Trajectory._later(known, partial(self._march.read, found))
+            load = [term | {"scale": scale * term["scale"]} for term in self._terms]
+            vars(run).update(load=load, potentials=self._held and scale * self._held)
+        return run
 
 
 def whole_of(plan: Plan, grid: Stretches) -> IVP:
@@ -144,7 +145,8 @@ def run_of(
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
         if plan.asked is None and plan.is_between:
-            own = own._replace(asked=times_shown(plan, begin, steps.material_angular_velocity))
+            swing = swing_rate(plan.systems, plan.load, begin.load_scale)
+            own = own._replace(asked=times_shown(plan, begin, steps.material_angular_velocity, swing))
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
@@ -208,7 +210,8 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
     if has_times and outcome.failures[0, 0] != Status.INTERRUPTED:
-        times = plan.asked if plan.asked is not None else times_shown(plan, begin, outcome.states.velocity[0])
+        if (times := plan.asked) is None:
+            times = times_shown(plan, begin, outcome.states.velocity[0], first.swing)
         nodes = None if plan.load.wheels or outcome.failures[0, 0] else outcome.march
         problem = own._replace(asked=times).problem(begin, problem.grid)
         outcome = completion.march(found.scheme, replace(problem, intervals=plan.means, marched=nodes))
@@ -223,21 +226,17 @@ def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:
     first = first_run(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
     if plan.asked is not None:
         return first, len(plan.asked)
-    is_between, span = plan.is_between, plan.t_end - plan.t_start
-    shown = int(span / apart(plan, begin, fastest)) if is_between else finer(first.grid).steps
+    span, shown = plan.t_end - plan.t_start, finer(first.grid).steps
+    if plan.is_between:
+        shown = int(span / apart_shown(span, fastest, first.swing))
     return first, stored_count(max(1, shown), plan.store)
 
 
-def times_shown(plan: Plan, begin: Starts, velocities: Array) -> Array:
+def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> Array:
     """Return the times at which states are stored that nobody has chosen: the body turns by 0.05 rad in between."""
     fastest = float(np.sqrt(np.nanmax(np.square(velocities).sum(axis=1))))
-    grid = stretches_of(plan.paced, plan.t_start, plan.t_end, apart(plan, begin, fastest))
-    return plan.problem(begin, grid).output
-
-
-def apart(plan: Plan, begin: Starts, fastest: float) -> float:
-    """Return how far such times are apart, s, given the largest |w|."""
-    return apart_shown(plan.t_end - plan.t_start, fastest, swing_rate(plan.systems, plan.load, begin.load_scale))
+    longest = apart_shown(plan.t_end - plan.t_start, fastest, swing)
+    return plan.problem(begin, stretches_of(plan.paced, plan.t_start, plan.t_end, longest)).output
 
 
 def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:

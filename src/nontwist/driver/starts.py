@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset
 from ..analysis.trajectory import Trajectory, stretches_from
-from ..geometry.arrays import Array, as_array, as_floats, as_number
+from ..geometry.arrays import Array, as_array, as_floats, as_number, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack, stacked
@@ -155,7 +155,7 @@ def start_of_one(
     if angular_velocity is not None:
         W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
     elif material_angular_velocity is not None:
-        W = as_array(material_angular_velocity, "material_angular_velocity", (3,))[None]
+        W = np.array([vector(material_angular_velocity, "material_angular_velocity")], dtype=np.float64)
     return _projected(Starts(p, W), systems, systems.axis, project, t_start)
 
 

@@ -37,7 +37,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from math import inf, log
+from math import inf, log, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import damping_rate, swing_rate
+from ..integrators.costs import damping_rate, highest_frequency, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
@@ -90,6 +90,7 @@ class First(NamedTuple):
     scheme: Integrator
     step: float
     grid: Stretches
+    swing: float  # rad/s, about the fastest rate of swings
 
 
 class Trial(NamedTuple):
@@ -102,7 +103,8 @@ class Trial(NamedTuple):
 
     def has(self, *statuses: Status) -> bool:
         """Whether a member has ended in one of these."""
-        return bool(np.isin(self.outcome.failures[:, 0], statuses).any())
+        found = self.outcome.failures[:, 0].tolist()
+        return any(status in found for status in statuses)
 
     @property
     def done(self) -> NDArray[np.bool_]:
@@ -117,10 +119,10 @@ class Trial(NamedTuple):
         return found
 
 
-def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, **options: Any) -> Controlled:
-    """Return the run or the ensemble of a plan with a tolerance; `options` are those of the problem.
-
-    `first` is what it begins with, if that is known already.
+def controlled(
+    plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, on_gpu: bool = False, **options: Any
+) -> Controlled:
+    """Return the run or the ensemble of a plan with a tolerance, whose `options` its problem has.
 
     Raises
     ------
@@ -129,12 +131,12 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
     """
 
     def run(scheme: Integrator, grid: Stretches, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
-        task = plan._replace(scheme=scheme).problem(start, grid, stored)
+        task = replace(plan._replace(scheme=scheme).problem(start, grid, stored), on_gpu=on_gpu)
         if stored is None:
             task = replace(task, **options)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
-    goal, floor, (scheme, h, grid) = plan.goal, None, first or first_run(plan, begin)
+    goal, floor, (scheme, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
@@ -144,14 +146,14 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
         if coarse.has(Status.INTERRUPTED, Status.JUMP):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
         if floor is None and not coarse.has(*COARSE):
-            other = run(scheme, coarse.grid, _ends(coarse.grid), moved(begin))
+            other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
             floor = _distance(coarse, other, ends=True) / LARGER
             if FLOORS * floor > plan.goal:
                 slowest = 1.0 / (plan.t_end - plan.t_start)
                 floor = _distance(coarse, other, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
+            scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)), swing)
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
                 grid = _grid(plan, begin, scheme, h)
@@ -186,23 +188,21 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, first: First | None 
     return Controlled(scheme, fine.problem, fine.outcome, goal, d)
 
 
-def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, float]:
-    """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest`: |w|, if known."""
-    span, scale = plan.t_end - plan.t_start, begin.load_scale
-    swing = swing_rate(plan.systems, plan.load, scale)
-    if fastest is None:
-        fastest = plan.fastest(begin)
+def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple[Integrator, float]:
+    """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest` is |w|."""
+    span = plan.t_end - plan.t_start
     rate = max(HARMONICS * fastest, swing, 1e-3 / span)
     if not plan.scheme.is_a_stable:
-        rate = max(rate, damping_rate(plan.systems, plan.load, scale))
+        rate = max(rate, damping_rate(plan.systems, plan.load, begin.load_scale))
 
-    def step(scheme: Integrator, longer: float = 1.0) -> float:
+    def step(scheme: Integrator, rate: float, longer: float = 1.0) -> float:
         h = _resolving(plan, scheme, span * rate) / rate
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
     longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
-    best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
-    return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
+    waves = max(rate, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
+    best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme, waves), longest))
+    return best, min(step(best, rate, LONGER if _order(best) <= LOW else 1.0), longest)
 
 
 def _resolving(plan: Plan, scheme: Integrator, whole: float) -> float:
@@ -224,8 +224,9 @@ def apart_shown(span: float, fastest: float, swing: float) -> float:
 
 def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
     """Return what a run or an ensemble begins with; `fastest`: |w|, if known."""
-    scheme, h = first_step(plan, begin, fastest)
-    return First(scheme, h, _grid(plan, begin, scheme, h))
+    swing = swing_rate(plan.systems, plan.load, begin.load_scale)
+    scheme, h = first_step(plan, begin, plan.fastest(begin) if fastest is None else fastest, swing)
+    return First(scheme, h, _grid(plan, begin, scheme, h), swing)
 
 
 def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stretches:
@@ -259,9 +260,9 @@ def _scaled(grid: Stretches, factor: float) -> Stretches:
     return stretched(grid.borders, 2 * np.ceil(np.diff(grid.numbers) * factor / 2))
 
 
-def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Return which nodes of `finer(grid)` with these numbers are nodes of `grid`, and their numbers there."""
-    first, ends = np.array(grid.numbers), np.array(finer(grid).numbers)
+def _partners(grid: Stretches, fine: Stretches, numbers: NDArray[np.int64]) -> tuple[Any, Any]:
+    """Return which nodes of `fine`, the finer grid, with these numbers are nodes of `grid`, and their numbers there."""
+    first, ends = np.array(grid.numbers), np.array(fine.numbers)
     j = np.searchsorted(ends[1:-1], numbers, side="right")
     local, is_even = numbers - ends[j], (np.diff(first) % 2 == 0)[j]
     size = np.where(is_even, 3, 2)
@@ -272,13 +273,10 @@ def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.i
 
 def _samples(plan: Plan, grid: Stretches) -> NDArray[np.int64]:
     """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
-    shared = _partners(grid, stored_steps(finer(grid).steps, plan.store))[1]
+    fine = finer(grid)
+    shared = _partners(grid, fine, stored_steps(fine.steps, plan.store))[1]
     some = np.linspace(0, grid.steps, min(SAMPLES, grid.steps) + 1).astype(np.int64)
     return distinct(np.concatenate([shared, some]))
-
-
-def _ends(grid: Stretches) -> NDArray[np.int64]:
-    return np.array([0, grid.steps])
 
 
 def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> float:
@@ -289,7 +287,7 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     """
     i, k = np.array([-1]), np.array([-1])
     if not ends:
-        k, numbers = _partners(a.grid, b.problem.stored)
+        k, numbers = _partners(a.grid, b.grid, b.problem.stored)
         known = a.problem.stored
         i = np.minimum(np.searchsorted(known, numbers), len(known) - 1)
         i, k = i[known[i] == numbers], k[known[i] == numbers]

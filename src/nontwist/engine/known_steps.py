@@ -18,7 +18,7 @@ from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, jacobian, plain, tangent
 from ..kernels.elements import remade
 from ..kernels.memory import Doubles, View, call, scratch, size_of
-from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross, sum_of
 from .generalised import STATE, Sloped
 from .marching import Text
 from .records import FORCES, Body, Parts, State, places
@@ -44,14 +44,24 @@ INPUTS = {
 }
 NODAL = ("moving", "space", "rotor", "forces")  # at every node of the load
 Wanted = tuple[tuple[str, int], ...]  # inputs, and of how many numbers each
+LANES = 8  # steps whose matrices are made at a time
+
+
+def columns_of(rows: int, wanted: Wanted, stages: int = 1) -> dict[str, int]:
+    """Return where the columns of the state, of so many rows, and of inputs begin, and, as "", how many there are."""
+    found, place = {"turn": 0, "velocity": 3, "normal": 6}, rows
+    for name, size in wanted:
+        found[name] = place
+        place += size * (stages if name in NODAL else 1)
+    return found | {"": place}
 
 
 class Steps(NamedTuple):
-    """Some steps, and where their matrices go: entry (i, j) of that of the step k at ``(i width + j) stride + k``."""
+    """Some steps, and where matrices go: entry (i, j) of that of the step first + k at ``(i width + j) LANES + k``."""
 
     stages: int
     steps: int
-    stride: int
+    first: int  # of the steps whose matrices are made
     width: int  # columns: of the state, and of the inputs
     sizes: Doubles  # (steps,) of the steps
     quaternions: Doubles  # (steps + 1, 4) scalar last
@@ -191,7 +201,7 @@ class Known(Nodes):
         if tilt is not None:
             dead = varied(dead, Matrix(*(cross(column, tilt) for column in dead.T)).T)
             damping = varied(damping, tilted(damping, tilt))
-            dJ = symmetric(tilted(body.inertia, tilt)) if dJ is None else dJ + symmetric(tilted(body.inertia, tilt))
+            dJ = sum_of(dJ, tilted(body.inertia, tilt).symmetric)
         body = body._replace(dead=dead, damping=damping)
         if dJ is None:
             return body
@@ -216,7 +226,7 @@ class Known(Nodes):
         if self.parts.is_director_scheme:
             N = self.vary.along("normal", N)
             if self.tilt is not None:
-                N = varied(N, symmetric(tilted(N.matrix, self.tilt)))
+                N = varied(N, tilted(N.matrix, self.tilt).symmetric)
             auxiliary = (*N, *auxiliary[6:])
         elif text.remembered is not None and self.delta is None:
             ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
@@ -294,11 +304,6 @@ def varied(x: Number, change: Any) -> Number:
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
     """Return A ε̂ - ε̂ A."""
     return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
-
-
-def symmetric(A: Matrix) -> Symmetric:
-    """Return the entries of a symmetric matrix."""
-    return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
 
 
 class Calls(NamedTuple):

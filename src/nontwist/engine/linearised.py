@@ -33,8 +33,9 @@ removed each time, it grows over changes that shrink, until the last ones are no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
+from itertools import product as iterate
 from typing import Any, NamedTuple
 
 from ..kernels import machine_code
@@ -42,29 +43,30 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import plain, tangent
 from ..kernels.elements import any_of, fma, logical_not, select, smaller, sqrt
 from ..kernels.kernel import Kernel, kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, load, put, store, vector_at
+from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import Calls, Directions, Known, Step, Steps, Wanted, symmetric, tilted
+from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, columns_of, tilted
 from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, places
 from .sampling import mean
-from .workspace import turned_into
+from .workspace import entered, turned_into
 
-LANES = 8
+TOGETHER = 32  # steps between two times at which changes are made orthonormal
 
 
 class Chain(NamedTuple):
     """What goes through the steps."""
 
     steps: int
+    batches: int  # of `LANES` steps
+    make: int  # addresses of what makes the matrices of a batch, and of its `Steps`
+    made: int
     rows: int  # of the state
     width: int  # columns of the state and of the inputs
-    stride: int  # doubles between the entries of a matrix
     padded: int  # parameters, rounded up to a multiple of `LANES`
     fixed: int  # entries of all steps
-    matrices: Doubles
     columns: Wholes  # back: of the fixed entries, and their parameters, values
     parameters: Wholes
     values: Doubles
@@ -80,23 +82,39 @@ class Chain(NamedTuple):
     states: Doubles  # forward (kept, 6, count); back (kept, 6), derivatives of f by attitude and velocity
     found: Doubles  # back: (count,) df/dp
     scratch: Doubles  # back: (width,)
+    grown: int  # growth: how many changes, at most `LANES`
+    weights: Doubles  # (6,) 1 over the squares of the units
+    metric: Doubles  # (6, 6) the same of the entries of N, which count as those in the body
+    normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
+    lengths: Doubles  # (times, count) R_kk
 
 
 CHAIN = places(Chain)
 
 
+def each_step(c: Any, back: bool = False) -> Iterator[tuple[Any, Any]]:
+    """Yield the number of each step and its matrices, from the last one on `back`."""
+    b = View(Steps, doubles(c.made))
+    for batch in loop(c.batches, whilst=lambda: b.failed == 0):
+        b.first = first = LANES * (c.batches - 1 - batch if back else batch)
+        call(c.make, c.made)
+        count = smaller(LANES, c.steps - first)
+        for k in loop(count):
+            n = count - 1 - k if back else k
+            yield first + n, b.out.shifted(n)
+
+
 def multiply(
-    c: Any, n: Any, rows: int, count: Any, add: Callable[[Any, Any, Variables], None] = lambda row, k, y: None
+    c: Any, M: Any, rows: int, count: Any, add: Callable[[Any, Any, Variables], None] = lambda row, k, y: None
 ) -> None:
     """Replace X, so many rows of `count` numbers, by M X; `add` adds to `y.y`, the numbers k of a row."""
-    entries = c.matrices.shifted(n)
     for k in loop(0, count, width()):
         x = [load(c.state, j * count + k) for j in range(rows)]
         for i in loop(rows):
-            row = entries.shifted(i * c.width * c.stride)
+            row = M.shifted(i * c.width * LANES)
             y = Variables(y=row[0] * x[0])
             for j in range(1, rows):
-                y.y = fma(row[j * c.stride], x[j], y.y)
+                y.y = fma(row[j * LANES], x[j], y.y)
             add(row, k, y)
             store(c.state, i * count + k, y.y)
 
@@ -112,16 +130,16 @@ def chain_forward(rows: int) -> Kernel:
         def add(row: Any, k: Any, y: Variables) -> None:
             """Add what the fixed entries do."""
             for j in loop(c.inputs):
-                y.y = fma(row[c.used[j] * c.stride], load(c.changes, j * c.padded + k), y.y)
+                y.y = fma(row[c.used[j] * LANES], load(c.changes, j * c.padded + k), y.y)
 
-        for n in loop(c.steps):
-            multiply(c, n, rows, c.padded, add)
+        for n, M in each_step(c):
+            multiply(c, M, rows, c.padded, add)
             for _ in when(c.begins.address != 0):
                 for e in loop(c.begins[n], c.begins[n + 1]):
-                    column = c.matrices.shifted(n + c.own_columns[e] * c.stride)
+                    column = M.shifted(c.own_columns[e] * LANES)
                     to, value = x.shifted(c.own_parameters[e]), c.own_values[e]
                     for i in range(rows):
-                        to[i * c.padded] = fma(value, column[i * c.width * c.stride], to[i * c.padded])
+                        to[i * c.padded] = fma(value, column[i * c.width * LANES], to[i * c.padded])
             for _ in when(c.kept[n] != 0):
                 for k in loop(0, 6 * c.padded, lanes):
                     store(c.states, v.done * 6 * c.padded + k, load(x, k))
@@ -137,16 +155,15 @@ def chain_back(address: Any) -> None:
     x, y, found, v = c.state, c.scratch, c.found, Variables(left=0)
     for n in loop(c.steps):
         v.left = v.left + c.kept[n]
-    for k in loop(c.steps):
-        n = c.steps - 1 - k
+    for n, M in each_step(c, back=True):
         for _ in when(c.kept[n] != 0):
             v.left = v.left - 1
             for i in range(6):
                 x[i] = x[i] + c.states[6 * v.left + i]
         for j in loop(c.width):
-            entries, s = c.matrices.shifted(j * c.stride + n), Variables(s=0.0 * x[0])
+            entries, s = M.shifted(j * LANES), Variables(s=0.0 * x[0])
             for i in loop(c.rows):
-                s.s = fma(entries[i * c.width * c.stride], x[i], s.s)
+                s.s = fma(entries[i * c.width * LANES], x[i], s.s)
             y[j] = s.s
         for e in loop(c.fixed):
             p = c.parameters[e]
@@ -159,59 +176,46 @@ def chain_back(address: Any) -> None:
             x[i] = y[i]
 
 
-class Growth(NamedTuple):
-    """What goes through the steps: addresses and counts."""
-
-    steps: int
-    width: int  # columns of the matrices
-    stride: int  # doubles between their entries
-    changes: int  # at most `LANES`
-    every: int  # steps between two times at which they are made orthonormal, which they are after the last one as well
-    matrices: Doubles
-    weights: Doubles  # (rows,) 1 over the squares of the units
-    normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
-    state: Doubles  # X (rows, LANES)
-    lengths: Doubles  # (times, count) R_kk
-
-
 @lru_cache
 def grow(rows: int) -> Kernel:
     """Return what carries X, of so many rows, through the steps, and writes its growth."""
 
-    def orthonormalise(b: View, lengths: Any) -> None:
+    def orthonormalise(c: Any, lengths: Any) -> None:
         """Replace the changes by orthonormal ones that span the same, across `normal`, and write how long they were."""
-        x, weights, normal = b.state, [b.weights[i] for i in range(rows)], [b.normal[i] for i in range(rows)]
-        for k in loop(b.changes):
+        x, normal = c.state, [c.normal[i] for i in range(rows)]
+        for k in loop(c.grown):
             y = [x[i * LANES + k] for i in range(rows)]
-            away = product(weights, normal, y)
+            away = product(c, normal, y)
             v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
             for j in loop(k):
                 before = [x[i * LANES + j] for i in range(rows)]
-                along = product(weights, before, v.y)
+                along = product(c, before, v.y)
                 v.y = tuple(v.y[i] - along * before[i] for i in range(rows))
-            length = sqrt(product(weights, v.y, v.y))
+            length = sqrt(product(c, v.y, v.y))
             lengths[k] = length
             for i in range(rows):
                 x[i * LANES + k] = v.y[i] / length
 
     def text(address: Any) -> None:
-        b = View(Growth, doubles(address))
+        c = View(Chain, doubles(address)).read()
         v = Variables(since=0, done=0)
-        for n in loop(b.steps):
-            multiply(b, n, rows, LANES)
+        for n, M in each_step(c):
+            multiply(c, M, rows, LANES)
             v.since = v.since + 1
-            for _ in when((v.since == b.every) | (n + 1 == b.steps)):
-                orthonormalise(b, b.lengths.shifted(v.done * b.changes))
+            for _ in when((v.since == TOGETHER) | (n + 1 == c.steps)):
+                orthonormalise(c, c.lengths.shifted(v.done * c.grown))
                 v.since, v.done = 0, v.done + 1
 
     return Kernel(text, "i8", 0)
 
 
-def product(weights: Any, a: Any, b: Any) -> Any:
-    """Return the scalar product with these weights."""
-    total = weights[0] * a[0] * b[0]
-    for w, x, y in zip(weights[1:], a[1:], b[1:], strict=True):
-        total = total + w * x * y
+def product(c: Any, a: Any, b: Any) -> Any:
+    """Return the scalar product of two changes."""
+    total = c.weights[0] * a[0] * b[0]
+    for i in range(1, 6):
+        total = total + c.weights[i] * a[i] * b[i]
+    for i, j in iterate(range(6, len(a)), repeat=2):
+        total = total + c.metric[6 * (i - 6) + j - 6] * a[i] * b[j]
     return total
 
 
@@ -220,32 +224,24 @@ def rows_of(parts: Parts) -> int:
     return 12 if parts.is_director_scheme else 6
 
 
-def places_of(parts: Parts, wanted: Wanted) -> dict[str, int]:
-    """Return where the numbers of the state and of inputs begin among all directions."""
-    places, width = {"turn": 0, "velocity": 3, "normal": 6}, rows_of(parts)
-    for name, size in wanted:
-        places[name], width = width, width + size
-    return places
-
-
 @lru_cache
 def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
-    """Return the kernel that makes the matrices of `Steps`, with the columns of the inputs that are wanted."""
-    width, n = rows_of(parts) + sum(size for _, size in wanted), parts.lanes
-    directions = Directions(places_of(parts, wanted), width)
+    """Return the kernel that makes matrices of `Steps`, with the columns of the inputs that are wanted."""
+    places, n = columns_of(rows_of(parts), wanted), parts.lanes
+    directions = Directions(places, width := places[""])
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
         scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
-        for first in loop(0, b.steps, n):
-            gather(parts, b, x, first)
+        for k in loop(0, smaller(LANES, b.steps - b.first), n):
+            gather(parts, b, x, b.first + k)
             found, is_stalled = derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
             for i, y in enumerate(found):
                 for j in range(width):
-                    out.store((i * b.width + j) * b.stride + first, tangent(y, j), n)
+                    out.store((i * b.width + j) * LANES + k, tangent(y, j), n)
 
     return Kernel(kernel, "i8", n)
 
@@ -317,7 +313,7 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
-        N = Symmetric(*N) - symmetric(tilted(Symmetric(*N).matrix, known.tilt)) if N else N
+        N = Symmetric(*N) - tilted(Symmetric(*N).matrix, known.tilt).symmetric if N else N
     return [*turn, *W, *N]
 
 
@@ -334,7 +330,8 @@ class ForwardRun(NamedTuple):
     fixed: Doubles  # the same, where those of inputs are what all steps have
     chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
     found: Doubles  # (kept, 6, padded)
-    first: Doubles  # quaternion at the start of the run
+    first: Doubles  # quaternion at the start of the run, scalar last, and W
+    is_first: int  # 1: the run begins with this piece
     turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
 
 
@@ -353,7 +350,7 @@ class Loaded(Directions):
 @lru_cache
 def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
-    places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
+    places, used = columns_of(rows_of(parts), wanted), frozenset((*range(rows_of(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
@@ -361,6 +358,10 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
+        begin, W = entered(body, own.first, own.first.shifted(4))
+        for _ in when(own.is_first != 0):
+            held = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
+            memory.p, memory.s = begin, held if parts.is_director_scheme else body.momentum_of(held)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
@@ -387,7 +388,6 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             for _ in when(chain.kept[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
-                begin = Quaternion(*(own.first[k] for k in range(4)))
                 put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
                 v.done = v.done + 1
         now = v.state

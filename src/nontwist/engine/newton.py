@@ -168,13 +168,16 @@ class Scratch(NamedTuple):
 
     def shifted(self, k: Any) -> Scratch:
         """Return the memory that begins k numbers further."""
-        return Scratch(self.memory.shifted(k * self.lanes), self.lanes)
+        return Scratch(self.memory.shifted(self._place(k)), self.lanes)
 
     def __getitem__(self, k: Any) -> Any:
-        return self.memory.load(k * self.lanes, self.lanes)
+        return self.memory.load(self._place(k), self.lanes)
 
     def __setitem__(self, k: Any, x: Any) -> None:
-        self.memory.store(k * self.lanes, x, self.lanes)
+        self.memory.store(self._place(k), x, self.lanes)
+
+    def _place(self, k: Any) -> Any:
+        return k if self.lanes == 1 else k * self.lanes
 
 
 def eliminate_once(a: Scratch, m: int, columns: int) -> None:

@@ -25,6 +25,7 @@ infinite where the run has failed; and the largest |W|² of the stored states.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -121,14 +122,14 @@ def _with_outputs(parts: Parts) -> Kernel:
         begin, end = b.begin, b.end
         for first in loop(begin, end, parts.lanes):
             b.begin, b.end = first, smaller(first + parts.lanes, end)
-            for_some(parts, address, b, head)
+            for_some(parts, b, head, lambda is_output: call(select(is_output, head.side, head.kernel), address))
         b.begin, b.end = begin, end
 
     return Kernel(some_at_a_time, "i8")
 
 
-def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
-    """Carry out the list for some members, as many as the kernel takes at once."""
+def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) -> None:
+    """Carry out the list for some members, as many as are marched at once: to an output, or onwards."""
     x, observed = View(Work, doubles(b.workspace), parts.lanes), b.observed
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
     for number in loop(head.calls, whilst=lambda: v.are_alive):
@@ -139,7 +140,7 @@ def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
             forget(b, head, first, last)
         for l in loop(last - first):
             copy(b.states.shifted(b.order[first + l] * size), head.scratch.shifted(l * size), size)
-        call(select(is_output, head.side, head.kernel), address)
+        march(is_output)
         for _ in when(is_output):
             for l in loop(last - first):
                 copy(head.scratch.shifted(l * size), b.states.shifted(b.order[first + l] * size), size)

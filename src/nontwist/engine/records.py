@@ -202,8 +202,7 @@ class Work(NamedTuple):
     failure: Failure
     found: Found
     state_call: StateCall
-    constants: Annotated[tuple[Any, ...], 35]
-    spare: Annotated[tuple[Any, ...], 6]  # so that what lies behind it begins with a line of the cache
+    spare: float  # so that what lies behind it begins with a line of the cache
 
 
 class Block(NamedTuple):

@@ -144,6 +144,11 @@ def note(parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, r
     x.failure.write(select(bad, Failure(status, real(number) + 0.0 * x.scale, residual, turn), before))
 
 
+def entered(body: Any, q: Any, w: Any) -> tuple[Quaternion, Vector]:
+    """Return a quaternion, scalar last, and W that lie in memory, in the frame b."""
+    return Quaternion(q[3], q[0], q[1], q[2]) @ body.frame, vector_at(w) @ body.basis
+
+
 @kernel("i8")
 def enter(address: Any) -> None:
     """Set the states of all members from the first of those stored, in the frames and units of the bodies.
@@ -162,8 +167,8 @@ def enter(address: Any) -> None:
         z, own = b.internals.shifted(i * b.kept * b.internal), internal_of(b, i)
         for k in loop(b.internal):
             own[k] = z[k]
-        state.p = Quaternion(q[3], q[0], q[1], q[2]) @ body.frame
-        W = unit * (vector_at(w) @ B)
+        state.p, W = entered(body, q, w)
+        W = unit * W
         largest = larger(abs(W[0]), larger(abs(W[1]), abs(W[2])))
         is_noise = is_constrained & (body.k[2] == 0.0) & ((b.director == 0) | (abs(W[2]) <= ROUND_OFF * largest))
         W = Vector(W[0], W[1], select(is_noise, 0.0, W[2]))

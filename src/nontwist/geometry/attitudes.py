@@ -48,11 +48,17 @@ class States(NamedTuple):
 
 def attitudes(quaternion: Array) -> Array:
     """Return Λ (..., 3, 3) of quaternions (..., 4), scalar last: orthonormal to round-off whatever their length."""
-    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    return np.ascontiguousarray(np.moveaxis(entries(quaternion), (0, 1), (-2, -1)))
+
+
+def entries(quaternion: Array) -> Array:
+    """Return the entries of Λ, (3, 3, ...), as `attitudes` does: each lies in one piece."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0).copy()
     f = 2 / (x * x + y * y + z * z + w * w)
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = f * np.array([x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z])
-    rows = (1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy))
-    return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
+    products = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = (f * product for product in products)
+    rows = (1 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1 - (xx + yy))
+    return np.array(rows)
 
 
 def product(p: Array, q: Array) -> Array:
@@ -74,11 +80,11 @@ def director_velocities(q: Array, W: Array, N: Array | None) -> Array:
         n = np.moveaxis(N, -1, 0)
         V = [[n[PLACES[i][j]] if (v := V[i][j]) is None else v + n[PLACES[i][j]] for j in range(3)] for i in range(3)]
     components = np.moveaxis(q, (-2, -1), (0, 1)).copy()
-    found = np.empty(q.shape)
-    for i, row in enumerate(V):
+    found = []
+    for row in V:
         terms = [v * components[j] for j, v in enumerate(row) if v is not None]
-        found[..., i, :] = np.moveaxis(sum(terms[1:], terms[0]), 0, -1)
-    return found
+        found.append(sum(terms[1:], terms[0]))
+    return np.ascontiguousarray(np.moveaxis(np.array(found), (0, 1), (-2, -1)))
 
 
 def states_of(q: Array, v: Array) -> tuple[Array, Array, Array]:

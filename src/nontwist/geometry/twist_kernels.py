@@ -60,20 +60,13 @@ _HALF_TURN = math.pi * (1.0 - 1e-9)
 _TURN = 2.0 * math.pi
 
 
-def _turned(q: Any, a: Vector) -> Any:
-    """Turn a vector by a unit quaternion, scalar last."""
-    u = Vector(*q[:3])
-    p = 2.0 * cross(u, a)
-    return a + q[3] * p + cross(u, p)
-
-
 def _axes(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
     """Return the first and the third vector of a triad in the body; `sign` is -1 for the inverse of the attitude."""
     x, y, z, w = q
     size = sqrt(x * x + y * y + z * z + w * w)
-    turn = sign * x / size, sign * y / size, sign * z / size, w / size
-    d3 = _turned(turn, triad[2])
-    return _turned(turn, triad[0]), d3 / length(d3)
+    turn = Quaternion(w / size, sign * x / size, sign * y / size, sign * z / size)
+    d3 = turn.turned(triad[2])
+    return turn.turned(triad[0]), d3 / length(d3)
 
 
 def _angle(t: Vector, d: Vector, v: Vector) -> Any:

@@ -120,7 +120,7 @@ def among(value: Any, known: Iterable[Any]) -> bool:
 
 
 def _is_whole(value: Any) -> bool:
-    return isinstance(value, Integral) and hasattr(value, "__index__")  # NumPy counts durations as whole numbers
+    return isinstance(value, int) or (isinstance(value, Integral) and hasattr(value, "__index__"))  # no timedelta64
 
 
 def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:

@@ -18,7 +18,7 @@ from ..geometry.values import among, shown
 from ..loads import Load
 from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
-from .costs import Cost, steps_cost, unresolved
+from .costs import Cost, steps_cost, undersampled, unresolved
 from .members import one_by_one, outcome_of
 from .problem import IVP, Failure, March, Outcome
 
@@ -172,6 +172,8 @@ class Integrator:
 
     def remark(self, problem: IVP) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
+        if not self.any_times and (remark := undersampled(problem, self.nodes)) is not None:
+            return remark
         return unresolved(problem, max(getattr(self, "order", 2), 2)) if self.is_a_stable else None
 
     @property

@@ -16,7 +16,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
 from ..loads import Load
 from ..loads.base import forces_sampled
-from ..loads.terms import Function
+from ..loads.terms import Function, Sine
 from ..models.stack import SystemStack
 from .problem import IVP
 
@@ -74,6 +74,22 @@ def unresolved(problem: IVP, order: int) -> str | None:
         f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {lost.max():.6g} s does not "
         f"resolve: energy does not rise, but those modes are wrong; try step <= {order / rate:.1g}, or none: a "
         "tolerance begins with steps as short"
+    )
+
+
+def highest_frequency(load: Load) -> float:
+    """Return that of the sines of a load, Hz, 0 without any."""
+    return max((term.frequency for term in load.terms if isinstance(term, Sine)), default=0.0)
+
+
+def undersampled(problem: IVP, nodes: int) -> str | None:
+    """Return what to say of steps whose nodes see a sine of the load less than twice a period."""
+    fastest, h = highest_frequency(problem.load), problem.grid.longest
+    if not h * fastest > nodes / 2:
+        return None
+    return (
+        f"a sine of the load has {fastest:.6g} Hz, which step = {h:.6g} s does not resolve: another moment acts; try "
+        f"step <= {nodes / (20 * fastest):.1g}"
     )
 
 

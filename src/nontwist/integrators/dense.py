@@ -28,7 +28,7 @@ from .expansion import APART, RUN, kernel_of
 from .marching import PreparedMarch, intervals_in, states_in
 from .members import PerThread
 from .problem import IVP
-from .stack_march import Outputs, StackMarch
+from .stack_march import Outputs, StackMarch, march_of
 
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
 
@@ -54,7 +54,7 @@ class Dense:
         march = problem.marched
         if march is None:
             nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
-            march = StackMarch(replace(problem, asked=None, stored=nodes), scheme)
+            march = march_of(replace(problem, asked=None, stored=nodes), scheme)
         self.march, nodes = march, march.stored
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))

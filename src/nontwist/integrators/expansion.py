@@ -133,13 +133,6 @@ def body_of(run: View, i: Any) -> Body:
     return Body(*View(Body, run.bodies.shifted(i * run.body_stride)).read())
 
 
-def turned(p: Quaternion, x: Vector) -> Vector:
-    """Return Λ x."""
-    t = cross(p.vector, x) * 2.0
-    found: Vector = x + t * p[0] + cross(p.vector, t)
-    return found
-
-
 class Rooms:
     """Memory for both ends of steps, the same one after the other whenever an expansion is made again."""
 
@@ -250,9 +243,9 @@ class Expansion:
         if "mu" in names:
             found.append(now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1])
         if "moment" in names:
-            found += sum_of(None if now.own is None else turned(p, now.own), space)
+            found += sum_of(None if now.own is None else p.turned(now.own), space)
         if "dead" in names:
-            found += turned(p, now.still)
+            found += p.turned(now.still)
         if "work" in names:
             found.append(sum_of(*(None if x is None else now.W @ x for x in (now.own, now.push))))
         if not parts.reports:

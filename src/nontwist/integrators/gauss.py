@@ -229,8 +229,8 @@ def text_of(s: int, motion: str) -> Text:
     """Return the text of the steps of s stages for a motion."""
 
     def step(nodes: Nodes, state: State, alive: Any) -> Step:
-        n = nodes.parts.lanes  # of one body all stages are evaluated at once, but in texts that compute
-        y = Stages(nodes.memory, nodes.table, s, n, n, n == 1 and tracer() is not None)
+        n, t = nodes.parts.lanes, tracer()  # of one body all stages are evaluated at once, where there are vectors
+        y = Stages(nodes.memory, nodes.table, s, n, n, n == 1 and t is not None and t.has_vectors)
         return steady_step(nodes, state, y) if motion == "steady" else collocated(nodes, state, alive, y, motion)
 
     return Text(step, auxiliary=1, integrates=True, exchange=exchange)

@@ -1,7 +1,8 @@
 """Coefficients of Gauss collocation with s stages, order 2s, as the kernels take them.
 
-The nodes c_i are the zeros of the shifted Legendre polynomial, b_i the weights, a_ij the integrals of the Lagrange
-polynomial l_j from 0 to c_i. What an s-stage step with increments ``L_j = h b_j F_j`` computes is
+The nodes c_i are the zeros of the Legendre polynomial P_s on [0, 1], b_i the weights, a_ij the integrals of the
+Lagrange polynomial l_j from 0 to c_i. The P_k are orthogonal, so ``l_j = b_j Σ_k (2k + 1) P_k(c_j) P_k``, k < s, and
+``1/b_j = Σ_k (2k + 1) P_k(c_j)²``. What an s-stage step with increments ``L_j = h b_j F_j`` computes is
 
     Y_i = y_n + Σ μ_ij L_j,        y_{n+1} = y_n + Σ L_j,        μ_ij = a_ij / b_j.
 
@@ -33,38 +34,29 @@ from ..geometry.arrays import Array
 DIGITS = 60
 WIDTH, SQUARE = 8, 64  # stages that there is room for; matrices by columns
 TABLE = layout(nodes=WIDTH, weights=WIDTH, mu=SQUARE, guess=SQUARE, a=SQUARE, inverse=SQUARE, sums=WIDTH)
-
-Numbers = list[Decimal]
+Decimals = Any  # array
 
 
 @cache
 def table(order: int) -> Array:
     """Return the coefficients of an order, padded with zeros to `WIDTH` stages, in the places of `TABLE`."""
-    s = order // 2
+    s, found = order // 2, np.zeros(TABLE.size)
     with localcontext() as context:
         context.prec = DIGITS
-        c, b, a, l = _exact(s)
-        ahead = [[_value(l[j], 1 + c[k]) for j in range(s)] for k in range(s)]
-        guess = [[sum(a[i][k] * ahead[k][j] for k in range(s)) / b[j] for j in range(s)] for i in range(s)]
-        mu = [[a[i][j] / b[j] for j in range(s)] for i in range(s)]
-        slopes = [[(k + 1) * x for k, x in enumerate(l[j])] for j in range(s)]
-        inverse = [[_value(slopes[j], c[i]) / c[j] for j in range(s)] for i in range(s)]
-        sums = [sum(row) for row in inverse]
-    symplectic, rounded = _symplectic(np.array(mu, dtype=np.float64)), np.array(b, dtype=np.float64)
-    columns: Any = (zip(*matrix, strict=True) for matrix in (symplectic, guess, rounded * symplectic, inverse))
-    return _packed(_padded([c, b], 2), *(_padded(list(matrix), WIDTH) for matrix in columns), _padded([sums], 1))
-
-
-def _padded(rows: Any, count: int) -> Array:
-    """Return rows of numbers, with zeros so many rows of `WIDTH`."""
-    found = np.zeros((count, WIDTH))
-    found[: len(rows), : len(rows[0])] = np.array(rows, dtype=np.float64)
-    return found
-
-
-def _packed(*parts: Array) -> Array:
-    """Return the numbers of arrays one after the other, which nobody writes to."""
-    found: Array = np.concatenate([part.ravel() for part in parts])
+        c = _zeros(s)
+        odd = np.array(range(1, 2 * s, 2), dtype=object)[:, None]
+        P, slopes = _legendre(c, s)
+        at_nodes = odd * P[:s]
+        b = 1 / (at_nodes * P[:s]).sum(axis=0)
+        mu = np.concatenate([c[None], (P[2:] - P[: s - 1]) / (2 * odd[1:])]).T @ at_nodes
+        guess = mu * b @ _legendre(1 + c, s)[0][:s].T @ at_nodes
+        inverse = (np.eye(s, dtype=int) + c[:, None] * b * (slopes[:s].T @ at_nodes)) / c
+    symplectic = _symplectic(mu.astype(np.float64))
+    matrices = {"mu": symplectic, "guess": guess, "a": b.astype(np.float64) * symplectic, "inverse": inverse}
+    for name, rows in (matrices | {"nodes": c, "weights": b, "sums": inverse.sum(axis=1)}).items():
+        for j, column in enumerate(np.atleast_2d(rows.T)):
+            first = getattr(TABLE, name) + WIDTH * j
+            found[first : first + s] = column
     found.flags.writeable = False
     return found
 
@@ -97,36 +89,19 @@ def _symplectic(mu: Array) -> Array:
     return mu
 
 
-def _exact(s: int) -> tuple[Numbers, Numbers, list[Numbers], list[Numbers]]:
-    """Return nodes, weights, the integrals a_ij, and the coefficients of the polynomials l_j, lowest first."""
-    c = sorted((1 + _zero(s, i)) / 2 for i in range(s))
-    l = [_lagrange(c, j) for j in range(s)]
-    integrals = [[Decimal(0), *(x / (k + 1) for k, x in enumerate(p))] for p in l]
-    return c, [_value(p, Decimal(1)) for p in integrals], [[_value(p, x) for p in integrals] for x in c], l
-
-
-def _zero(s: int, i: int) -> Decimal:
-    """Return a zero of the Legendre polynomial of degree s by Newton's iteration."""
-    x = Decimal(float(np.cos(np.pi * (i + 0.75) / (s + 0.5))))
+def _zeros(s: int) -> Decimals:
+    """Return the zeros of P_s by Newton's iteration."""
+    x: Any = np.array([Decimal(float(y)) for y in (1 - np.cos(np.pi * (np.arange(s) + 0.75) / (s + 0.5))) / 2])
     for _ in range(8):
-        before, p = Decimal(1), x
-        for k in range(2, s + 1):
-            before, p = p, ((2 * k - 1) * x * p - (k - 1) * before) / k
-        x -= p * (x * x - 1) / (s * (x * p - before))
+        P, slopes = _legendre(x, s)
+        x = x - P[s] / slopes[s]
     return x
 
 
-def _lagrange(c: Numbers, j: int) -> Numbers:
-    found = [Decimal(1)]
-    for k, x in enumerate(c):
-        if k != j:
-            f = 1 / (c[j] - x)
-            found = [f * (high - x * low) for low, high in zip([*found, Decimal(0)], [Decimal(0), *found], strict=True)]
-    return found
-
-
-def _value(p: Numbers, x: Decimal) -> Decimal:
-    found = Decimal(0)
-    for coefficient in reversed(p):
-        found = found * x + coefficient
-    return found
+def _legendre(x: Decimals, s: int) -> tuple[Decimals, Decimals]:
+    """Return P_0 to P_s at some places, (s + 1, n), and their derivatives."""
+    P, slopes = [1 + 0 * x, 2 * x - 1], [0 * x, 2 + 0 * x]
+    for k in range(1, s):
+        P.append(((2 * k + 1) * P[1] * P[k] - k * P[k - 1]) / (k + 1))
+        slopes.append(slopes[k - 1] + 2 * (2 * k + 1) * P[k])
+    return np.array(P), np.array(slopes)

@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.known_steps import NODAL, Calls, Directions, Known, Step, Steps, Wanted
+from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, Step, Steps, Wanted, columns_of
 from ..engine.linearised import put_ends, sampled
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
@@ -39,10 +39,11 @@ from ..kernels.memory import View, doubles, flat, put, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
+from .gauss_newton import column_at, vectors_of_space
 from .gauss_stages import OVERFLOW, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
-CORRECTIONS, CLOSE, SAME = 20, 1e-9, 1e-6
+CORRECTIONS, CLOSE, SAME, ONES = 20, 1e-9, 1e-6, Vector(1.0, 1.0, 1.0)
 STATE = {"turn": 3, "velocity": 3}
 
 
@@ -69,30 +70,21 @@ def scratch_of(s: int, columns: int, slopes: int) -> int:
     return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
 
 
-def columns_of(s: int, wanted: Wanted) -> dict[str, int]:
-    """Return where the columns of the state and of the inputs wanted begin, and, as "", how many they are."""
-    found, place = dict[str, int](), 0
-    for name, size in (*STATE.items(), *wanted):
-        found[name] = place
-        place += size * (s if name in NODAL else 1)
-    return found | {"": place}
-
-
 @lru_cache
 def linearised(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
-    """Return the kernel that makes the matrices of `Steps` of s stages, with the columns of the inputs wanted."""
+    """Return the kernel that makes matrices of `Steps` of s stages, with the columns of the inputs wanted."""
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body = View(Body, b.body).read()
-        for first in loop(0, b.steps, parts.lanes):
+        for k in loop(0, smaller(LANES, b.steps - b.first), parts.lanes):
             steps = Collocation(s, motion, parts, wanted, b, body)
-            steps.gather(first)
+            steps.gather(b.first + k)
             for _ in when(any_of(steps.solve())):
                 b.failed = b.failed + 1
             for _ in when(any_of(steps.have_other_ends())):
                 b.failed = b.failed + 1
-            steps.differentiate(first)
+            steps.differentiate(k)
 
     return Kernel(kernel, "i8", parts.lanes)
 
@@ -102,7 +94,7 @@ class Collocation:
 
     def __init__(self, s: int, motion: str, parts: Parts, wanted: Wanted, b: View, body: Body) -> None:
         self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, dict(wanted), b, body
-        self.columns, n, self.table = columns_of(s, wanted), parts.lanes, b.table
+        self.columns, n, self.table = columns_of(6, wanted, s), parts.lanes, b.table
         self.calls = Calls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
         self._node_size = (size_of(Step) + self.calls.size) * n
@@ -240,33 +232,20 @@ class Collocation:
 
     def set_rows(self, has_inverse: bool) -> None:
         """Find the rows of the stages by their velocities, the vectors g, and U where it is asked for."""
-        s, a, h = self.s, self.scratches["a"], self.h
-        m = 3 * s
-        width = m + 3 + (m if has_inverse else 0)
+        s, m, a = self.s, 3 * self.s, self.scratches["a"]
+        vectors_of_space(self.stages, a, self.h, AXES, "V", (), ONES if has_inverse else None)
+        side = 2 * m if has_inverse else m
+
+        def block(i: Any, first: Any) -> Matrix:
+            return Matrix(*(column_at(a, i, side + 3, first + c) for c in range(3)))
+
         for i, stage in self.each():
-            V = h * stage.V
-            for r in range(3):
-                row = a.shifted((3 * i + r) * width)
-                for k in loop(m, width):
-                    row[k] = 0.0 * h
-                for j in loop(s):
-                    for c in range(3):
-                        row[3 * j + c] = 0.0 * h + (self.inverse(i, j) if c == r else 0.0)
-                for c in range(3):
-                    if c != r:
-                        row[3 * i + c] = row[3 * i + c] + cross(V, AXES[c])[r]
-                row[m + r] = 0.0 * h + self.sum(i)
-                if has_inverse:
-                    row[m + 3 + 3 * i + r] = 0.0 * h + 1.0
-        eliminate_once(a, m, width)
-        for i, stage in self.each():
-            rows = [a.shifted((3 * i + r) * width + m) for r in range(3)]
-            C = Matrix(*(Vector(*(row[k] for row in rows)) for k in range(3)))
+            C = block(i, side)
             self.put("C", i, C)
             for name, g in zip(self.names, self.plain.start, strict=True):
                 setattr(stage, name, g @ C)
             for j in loop(s if has_inverse else 0):
-                self.put("U", i * s + j, Matrix(*(h * vector_at(row, 3 + 3 * j) for row in rows)))
+                self.put("U", i * s + j, block(i, m + 3 * j).T)
 
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
@@ -329,7 +308,7 @@ class Collocation:
 
     # The end of the step.
 
-    def differentiate(self, first: Any) -> None:
+    def differentiate(self, place: Any) -> None:
         """Write the columns of the matrices."""
         inputs = tuple(name for name in self.wanted if name != "dead")
         has_dead = "dead" in self.wanted
@@ -344,13 +323,13 @@ class Collocation:
         self.set_gains()
         if has_dead and self.motion != "free":
             inputs = tuple(self.wanted)
-        self.emit(first, inputs, turn, True)
+        self.emit(place, inputs, turn, True)
         if has_dead and self.motion == "free":  # its direction is not kept under forces
             self.turn = self.turn_of_rows()
             turn = Turn(self)
             turn.set()
             self.set_gains()
-            self.emit(first, ("dead",), turn, False)
+            self.emit(place, ("dead",), turn, False)
 
     def turn_of_rows(self) -> Matrix:
         """Return C at the end as the rows have it, where the body turns about a line."""
@@ -383,7 +362,7 @@ class Collocation:
                 row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
                 put(self.scratches["gain"], row, 18 * j + 3 * o)
 
-    def emit(self, first: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
+    def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
         b, h, gain = self.b, self.h, self.scratches["gain"]
         places, outs = dict[str, int](), list[int]()
@@ -401,7 +380,7 @@ class Collocation:
         V = W - e.orbital(AXES) if self.parts.orbit else W
 
         def store(r: int, column: Any, x: Any) -> None:
-            b.out.store((r * b.width + column) * b.stride + first, x, self.parts.lanes)
+            b.out.store((r * b.width + column) * LANES + place, x, self.parts.lanes)
 
         for j in range(count):
             dV = tangent(V, j)

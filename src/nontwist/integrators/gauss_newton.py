@@ -66,12 +66,12 @@ def column_at(a: Any, i: Any, width: Any, column: Any, rows: int = 3) -> Vector:
 
 
 def vectors_of_space(
-    stages: Stages, a: Any, h: Any, starts: Sequence[Vector], turning: str, names: Sequence[str], k: Any = None
+    stages: Stages, a: Scratch, h: Any, starts: Sequence[Vector], turning: str, names: Sequence[str], k: Any = None
 ) -> None:
     """Solve for the vectors of space at the stages, which turn with the velocities there, and set their increments.
 
     Then `a` holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
-    given, and the vectors.
+    given (of each velocity, if it is 1), and the vectors.
     """
     s, m = stages.number, 3 * stages.number
     side = m if k is None else 2 * m
@@ -93,7 +93,7 @@ def vectors_of_space(
             a[at + 3 * i + r] = a[at + 3 * i + r] + 1.0
             for c, g in enumerate(starts):
                 a[at + side + c] = g[r]
-    eliminate_once(Scratch(a, 1), m, width)
+    eliminate_once(a, m, width)
     for i in loop(s):
         stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
         for c, name in enumerate(names):
@@ -106,7 +106,7 @@ def vectors_of_space(
 @rare
 def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
     """Set the increments of the axes by the velocities of the stages."""
-    vectors_of_space(stages, a, h, AXES, "W", TURN)
+    vectors_of_space(stages, Scratch(a, 1), h, AXES, "W", TURN)
 
 
 @part
@@ -166,7 +166,7 @@ class Residuals:
         if e.memory:
             e.memory.place()
         if e.start:
-            vectors_of_space(stages, self.turns, self.h, e.start, "V", e.names[1:], e.k)
+            vectors_of_space(stages, Scratch(self.turns, 1), self.h, e.start, "V", e.names[1:], e.k)
 
     def differentiate(self, v: Variables) -> None:
         """Set residuals and slopes at the stages, while all numbers are fine."""

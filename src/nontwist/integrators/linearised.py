@@ -1,13 +1,13 @@
 """The steps of a run, linearised: from a problem and its states at all nodes to the matrices of its steps.
 
-`tangents` chains them. All is done some steps at a time, so that what is in use is little,
-whatever the length of the run.
+`tangents` chains them. What acts is laid out some steps at a time, so that what is in use is little, whatever the
+length of the run; matrices are made within the kernels that multiply by them, `LANES` steps at a time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from ..engine.bodies import rows_of
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.known_steps import INPUTS, NODAL, STEPS, Step, places_of_directions
-from ..engine.linearised import CHAIN, LANES, forward_run, linearised
+from ..engine.known_steps import INPUTS, LANES, STEPS, Step, columns_of, places_of_directions
+from ..engine.linearised import CHAIN, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import BODY, address_of, put
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States, product
+from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
+from ..kernels.kernel import Kernel
 from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.base import is_called
@@ -68,6 +69,7 @@ class Entries(NamedTuple):
 
 
 Sampled = Callable[["Nodes"], Iterable[Entries]]
+Kept = NDArray[np.int64]
 
 
 class Nodes(NamedTuple):
@@ -87,8 +89,7 @@ class Nodes(NamedTuple):
         return np.repeat(np.arange(self.first, self.last), len(self.middles))
 
 
-# Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
-LARGEST, LONGEST = 2**14, 2048
+LONGEST = 2048  # steps that are laid out at a time
 
 
 def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
@@ -136,8 +137,6 @@ class Linearised:
 
     Attributes
     ----------
-    part : int
-        Steps whose matrices are made at a time.
     see_attitude : bool
         Whether what acts on the steps depends on the attitude.
 
@@ -178,25 +177,20 @@ class Linearised:
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
         self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
-        self.offsets, self.width = dict[str, int](), self.rows
-        for name, size in sizes:
-            self.offsets[name] = self.width
-            self.width += size * (s if name in NODAL else 1)
+        self.offsets = columns_of(self.rows, sizes, s)
+        self.width = self.offsets[""]
         table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
-            self._kernel: Any = linearised(scheme.text(parts.motion), parts, sizes)
+            self.make: Any = linearised(scheme.text(parts.motion), parts, sizes)
             self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
             if not called:
                 self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
-            self._kernel = scheme.linear(parts, sizes)
+            self.make = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
-        self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
-        self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
-        # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
-        put(block, STEPS, stages=s, width=self.width, stride=(self.part // LANES | 1) * LANES)
+        put(block, STEPS, stages=s, width=self.width)
         put(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
         self._varied = None
         if called:
@@ -206,26 +200,17 @@ class Linearised:
             put(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
             put(block, STEPS, sloped=sloped.address, seeds=seeds)
 
-    @cached_property
-    def entering(self) -> tuple[Array, Array]:
-        """The matrices that make what a march carries, of quaternions, scalar last, and of W."""
-        body, B = self._fixed, np.eye(3) if self.frame is None else self.frame
-        frame = np.roll(body[BODY.frame : BODY.dead], -1)
-        p = product(np.eye(4), np.broadcast_to(frame, (4, 4)))[:, [3, 0, 1, 2]].T
-        e, held = body[BODY.E : BODY.basis], np.array([1.0, 1.0, not self.axis.any()])
-        return p, (held * (e[[1, 2, 0]] + e[[2, 0, 1]] if self.rows == 6 else 1.0))[:, None] * B.T
+    def turned(self, x: Array, back: bool = False) -> Array:
+        """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
+        if self.frame is None:
+            return x
+        found, B = x.copy(), self.frame if back else self.frame.T
+        found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
+        return found
 
-    def turned(self, x: Array) -> Array:
-        """Return changes of states, (..., rows, count), in the frame of the matrices."""
-        return x if self.frame is None else _turned(x, self.frame.T)
-
-    def turned_back(self, x: Array) -> Array:
-        """Return changes in the frame of the matrices as changes in the body."""
-        return x if self.frame is None else _turned(x, self.frame)
-
-    def pieces(self, size: int, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of pieces of this size."""
-        return ranged(0, self.problem.steps, size, back)
+    def ranges(self, back: bool = False) -> list[tuple[int, int]]:
+        """Return the first and last steps of all pieces."""
+        return ranged(0, self.problem.steps, LONGEST, back)
 
     def nodes(self, first: int, last: int) -> Nodes:
         """Return the nodes of some steps."""
@@ -255,37 +240,41 @@ class Linearised:
         if self._varied is not None:
             self._varied.require_no_error()
 
-    def layouts(
-        self, count: int, entries: Sampled, back: bool = False, size: int | None = None
-    ) -> Iterator[tuple[StepLoads, Link]]:
-        """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`.
+    def pieces(
+        self, count: int = 0, entries: Sampled = lambda nodes: (), kept: Kept | None = None, back: bool = False
+    ) -> Iterator[Piece]:
+        """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
 
-        `size`: how many steps a part has, if not those whose matrices are made at a time.
+        `kept`: 1 for each step at whose end the state is kept, else 0.
         """
-        for first, last in self.pieces(LONGEST, back):
-            nodes = self.nodes(first, last)
-            loads = StepLoads(first, last, self.sampled(nodes))
-            link = link_of(self, count, entries(nodes), first, last, back)
-            for piece in ranged(first, last, size or self.part, back):
-                yield loads.part(*piece), link.part(*piece)
+        for ends in self.ranges(back):
+            nodes = self.nodes(*ends)
+            piece = piece_of(self, nodes, count, entries(nodes), back)
+            if kept is not None:
+                part = kept[nodes.first : nodes.last]
+                put(piece.chain, CHAIN, kept=part)
+                piece = piece._replace(alive=piece.alive | {"kept": part}, place=int(kept[: nodes.first].sum()))
+            yield piece
 
     def workspace(self) -> Workspace:
-        """Return memory for the matrices of a part."""
+        """Return memory for matrices."""
         return Workspace(self._block, self._scratch, self.width * self.rows)
 
-    def matrices(self, own: Workspace, loads: StepLoads, states: States) -> None:
-        """Make the matrices of some steps from the states at all nodes.
+    def run(self, kernel: Kernel, own: Workspace, piece: Piece, nodes: States, **arrays: Any) -> None:
+        """Let changes go through the steps of a piece, given the states at all nodes.
 
         Raises
         ------
         SimulationError
             The equations of a step are not solved again.
         """
-        loads.put(own.block, states.part(slice(loads.first, loads.last + 1)))
-        self._kernel(own.address)
+        piece = piece._replace(chain=piece.chain.copy())  # threads share pieces
+        piece.put(own.block, nodes)
+        kernel(piece.linked(own.block, **arrays))
         self.require_no_error()
         if own.block[STEPS.failed]:
-            t, h = float(self.problem.times(loads.first)), self.problem.step_at(loads.first)
+            k = piece.first + int(own.block[STEPS.first])
+            t, h = float(self.problem.times(k)), self.problem.step_at(k)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
@@ -307,12 +296,6 @@ def seeds_of(wanted: dict[str, int], called: Sequence[Term], changes: Sequence[C
     return found
 
 
-def _turned(x: Array, B: Array) -> Array:
-    found = x.copy()
-    found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
-    return found
-
-
 def turns_of(body: Array) -> dict[str, Array]:
     """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
     B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
@@ -328,62 +311,43 @@ def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]
     return found[::-1] if back else found
 
 
-class StepLoads(NamedTuple):
-    """Some steps, and what acts on them."""
+class Workspace:
+    """Memory for matrices, and the block of addresses that point there."""
+
+    def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
+        self.block = block.copy()
+        self._matrices, self._scratch = aligned(entries * LANES, empty=True), aligned(scratch, empty=True)
+        put(self.block, STEPS, out=self._matrices, workspace=self._scratch)
+
+
+class Piece(NamedTuple):
+    """Some steps, what acts on them, and how changes go through them: a block (`Chain`), and what it points to."""
 
     first: int
     last: int
-    arrays: dict[str, Array | None]
+    loads: dict[str, Array | None]
+    chain: NDArray[np.int64]
+    alive: dict[str, Any]
+    place: int = 0  # how many states are kept before
 
-    def part(self, first: int, last: int) -> StepLoads:
-        """Return some of these steps."""
-        found, count = dict[str, Array | None](), self.last - self.first
-        for name, array in self.arrays.items():
-            k = 0 if array is None else len(array) // count  # stages
-            found[name] = None if array is None else array[k * (first - self.first) : k * (last - self.first)]
-        return StepLoads(first, last, found)
-
-    def put(self, block: NDArray[np.int64], states: States | None = None) -> None:
-        """Write the addresses to a block, with the states at the ends of these steps."""
-        put(block, STEPS, **self.arrays, steps=self.last - self.first, failed=0)
-        if states is not None:
-            speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.arrays["sizes"])).min())
+    def put(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
+        """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""
+        put(block, STEPS, **self.loads, steps=self.last - self.first, failed=0)
+        if nodes is not None:
+            states = nodes.part(slice(self.first, self.last + 1))
+            speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.loads["sizes"])).min())
             ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
             put(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
 
-
-class Workspace:
-    """Memory for the matrices of a part, and the block of addresses that point there."""
-
-    def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
-        self.block, stride = block.copy(), int(block[STEPS.stride])
-        self.matrices, self._scratch = aligned(entries * stride, empty=True), aligned(scratch, empty=True)
-        put(self.block, STEPS, out=self.matrices, workspace=self._scratch)
-        self.address = self.block.ctypes.data
+    def linked(self, block: NDArray[np.int64], **arrays: Any) -> int:
+        """Write the addresses of the block of these steps, and of arrays, to the chain; return its own."""
+        put(self.chain, CHAIN, made=block, **arrays)
+        return address_of(self.chain)
 
 
-class Link(NamedTuple):
-    """How changes go through some steps: a block (`Chain`), the arrays that it points to, the first step."""
-
-    block: NDArray[np.int64]
-    alive: dict[str, Any]
-    first: int
-
-    def part(self, first: int, last: int) -> Link:
-        """Return what goes through some of these steps."""
-        block = self.block.copy()
-        block[CHAIN.steps] = last - first
-        block[CHAIN.begins] += 8 * (first - self.first) * (block[CHAIN.begins] > 0)
-        return Link(block, self.alive, first)
-
-    def put(self, **arrays: NDArray[Any]) -> int:
-        """Write the addresses of arrays to the block, and return its own."""
-        put(self.block, CHAIN, **arrays)
-        return address_of(self.block)
-
-
-def link_of(steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool) -> Link:
-    """Lay out what so many parameters do to steps, by their entries, for changes that are carried on, or `back`."""
+def piece_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Piece:
+    """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
+    first, last = nodes.first, nodes.last
     every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
     columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
     block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
@@ -401,8 +365,8 @@ def link_of(steps: Linearised, count: int, entries: Iterable[Entries], first: in
         arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
         arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
     put(block, CHAIN, **arrays, steps=last - first, padded=padded)
-    put(block, CHAIN, rows=steps.rows, width=steps.width, stride=steps._block[STEPS.stride])
-    return Link(block, arrays, first)
+    put(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
+    return Piece(first, last, steps.sampled(nodes), block, arrays)
 
 
 def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

@@ -165,18 +165,21 @@ def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array
     """
     first = load.rotor_momentum(begin)
     change = load.rotor_momentum(end) - first
-    found, h = np.empty((len(begin), len(middles), 6)), length[:, None, None]
+    found = np.empty((len(begin), len(middles), 6))
     found[:, :, :3] = first[:, None] + middles[:, None] * change[:, None]
     found[:, :, 3:] = (change / length[:, None])[:, None]
     if len(middles) > 1 and any(isinstance(one, Driven) for one in load.rotors):
         times = begin[:, None] + middles * length[:, None]
-        rate = load.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape)
-        A, b = coefficients(tuple(middles.tolist()))
-        rate -= np.einsum("j,njc->nc", b, rate)[:, None]  # what is left of it beside the chord
-        found[:, :, :3] += h * np.einsum("ij,njc->nic", A, rate)
-        found[:, :, 3:] += rate
+        found += beside_chord(load.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape), length, middles)
     found[:, :, :3] /= unit
     return found.reshape(-1, 6)
+
+
+def beside_chord(rate: Array, length: Array, middles: Array) -> Array:
+    """Return what is left of a momentum and its rate at the nodes of steps, (n, s, 6), beside its chord."""
+    A, b = coefficients(tuple(middles.tolist()))
+    rate = rate - np.einsum("j,njc->nc", b, rate)[:, None]
+    return np.concatenate([length[:, None, None] * np.einsum("ij,njc->nic", A, rate), rate], axis=2)
 
 
 @lru_cache

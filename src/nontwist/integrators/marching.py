@@ -29,14 +29,15 @@ from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
+from ..loads.wheels import Wheel
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .compiled import Compiled
-from .load_samples import WIDTHS
+from .load_samples import WIDTHS, beside_chord
 from .members import PerThread
 from .problem import IVP, Failure, Intervals, Outcome, Status
-from .stack_march import SAME, StackMarch, listed
-from .wheels import carrier
+from .stack_march import SAME, StackMarch, listed, march_of
+from .wheels import COMMANDED, carrier, commanded, places, work_of
 
 NONE = np.zeros(0)
 
@@ -58,7 +59,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     if not scheme.is_director_scheme:
         problem = tangent(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
-    todo = StackMarch(problem, scheme) if dense is None else dense.march
+    todo = march_of(problem, scheme) if dense is None else dense.march
     common, end = None, None
     if todo is not problem.marched:
         if problem.memory is not None:
@@ -66,11 +67,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
     failures = arrays["failures"]
-    good = np.full(len(problem), k)
+    good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 
     def alone(i: int) -> Outcome:
         """Return how a member ends that is marched once more, by itself: its load fails."""
-        return march(problem.member(i), 1, scheme)
+        return march(replace(problem.member(i), on_gpu=False), 1, scheme)
 
     if common is not None:
         running = failures[:, 0] == Status.OK
@@ -79,12 +80,11 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
-            failures[i, 0] = Status.LOAD if len(problem) == 1 else alone(i).failures[0, 0]
+            failures[i, 0] = Status.LOAD if is_one else alone(i).failures[0, 0]
         is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
         if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
-            is_one = len(problem) == 1
             reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
@@ -93,8 +93,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    turned = arrays["intervals"][..., first:, SUMS.turned : SUMS.twist] if todo.parts.turns else None
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, turned, todo)
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, todo)
 
 
 def tangent(problem: IVP) -> IVP:
@@ -128,7 +127,9 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Inte
     means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
     dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
     twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
-    return Intervals(*means, sums[..., SUMS.work], sums[..., SUMS.iterations].astype(np.int64), dead, twist)
+    turned = sums[..., SUMS.turned : SUMS.twist] if todo.parts.turns else None
+    iterations = sums[..., SUMS.iterations].astype(np.int64)
+    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, turned=turned)
 
 
 def _observed(todo: StackMarch) -> Array:
@@ -177,6 +178,7 @@ class PreparedMarch:
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
         means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
+        del means["turned"]  # of motors, which are not prepared
         return means | {"memory": arrays["states"] * self._factors}
 
     @property
@@ -200,6 +202,7 @@ class PreparedMarch:
 
 Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
+Wheels = tuple[tuple[float, ...], ...]  # of each its momentum, the work of its motor, and what friction has taken
 
 # What a step gives: the quaternion, scalar last; W; means μ and sum of the work over the step; the state as carried.
 NUMBERS = layout(quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
@@ -213,11 +216,18 @@ class SingleStep:
         self.system, self.load, self.step, self.scheme = system, load, step, scheme
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         if load.wheels:
-            system, load = carrier(system, load), load.without_wheels
+            kept = (one for one in load.terms if not (isinstance(one, Wheel) and one.is_driven))
+            system, load = carrier(system, load), commanded(Load(tuple(kept)))
+        self._driven = [k for k, one in enumerate(self.load.wheels) if one.is_driven]
+        self._locked = sum((one.locked for one in self.load.wheels), np.zeros((3, 3)))
+        self._axes = np.array([self.load.wheels[k].direction for k in self._driven]).reshape(-1, 3)
+        self._inertia = np.array([self.load.wheels[k].inertia for k in self._driven])[:, None]
+        self._own = [k for k, one in enumerate(self.load.wheels) if not one.is_driven]
         self.stack = IVP(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
-        has_rotors = bool(self.load.rotors or self.load.wheels)
-        march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors)
+        has_rotors = bool(self.load.rotors or self._driven)
+        known = {"turns": True} if self._driven else {}
+        march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors, **known)
         (parts,) = march.groups
         march.sample(parts, 0, 1)
         self._middles, self._called = march.stages[parts][1], march.called
@@ -239,6 +249,7 @@ class SingleStep:
         means, carried = at["intervals"], (at["states"], march.shapes["states"][1])
         rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), carried, (at["failures"], 1)
         self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
+        self._turned = slice(means + SUMS.turned, means + SUMS.twist)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
         # between is the kernel's to write, or zeros.
         self._written = _places((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
@@ -246,6 +257,11 @@ class SingleStep:
     def begin(self, problem: IVP) -> Numbers:
         """Return the numbers at the start of a problem; nothing but its body, start and memory is looked at."""
         march, director = self._march, self.scheme.is_director_scheme
+        if problem.internal is not None and self.load.wheels:
+            z, size = problem.internal[0].tolist(), sum(one.count for one in self.load.wheels)
+            starts = [place for one, place in places(self.load) if not one.is_driven]
+            own = [x for place in starts for x in (*z[place : place + 3], 0.0)] + z[size:]
+            problem = replace(problem, internal=np.array([own]) if own else None)
         march.begin(problem if director else tangent(problem))
         if problem.memory is not None:
             march.remember(problem.memory)
@@ -259,11 +275,11 @@ class SingleStep:
         number: int,
         body: Vector,
         space: Vector,
-        wheels: tuple[Array, Array] | None = None,
-    ) -> Numbers:
+        wheels: tuple[Wheels, Array] | None = None,
+    ) -> tuple[Numbers, Wheels]:
         """Take the step of this `number`, which begins `number` steps after `start`; `status` is 0 unless it failed.
 
-        `wheels` are the sum of their momenta at the beginning, (3,), and its rate.
+        `wheels` are what they have at the beginning, and torques beside those of the load.
 
         Raises
         ------
@@ -282,15 +298,47 @@ class SingleStep:
             for name, array, more in zip(WIDTHS, march.loads, found, strict=True):
                 if array is not None and more is not None:
                     array[...] = array + more if name in ("moving", "space") else more
-        if wheels is not None:
-            c, rate = wheels
-            rotor: Any = self._march.loads[4]
-            momenta = (c + np.outer(self._middles * self.step, rate)) / self._march.unit
-            own = np.column_stack([momenta, [rate] * self._count])
-            rotor[...] = own if not self.stack.load.rotors else rotor + own
-        self._written.pack_into(self._memory, 0, *numbers)
+        if wheels is None:
+            self._written.pack_into(self._memory, 0, *numbers)
+            self._run(self._address)
+            return self._read.unpack_from(self._memory), ()
+        return self._with_wheels(numbers, start + number * self.step, *wheels)
+
+    def _with_wheels(self, numbers: Numbers, t: float, begin: Wheels, torque: Array) -> tuple[Numbers, Wheels]:
+        """Take a step with wheels: the momenta of some are known beforehand, and others are internal states."""
+        march, h, wheels, given = self._march, self.step, self.load.wheels, list(numbers)
+        states = len(numbers) - 1 - 2 * march.load.internal_state.size
+        for i, k in enumerate(self._own):
+            given[states + COMMANDED * i + 3] = float(torque[k])
+        self._written.pack_into(self._memory, 0, *given)
+        times, own = np.array([t, t + h]), [wheels[k] for k in self._driven]
+        impulse = h * torque[self._driven] + [one.scale * np.diff(one.impulse(times))[0] for one in own]
+        momenta = np.array([begin[k][0] for k in self._driven])
+        if own:
+            c, rate = momenta @ self._axes, impulse / h @ self._axes
+            found = np.column_stack([c + np.outer(self._middles * h, rate), [rate] * self._count])
+            if self._count > 1 and any(one.times.size for one in own):
+                torques = np.array([one.scale * one.torque_at(t + self._middles * h) for one in own])
+                found += beside_chord((torques.T @ self._axes)[None], np.array([h]), self._middles)[0]
+            found[:, :3] /= march.unit
+            rotor: Any = march.loads[4]
+            rotor[...] = found if not self.stack.load.rotors else rotor + found
+            march.loads[0][...] = t + self._middles * h  # type: ignore[index]
         self._run(self._address)
-        return self._read.unpack_from(self._memory)
+        ended, ends = self._read.unpack_from(self._memory), list(begin)
+        W, V = np.array(numbers[4:7]), np.array(ended[4:7])
+        more = float((V - W) @ self._locked @ (V + W)) / 2  # what the wheels take, turning with the body
+        ended = (*ended[: NUMBERS.work], ended[NUMBERS.work] + more, *ended[NUMBERS.carried :])
+        for i, k in enumerate(self._own):
+            ends[k] = ended[states + COMMANDED * i :][:3]
+        if own:
+            slope = np.array([one.scale * one.slope_of_torque(times) for one in own])
+            along = self._axes @ march.arrays["quaternions"].base[self._turned].reshape(2, 3).T  # type: ignore[index]
+            reached = np.stack([momenta, momenta + impulse], axis=1)
+            works = work_of(self._inertia, times, reached, slope, impulse[:, None], along[:, :1], along[:, 1:])
+            for k, momentum, work in zip(self._driven, reached[:, 1].tolist(), works[:, 0].tolist(), strict=True):
+                ends[k] = momentum, begin[k][1] + work, 0.0
+        return ended, tuple(ends)
 
     def failure(self, number: int) -> Failure | None:
         """Return why the step just taken failed, None where it did not.

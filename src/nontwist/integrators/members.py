@@ -87,8 +87,7 @@ def one_by_one(march: Callable[[IVP], Outcome], problem: IVP, threads: int) -> O
     reasons = {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons}
     means = zip(*(one.intervals for one in members if one.intervals), strict=True)
     intervals = Intervals(*map(_joined, means)) if problem.intervals else None
-    turned = _joined(tuple(one.turned for one in members))
-    return Outcome(states, good, failures, reasons, intervals, turned=turned)
+    return Outcome(states, good, failures, reasons, intervals)
 
 
 def outcome_of(problem: IVP, march: March) -> Outcome:
@@ -102,10 +101,11 @@ def outcome_of(problem: IVP, march: March) -> Outcome:
     turned = None if march.turned is None else _padded(march.turned, k - 1, 0)
     iterations = None if march.newton_iterations is None else _padded(march.newton_iterations, k - 1, 0)
     is_known = problem.systems.axis is None or not (problem.load.potentials or problem.systems.has_dead_force)
-    intervals = Intervals(multipliers, moment, work, iterations, np.zeros(moment.shape) if is_known else None)
+    dead = np.zeros(moment.shape) if is_known else None
+    intervals = Intervals(multipliers, moment, work, iterations, dead, turned=turned)
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}
-    return Outcome(states, np.array([n]), failures, reasons, intervals, turned=turned)
+    return Outcome(states, np.array([n]), failures, reasons, intervals)
 
 
 def _padded(array: Any, length: int, value: float) -> NDArray[Any]:

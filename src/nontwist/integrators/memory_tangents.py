@@ -5,7 +5,8 @@ and Q the inverse of the carrier's inertia, across a constrained axis, the equat
 
     R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),
 
-u parameters of wheels. A step from x_n has stages ``X_i = x_n + k Σ a_ij G(X_j)``, k its length, and the end
+u parameters of wheels, and J_c, by which W' changes by ``Q (dJ_c W × W - dJ_c W')``. A step from x_n has stages ``X_i =
+x_n + k Σ a_ij G(X_j)``, k its length, and the end
 ``x_n + k Σ b_j G(X_j)``. Derivatives of both obey the same equations, linear, with ∂G/∂x and ∂G/∂u at the stages:
 
     dX_i = dx_n + k Σ a_ij (G_x dX_j + G_u du),        dx_{n+1} = dx_n + k Σ b_j (G_x dX_j + G_u du).
@@ -35,7 +36,7 @@ from ..loads.terms import Damping, OfTime, Rotor
 from ..loads.wheels import Wheel
 from .base import SimulationError, Status
 from .compiled import Compiled
-from .gauss_coefficients import TABLE, WIDTH, table
+from .gauss_coefficients import matrix, nodes, weights
 from .linearised import ranged
 from .load_samples import as_marched, at_nodes
 from .problem import IVP
@@ -45,8 +46,8 @@ AXES = np.eye(3)
 MOST = 2**20  # numbers of the matrices that are made at a time
 ITERATIONS, CLOSE, NEAR = 30, 1e-11, 1e-6  # of Newton's; the last change; how near an end is to the one that is known
 ROWS, ATTITUDE = 12, 9  # numbers of R and W, of R
-FIELDS = ("speed", "torque", "viscous")  # of wheels
-NAMES = "material_angular_velocity, rotation, and speed, torque and viscous of wheels"
+FIELDS = ("speed", "torque", "viscous", "inertia", "wheel")  # of wheels
+NAMES = f"material_angular_velocity, rotation, inertia, principal_inertia, and {', '.join(FIELDS)} of wheels"
 
 
 def require_derivatives(problem: IVP) -> None:
@@ -69,7 +70,8 @@ class RememberingSteps:
     ----------
     problem : IVP
     scheme : `gauss`
-    parameters : pairs of a wheel's number and the name of a field, None: of the start
+    parameters : a wheel's number, the name of a field, and the component; None: of the start or the body
+    inertias : (count, 3, 3) array, changes of J_c by the parameters
 
     Attributes
     ----------
@@ -77,14 +79,15 @@ class RememberingSteps:
         Numbers of a change: δ, W, z.
     """
 
-    def __init__(self, problem: IVP, scheme: Compiled, parameters: list[tuple[int, str] | None]) -> None:
+    def __init__(
+        self, problem: IVP, scheme: Compiled, parameters: list[tuple[int, str, int] | None], inertias: Array
+    ) -> None:
         require_derivatives(problem)
-        self.problem, self.parameters = problem.member(0), parameters
+        self.problem, self.parameters, self.inertias = problem.member(0), parameters, inertias
         systems, load = as_marched(self.problem, False)
-        load, known = with_moments(load), table(scheme.order)
-        s = self.s = scheme.order // 2
-        self.c, self.b = known[TABLE.nodes : TABLE.nodes + s], known[TABLE.weights : TABLE.weights + s]
-        self.a = known[TABLE.a : TABLE.a + WIDTH * WIDTH].reshape(WIDTH, WIDTH)[:s, :s].T
+        load, self.s = with_moments(load), scheme.order // 2
+        self.c, self.b = nodes(scheme.order), weights(scheme.order)
+        self.a = self.b * matrix(scheme.order)
         found = list(places(load))
         self.wheels = [one.unscaled for one, _ in found]
         self.rest = [term for term in load.remembering if not isinstance(term, Wheel)]
@@ -112,11 +115,14 @@ class RememberingSteps:
         R, W, z = [Vector(*y[3 * k : 3 * k + 3]) for k in range(3)], Vector(*y[ATTITUDE:ROWS]), y[ROWS:]
         time, *known = (Dual(x, [0.0] * count) for x in (t, *given.T))
         moving, push, rotor = (Vector(*known[3 * k : 3 * k + 3]) for k in range(3))
+        unit = [[float(self.size + j == k) for k in range(count)] for j in range(len(self.parameters))]
+        changes = [(dJ, Dual(0.0 * t, unit[j])) for j, dJ in enumerate(self.inertias) if dJ.any()]
         total, rates = Vector(*(Vector(*row) @ W for row in self.J)) + rotor, list[Any]()
+        total = total + sum((Vector(*(Vector(*row) @ W for row in dJ)) * by for dJ, by in changes), 0.0 * W)
         torque = moving - Vector(*(Vector(*row) @ W for row in self.damping))
         for k, (wheel, h) in enumerate(zip(self.wheels, z, strict=False)):
-            own, n = wheel._copy(**self._seeded(k, wheel, 0.0 * t, count)), Vector(*wheel.direction)
-            (rate, *_) = own.responses(_called, time, (h,), None, W)[1]
+            own = wheel._copy(**self._seeded(k, wheel, 0.0 * t, unit))
+            n, (rate, *_) = Vector(*own.wheel), own.responses(_called, time, (h,), None, W)[1]
             total, torque, rates = total + h * n, torque - rate * n, [*rates, rate]
         first = len(self.wheels)
         for term in self.rest:
@@ -134,7 +140,9 @@ class RememberingSteps:
             push[0] * cross(R[1], R[2]) + push[1] * cross(R[2], R[0]) + push[2] * cross(R[0], R[1])
         )
         turning = [c for row in R for c in cross(row, W)]
-        made = [*turning, *(Vector(*row) @ torque for row in self.Q), *rates]
+        rate_of_W = Vector(*(Vector(*row) @ torque for row in self.Q))
+        taken = sum((Vector(*(Vector(*row) @ rate_of_W for row in self.Q @ dJ)) * by for dJ, by in changes), 0.0 * W)
+        made = [*turning, *(rate_of_W - taken), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
         slopes = np.zeros((len(t), self.size, count))
         for i, one in enumerate(made):
@@ -142,14 +150,21 @@ class RememberingSteps:
                 slopes[:, i, j] = d
         return values, slopes
 
-    def _seeded(self, number: int, wheel: Wheel, zeros: Array, count: int) -> dict[str, Dual]:
+    def _seeded(self, number: int, wheel: Wheel, zeros: Array, units: list[list[float]]) -> dict[str, Any]:
         """Return the fields of a wheel that are parameters, as duals."""
-        found = dict[str, Dual]()
-        for j, one in enumerate(self.parameters):
-            if one is not None and one[0] == number and one[1] != "speed":
-                factor = self.scales[number] if one[1] == "torque" else 1.0
-                unit = [factor * (self.size + j == k) for k in range(count)]
-                found[one[1]] = Dual(zeros + getattr(wheel, one[1]), unit)
+        found = dict[str, Any]()
+        for one, unit in zip(self.parameters, units, strict=True):
+            if one is None or one[0] != number or one[1] == "speed":
+                continue
+            name, k = one[1:]
+            if name == "wheel":  # of a change of the axis counts what is across it
+                n = wheel.direction
+                across = (np.eye(3) - np.outer(n, n))[k].tolist()
+                known = found.get(name, [Dual(zeros + x, [0.0] * len(unit)) for x in n.tolist()])
+                found[name] = [x + c * Dual(zeros, unit) for x, c in zip(known, across, strict=True)]
+            else:
+                factor = self.scales[number] if name == "torque" else 1.0
+                found[name] = Dual(zeros + getattr(wheel, name), [factor * x for x in unit])
         return found
 
     # ---- steps
@@ -164,15 +179,15 @@ class RememberingSteps:
         problem, s, q, n = self.problem, self.s, self.size, last - first
         k = np.arange(first, last)
         h = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(n)
-        times, nodes = problem.nodes(k, self.c), slice(first, last + 1)
+        times, ends = problem.nodes(k, self.c), slice(first, last + 1)
         moving, space = self.load.sample(times, "body"), self.load.sample(times, "space")
         rotor = np.zeros((n * s, 6))
         if self.load.rotors:
             rotor = at_nodes(self.load, problem.times(k), problem.times(k + 1), h, self.c, 1.0)
         given = np.concatenate([moving - rotor[:, 3:], space, rotor[:, :3]], axis=1)
-        R, z = attitudes(states.quaternion[nodes]), states.internal
+        R, z = attitudes(states.quaternion[ends]), states.internal
         assert z is not None
-        known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[nodes], z[nodes][:, self.columns]], axis=1)
+        known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[ends], z[ends][:, self.columns]], axis=1)
         X = known[:-1, None] + self.c[:, None] * np.diff(known, axis=0)[:, None]
         ah = h[:, None, None] * self.a
         speed = max(abs(states.velocity).max(), 1 / float(problem.t_end - problem.t_start))
@@ -224,9 +239,19 @@ class RememberingSteps:
         for k, wheel in enumerate(self.wheels):
             found[6 + k] = wheel.inertia * (wheel.direction @ first[3:6])
             for j, one in enumerate(self.parameters):
-                if one == (k, "speed"):
-                    found[6 + k, j] += wheel.inertia * self.scales[k]
+                if one is not None and one[0] == k:
+                    found[6 + k, j] += self._change_at_start(k, *one[1:])
         return found
+
+    def _change_at_start(self, number: int, name: str, k: int) -> float:
+        """Return the change of h at the start by a field of its wheel, or by a component of its axis."""
+        wheel, W = self.wheels[number], self.problem.velocity[0]
+        n = wheel.direction
+        if name == "speed":
+            return wheel.inertia * self.scales[number]
+        if name == "inertia":
+            return float(wheel.speed + n @ W)
+        return wheel.inertia * float(W[k] - n[k] * (n @ W)) if name == "wheel" else 0.0
 
     def forward(self, states: States, start: Array, directions: Array, kept: NDArray[np.int64]) -> Array:
         """Return the changes of attitude and W at the ends of the kept steps, (kept, 6, count)."""

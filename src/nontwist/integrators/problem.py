@@ -6,7 +6,7 @@ anywhere, over any number of threads, and each member has the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ OBSERVED = {
 }
 COLUMNS = sum(OBSERVED.values())
 FIRST, LEAST, MOST, INTEGRAL = range(4)
+MEANS = "multipliers", "moment", "dead_moment"  # of intervals
 
 
 class Failure(NamedTuple):
@@ -69,6 +70,7 @@ class IVP(OnGrid):
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
     stretches: Stretches | None = None
+    on_gpu: bool = False  # whether an ensemble is marched on a GPU
     internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
     marched: Any = None  # the `Outcome.march` of this problem without output times, where all nodes are known already
 
@@ -112,7 +114,7 @@ class IVP(OnGrid):
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> IVP:
         arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
-        return replace(self, systems=systems, progress=None, marched=None, **parts, **changes)
+        return replace(self, systems=systems, progress=None, marched=None, on_gpu=False, **parts, **changes)
 
     def failed(self, states: int, status: Status, reason: str) -> Failure:
         """Return the failure of the step, or after the asked time, that follows so many good `states`."""
@@ -140,7 +142,7 @@ class March(NamedTuple):
     load_work: Array  # (n,)
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
-    turned: Array | None = None  # (n, 6) as in `Outcome`
+    turned: Array | None = None  # (n, 6) as in `Intervals`
 
     @property
     def means(self) -> Intervals:
@@ -158,29 +160,33 @@ class Intervals(NamedTuple):
     dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
     twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
     dissipated_energy: Array | None = None  # (m, n) J, what dry friction takes
+    turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt, for the work of motors and of dry friction
 
     @property
     def of_one(self) -> dict[str, Any]:
-        """The fields of one body."""
-        return {name: None if array is None else array[0] for name, array in self._asdict().items()}
+        """The fields of one body, but for what works are made of."""
+        known = self._replace(turned=None)._asdict()
+        return {name: None if array is None else array[0] for name, array in known.items() if name != "turned"}
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""
         n, by = len(lengths), lengths[:, None]
-        dead = () if self.dead_moment is None else (by * self.dead_moment[:, :n],)
-        twist = () if self.twist is None else (self.twist[:, :n, None],)
-        taken = () if self.dissipated_energy is None else (self.dissipated_energy[:, :n, None],)
-        own = by * self.multipliers[:, :n], by * self.moment[:, :n], self.load_work[:, :n, None]
-        return np.concatenate([*own, *dead, *twist, *taken], axis=2)
+        return np.concatenate([by * x[:, :n] if name in MEANS else x[:, :n] for name, x in self._columns()], axis=2)
 
     def of_integrals(self, integrals: Array, lengths: Array, iterations: NDArray[np.int64] | None) -> Intervals:
         """Return other intervals from columns as `integrals` returns them, and iterations (m, n)."""
-        c, by = self.multipliers.shape[2], lengths[:, None]
-        dead = None if self.dead_moment is None else integrals[..., c + 4 : c + 7] / by
-        taken = None if self.dissipated_energy is None else integrals[..., -1]
-        twist = None if self.twist is None else integrals[..., -1 if taken is None else -2]
-        means = integrals[..., :c] / by, integrals[..., c : c + 3] / by, integrals[..., c + 3]
-        return Intervals(*means, iterations, dead, twist, taken)
+        found, first, by = dict[str, Any](newton_iterations=iterations), 0, lengths[:, None]
+        for name, x in self._columns():
+            own = integrals[..., first : first + x.shape[2]]
+            found[name] = own / by if name in MEANS else own if getattr(self, name).ndim == 3 else own[..., 0]
+            first += x.shape[2]
+        return Intervals(**found)
+
+    def _columns(self) -> Iterator[tuple[str, Array]]:
+        """Yield the names of what is summed, and the columns, (m, n, ...)."""
+        for name, x in self._asdict().items():
+            if x is not None and name != "newton_iterations":
+                yield name, x if x.ndim == 3 else x[..., None]
 
 
 class Outcome(NamedTuple):
@@ -194,7 +200,6 @@ class Outcome(NamedTuple):
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
     memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
-    turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt over intervals, for the work of motors (`wheels`)
     march: Any = None  # what found them, from which others can be found between nodes
 
     def times(self, problem: IVP) -> Array:
@@ -213,7 +218,7 @@ class Outcome(NamedTuple):
             good = np.searchsorted(places, self.good - 1) + 1
             places[good[0] - 1] = self.good[0] - 1
         states = States(*(None if array is None else array[:, places] for array in self.states))  # type: ignore[arg-type]
-        found, own = self._replace(states=states, good=good, intervals=None, turned=None), self.intervals
+        found, own = self._replace(states=states, good=good, intervals=None), self.intervals
         if not problem.intervals or own is None or not k:
             return found
         sums, used = own.integrals(np.diff(times)), own.newton_iterations

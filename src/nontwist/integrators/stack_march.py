@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
-from ..engine.marching import kernel_of
+from ..engine.marching import Text, kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, put, side_by_side, spans
 from ..engine.workspace import enter
@@ -75,7 +75,7 @@ class StackMarch:
         known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
         z = self.load.internal_state
         known["memory"] = z.size
-        known["turns"] = stack.intervals and self.load.drives
+        known.setdefault("turns", stack.intervals and self.load.drives)
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
         self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
         self.group = np.broadcast_to(group, m)
@@ -123,9 +123,17 @@ class StackMarch:
 
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
+        return kernel_of(*self.made_for(parts, width, **changes))
+
+    def made_for(self, parts: Parts, width: int, **changes: Any) -> tuple[Text, Parts]:
+        """Return the text that marches a group, so many at a time, and the parts that it is for."""
         nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
-        parts = parts._replace(coasts=coasts, **changes)
-        return kernel_of(self.scheme.text(parts.motion), parts._replace(lanes=width, nodes=nodes))
+        return self.scheme.text(parts.motion), parts._replace(coasts=coasts, lanes=width, nodes=nodes, **changes)
+
+    def addresses(self, parts: Parts, width: int, has_outputs: bool) -> dict[str, int]:
+        """Return the addresses of what carries out a list of calls: of what marches a group and, to outputs, apart."""
+        found = {"kernel": self.kernel(parts, width).address}
+        return found | ({"side": self.kernel(parts, width, observes=False).address} if has_outputs else {})
 
     def begin(self, stack: IVP) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -346,17 +354,29 @@ class StackMarch:
         """Return the kernel that carries out a list of calls."""
         return carry_out_outputs(self.parts._replace(lanes=width)) if todo.has_outputs else carry_out
 
+    def room(self, width: int) -> int:
+        """Return the numbers of the workspace of so many members."""
+        each, shared = self.needs.scratch(self.parts.memory)
+        return int(width * (WORK.size + self.parts.room + each) + shared)
+
     def laid(
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * self.shapes["states"][1])
-        each, shared = self.needs.scratch(self.parts.memory)
-        each += self.parts.room
-        workspace = aligned(width * (WORK.size + each) + shared)
+        workspace = aligned(self.room(width))
         put(head, CALLS, scratch=scratch)
         put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
+
+
+def march_of(stack: IVP, scheme: Compiled) -> StackMarch:
+    """Return the march of a stack, on a GPU where that is asked for."""
+    if not stack.on_gpu:
+        return StackMarch(stack, scheme)
+    from .gpu import GpuMarch
+
+    return GpuMarch(stack, scheme)
 
 
 RESOLVED = 4  # units in the last place of a time within which an output is at a node
@@ -407,6 +427,7 @@ class Listed(NamedTuple):
     head: Rows
     arrays: tuple[Any, ...]
     has_outputs: bool
+    parts: Parts
 
 
 def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, rows: Rows | None = None) -> Listed:
@@ -419,13 +440,13 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     alive: tuple[Any, ...] = ()
     if has_outputs:
         rows, rates, alive = _with_outputs(march, parts, first, last, coasting)
-        put(head, CALLS, side=march.kernel(parts, width, observes=False).address, rates=rates)
+        put(head, CALLS, rates=rates)
         alive = rates, alive
     elif rows is None:
         rows = legs(march, first, last, coasting)
-    kernel = march.kernel(parts, width).address
-    put(head, CALLS, kernel=kernel, calls=len(rows), rows=rows, guesses=march.guesses.start)
-    return Listed(head, (rows, alive), has_outputs)
+    put(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
+    put(head, CALLS, **march.addresses(parts, width, has_outputs))
+    return Listed(head, (rows, alive), has_outputs, parts)
 
 
 def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: Any) -> Rows:

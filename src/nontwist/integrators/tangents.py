@@ -10,21 +10,17 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..engine.known_steps import STEPS
-from ..engine.linearised import LANES, ForwardRun, chain_back, chain_forward, grow
-from ..engine.linearised import Growth as Block
-from ..engine.records import STATE, State, side_by_side
+from ..engine.known_steps import LANES, STEPS
+from ..engine.linearised import TOGETHER, ForwardRun, chain_back, chain_forward, grow
+from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import LONGEST, Entries, Linearised, Nodes, Sampled, StepLoads, Workspace
+from .linearised import Entries, Kept, Linearised, Nodes, Piece, Sampled, Workspace
 from .members import PerThread
-
-Kept = NDArray[np.int64]
 
 
 def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
@@ -32,18 +28,13 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
 
     `start` is the change of the first one, (rows, count), `kept` an array of 0 and 1, one for each step.
     """
-    count = start.shape[1]
+    count, own = start.shape[1], steps.workspace()
     padded = -(-count // LANES) * LANES
-    x, own = aligned(steps.rows, padded), steps.workspace()
+    x, found = aligned(steps.rows, padded), aligned(int(kept.sum()), 6, padded, empty=True)
     x[:, :count] = steps.turned(start)
-    found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
-    run = chain_forward(steps.rows)
-    for loads, link in steps.layouts(count, entries):
-        steps.matrices(own, loads, states)
-        part = kept[loads.first : loads.last]
-        run(link.put(matrices=own.matrices, state=x, kept=part, states=found[done:]))
-        done += int(part.sum())
-    return steps.turned_back(found[:, :, :count])
+    for piece in steps.pieces(count, entries, kept):
+        steps.run(chain_forward(steps.rows), own, piece, states, state=x, states=found[piece.place :])
+    return steps.turned(found[:, :, :count], back=True)
 
 
 def back(
@@ -54,15 +45,12 @@ def back(
     `slopes` are those by the states at the ends of the kept steps, (kept, 6).
     """
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
-    found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
+    found = np.zeros(-(-count // LANES) * LANES)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
-    run = chain_back
-    for loads, link in steps.layouts(count, entries, back=True):
-        steps.matrices(own, loads, states)
-        part = kept[loads.first : loads.last]
-        left -= int(part.sum())
-        run(link.put(matrices=own.matrices, state=x, scratch=scratch, kept=part, states=slopes[left:], found=found))
-    return steps.turned_back(x[:, None])[:, 0], found[:count]
+    for piece in steps.pieces(count, entries, kept, back=True):
+        arrays = {"state": x, "scratch": scratch, "states": slopes[piece.place :], "found": found}
+        steps.run(chain_back, own, piece, states, **arrays)
+    return steps.turned(x[:, None], back=True)[:, 0], found[:count]
 
 
 class PreparedTangents:
@@ -78,9 +66,9 @@ class PreparedTangents:
     """
 
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
-        self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
+        self._steps, self._pieces, self._kept = steps, list(steps.pieces(count, entries, kept)), int(kept.sum())
         self._count, self._threads = count, PerThread(lambda: (None,) * 6)
-        self._run, self._kernel = chain_forward(steps.rows).function, steps._kernel.function
+        self._run = chain_forward(steps.rows).function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
         """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
@@ -92,35 +80,32 @@ class PreparedTangents:
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
         scale[0], x[:, : self._count] = factor, self._steps.turned(start)
-        for block, address, link, refresh in calls:
+        for block, chain, refresh in calls:
             if self._steps.is_called:
                 refresh()
-            self._kernel(address)
+            self._run(chain)
             self._steps.require_no_error()
             if block[STEPS.failed]:
                 block[STEPS.failed] = 0
                 return None
-            self._run(link)
         changes: Array = np.empty((1 + len(found), *start[:6].shape))
-        changes[0], changes[1:] = start[:6], self._steps.turned_back(found[:, :, : self._count])
+        changes[0], changes[1:] = start[:6], self._steps.turned(found[:, :, : self._count], back=True)
         return changes
 
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
-        found, done = aligned(int(self._kept.sum()), 6, padded, empty=True), 0
+        found = aligned(self._kept, 6, padded, empty=True)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for loads, link in self._parts:
-            block, part = own.block.copy(), self._kept[loads.first : loads.last]
-            refresh = partial(loads.put, block, states.part(slice(loads.first, loads.last + 1)))
+        for piece in self._pieces:
+            block = own.block.copy()
+            refresh = partial(piece.put, block, states)
             refresh()
             block[STEPS.factor] = scale.ctypes.data
-            link = link._replace(block=link.block.copy())
-            at = link.put(matrices=own.matrices, state=x, kept=part, states=found[done:])
-            calls.append((block, block.ctypes.data, at, refresh))
-            alive.append((link, part))
-            done += int(part.sum())
+            piece = piece._replace(chain=piece.chain.copy())
+            calls.append((block, piece.linked(block, state=x, states=found[piece.place :]), refresh))
+            alive.append(piece)
         return states, x, found, scale, calls, (own, alive)
 
 
@@ -135,18 +120,18 @@ class ForwardTangents:
     def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
         self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
-        self._steps, self._kept, side = steps, kept, machine_code.lanes()
+        self._steps, self._kept, side = steps, int(kept.sum()), machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
         def entries_of(nodes: Nodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
-        self._parts = list(steps.layouts(self._count, entries_of, size=LONGEST))
-        arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("used", "own_columns")]
+        self._pieces = list(steps.pieces(self._count, entries_of, kept))
+        arrays = [piece.alive.get(name, ()) for piece in self._pieces for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
-        self._start, self._entering = self._parted(start), steps.entering
+        self._start = self._parted(start)
         self._threads = PerThread(self._workspace)
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
@@ -161,9 +146,8 @@ class ForwardTangents:
         """
         x, state, found, turns, scale, calls, _ = self._threads.own
         first, seen, turned = self._start if start is None else self._parted(start)
-        scale[0], state[:], (of_p, of_W) = factor, 0.0, self._entering
-        state[STATE.p : STATE.s] = state[-4:] = of_p @ p
-        state[STATE.s : STATE.compensation], x[: len(seen), : self._count] = of_W @ W, seen
+        scale[0], state[:], x[: len(seen), : self._count] = factor, 0.0, seen
+        state[-7:-3], state[-3:] = p, W
         for block, address in calls:
             self._kernel(address)
             if block[STEPS.failed]:
@@ -180,29 +164,25 @@ class ForwardTangents:
 
     def _workspace(self) -> Any:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
-        steps, rows, count = self._steps, self._steps.rows, int(self._kept.sum())
+        steps, rows, count = self._steps, self._steps.rows, self._kept
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
-        state, turns = aligned(size_of(State) + 4), np.zeros((count, 3, 3))
-        found, done, scale = aligned(count, 6, self._padded, empty=True), 0, np.ones(1)
+        state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
+        found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for loads, link in self._parts:
+        for piece in self._pieces:
             fixed[rows:] = 0.0
-            fixed[link.alive["used"], : self._count] = link.alive["changes"][:, : self._count]
-            block, part = own.block.copy(), self._kept[loads.first : loads.last]
-            loads.put(block)
+            fixed[piece.alive["used"], : self._count] = piece.alive["changes"][:, : self._count]
+            block = own.block.copy()
+            piece.put(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[done:], link.put(kept=part)
-            head.first, head.turns = state[-4:], turns[done:]
+            head.padded, head.found, head.chain = self._padded, found[piece.place :], piece.linked(block)
+            head.first, head.is_first, head.turns = state[-7:], int(piece.first == 0), turns[piece.place :]
             calls.append((block, head.address))
-            alive.append((head, link, part))
-            done += int(part.sum())
+            alive.append((head, piece))
         x[:] = fixed
         return x, state, found, turns, scale, calls, (own, alive)
-
-
-TOGETHER = 32  # steps between two orthonormalisations
 
 
 class Growth:
@@ -224,22 +204,17 @@ class Growth:
         self.count = first.shape[1]
         random = np.random.default_rng(0).normal(size=(self.count, self.count))
         self._first = first @ np.linalg.qr(random)[0]  # along nothing in particular
-        self._pieces: list[StepLoads] | None = None
+        self._pieces: list[Piece] | None = None
 
     def keep(self) -> Growth:
         """Keep what acts on the steps, for many runs, and return this."""
-        self._pieces = list(self._acting())
+        self._pieces = list(self._steps.pieces())
         return self
-
-    def _acting(self) -> Iterator[StepLoads]:
-        steps = self._steps
-        return (StepLoads(*piece, steps.sampled(steps.nodes(*piece))) for piece in steps.pieces(steps.part))
 
     @cached_property
     def times(self) -> Array:
         """The times at which changes are orthonormal again, s."""
-        pieces = self._steps.pieces(self._steps.part)
-        ends = [np.append(np.arange(first + TOGETHER, last, TOGETHER), last) for first, last in pieces]
+        ends = [np.append(np.arange(k + TOGETHER, last, TOGETHER), last) for k, last in self._steps.ranges()]
         return self._steps.problem.times(np.concatenate(ends))
 
     def sums(self, states: States, own: Workspace) -> Array:
@@ -260,27 +235,14 @@ class Growth:
         steps, k = self._steps, self.count
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
-        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(steps.rows,), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units**2
+        arrays, at = side_by_side(state=(steps.rows, LANES), weights=(6,), metric=(6, 6), normal=(steps.rows,))
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units[:6] ** 2
+        B = np.eye(3) if steps.frame is None else steps.frame
+        T = np.array([[(B @ dN @ B.T)[e] for dN in BASIS] for e in ENTRIES])  # to entries in the body
+        arrays["metric"][:] = T.T @ T / fastest**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
-        lengths, done, run = np.empty((len(self.times), k)), 0, grow(steps.rows)
-        block = view_of(Block)
-        block.width, block.stride, block.changes, block.every = steps.width, own.block[STEPS.stride], k, TOGETHER
-        block.matrices = own.matrices
-        for name, place in at.items():
-            setattr(block, name, place)
-        for loads in self._pieces or self._acting():
-            steps.matrices(own, loads, states)
-            if steps.rows > 6 and steps.frame is not None:  # changes of N count by its entries in the body
-                turn_normals(own.matrices.reshape(steps.rows, steps.width, -1), steps.frame)
-            block.steps, block.lengths = loads.last - loads.first, lengths[done:]
-            run(block.address)
-            done += -(-(loads.last - loads.first) // TOGETHER)
+        lengths, done = np.empty((len(self.times), k)), 0
+        for piece in self._pieces or steps.pieces():
+            steps.run(grow(steps.rows), own, piece, states, grown=k, lengths=lengths[done:], **at)
+            done += -(-(piece.last - piece.first) // TOGETHER)
         return np.cumsum(np.log(lengths), axis=0)
-
-
-def turn_normals(matrices: Array, B: Array) -> None:
-    """Turn what matrices (rows, columns, steps) do to N, and by N, from the frame of the columns of B to the body."""
-    T = np.stack([np.array([(B @ dN @ B.T)[e] for e in ENTRIES]) for dN in BASIS], axis=1)
-    matrices[:, 6:12] = np.einsum("rck,cd->rdk", matrices[:, 6:12], np.linalg.inv(T))
-    matrices[6:12] = np.einsum("dr,rck->dck", T, matrices[6:12])

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -21,12 +22,12 @@ from numpy.polynomial.legendre import leggauss
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes
 from ..loads import Load
-from ..loads.terms import chord
 from ..loads.wheels import Driven, Wheel
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, euler_inertia
 from .problem import IVP, Outcome
 
+COMMANDED = 4  # internal states of a wheel that takes a torque beside its own
 X, WEIGHTS = (leggauss(8)[0] + 1) / 2, leggauss(8)[1] / 2
 
 
@@ -61,6 +62,13 @@ def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
         )
     return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
+
+
+def commanded(load: Load) -> Load:
+    """Return a load whose wheels take torques beside their own: the last of `COMMANDED` internal states."""
+    return Load(
+        tuple(replace(one.unscaled, is_commanded=True) if isinstance(one, Wheel) else one for one in load.terms)
+    )
 
 
 def as_gyrostat(problem: IVP) -> IVP:
@@ -101,10 +109,10 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     """Return the outcome of `as_gyrostat` as that of the body with its wheels, locked."""
     times = outcome.times(problem)
     outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
-    if outcome.turned is not None:
-        _put_works(problem, outcome, times)
     if outcome.intervals is None:
         return outcome
+    if outcome.intervals.turned is not None:
+        _put_works(problem, outcome.states.internal, outcome.intervals.turned, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
     z, kept, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
@@ -127,21 +135,29 @@ def with_works(problem: IVP) -> IVP:
     return replace(problem, intervals=True, asked=asked)
 
 
-def _put_works(problem: IVP, outcome: Outcome, times: Array) -> None:
-    """Put the works of driven wheels to the states: ``∫ τ Ω dt = Δh²/2I - n·∫ τ W dt``, τ linear between outputs."""
-    z, first, turned = outcome.states.internal, problem.internal, outcome.turned
+def _put_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
+    """Put the works of driven wheels to the states."""
+    first = problem.internal
     assert z is not None
     assert first is not None
-    assert turned is not None
-    middles, length = (times[1:] + times[:-1]) / 2, np.diff(times)
     for wheel, column in places(problem.load):
         if wheel.is_driven and wheel.works:
-            factor = wheel.scale * problem.load_scale[:, None]
-            slope = chord(wheel.times, wheel.values, middles) if wheel.times.size else 0.0 * middles
-            torque, h = np.diff(wheel.impulse(times)) / length - slope * middles, z[..., column]
-            taken = (torque[:, None] * turned[..., :3] + slope[:, None] * turned[..., 3:]) @ wheel.direction
-            works = np.diff(h) * (h[:, 1:] + h[:, :-1]) / (2 * wheel.inertia) - factor * taken
+            factor, h = wheel.scale * problem.load_scale[:, None], z[..., column]
+            slope, impulse = factor * wheel.slope_of_torque(times), factor * np.diff(wheel.impulse(times))
+            along = turned.reshape(*turned.shape[:2], 2, 3) @ wheel.direction
+            works = work_of(wheel.inertia, times, h, slope, impulse, along[..., 0], along[..., 1])
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
+
+
+def work_of(inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, along: Array, late: Array) -> Array:
+    """Return the work of a motor, ``∫ τ Ω dt = Δh²/2I - ∫ τ n·W dt``, τ linear between n + 1 times, (..., n).
+
+    `h` are the momenta, (..., n + 1), `slope` is that of τ, `impulse` ∫ τ dt; `along` and `late` are ∫ n·W dt and ∫ t
+    n·W dt.
+    """
+    torque = impulse / np.diff(times) - slope * (times[1:] + times[:-1]) / 2
+    found: Array = np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * late
+    return found
 
 
 def put_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:

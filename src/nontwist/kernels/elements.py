@@ -202,13 +202,16 @@ def called(name: str, *args: Any) -> Element:
     """Call a function of LLVM lane by lane, or one of the C library for each lane."""
     t, n = writer(), max(getattr(a, "n", 1) for a in args)
     kind, is_of_llvm = kind_of("double", n), name in OF_LLVM
+    if not is_of_llvm and (own := t.in_place_of(name)) is not None:
+        found: Element = own(*args)
+        return found
     names = [Element.named(a, n) for a in args]
     if n > 1 and not is_of_llvm:
-        found, wide = "undef", [Element(x, n) for x in names]
+        all_lanes, wide = "undef", [Element(x, n) for x in names]
         for l in range(n):
             one = called(name, *(lanes_of(x, l, 1) for x in wide))
-            found = t.value(f"insertelement {kind} {found}, double {one.name}, i32 {l}")
-        return Element(found, n)
+            all_lanes = t.value(f"insertelement {kind} {all_lanes}, double {one.name}, i32 {l}")
+        return Element(all_lanes, n)
     full = f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64" if is_of_llvm else name
     effects = "" if is_of_llvm else " nounwind willreturn memory(none)"
     t.declare(full, f"{kind} @{full}({', '.join([kind] * len(args))}){effects}")

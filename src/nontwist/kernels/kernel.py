@@ -242,7 +242,11 @@ def part(text: Text, is_rare: bool = False) -> Text:
         if t.made[key] is None:
             raise TraceError(f"{text.__name__} calls itself")
         name, result, count, make = t.made[key]
-        found = t.value(f"call {result} @{name}({', '.join(f'{kind} {x}' for kind, x in given)})", is_pure=False)
+        line = f"call {result} @{name}({', '.join(f'{kind} {x}' for kind, x in given)})"
+        if count == 0:
+            t.line(line)
+            return make(iter(()))
+        found = t.value(line, is_pure=False)
         return make(t.value(f"extractvalue {result} {found}, {k}") for k in range(count))
 
     return called  # type: ignore[return-value]
@@ -261,10 +265,10 @@ def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: 
     found: list[Any] = []
     make = _taken(text(*(maker(names) for maker in makers)), found, [])
     given = [passed(x) for x in found]
-    result, value = "{" + ", ".join(kind for kind, _ in given) + "}", "undef"
+    result, value = "{" + ", ".join(kind for kind, _ in given) + "}" if given else "void", "undef"
     for k, (kind, x) in enumerate(given):
         value = t.value(f"insertvalue {result} {value}, {kind} {x}, {k}")
-    t.line(f"ret {result} {value}")
+    t.line(f"ret {result} {value}" if given else "ret void")
     t.close(result)
     return name, result, len(given), make
 

@@ -25,8 +25,8 @@ _held: list[Any] = []
 
 def _before_fork() -> None:
     LOCK.acquire()
-    binding = sys.modules.get("llvmlite.binding.ffi")
-    _held.append(getattr(getattr(binding, "lib", None), "_lock", None) or nullcontext())
+    ffi = sys.modules.get("llvmlite.binding.ffi")
+    _held.append(getattr(getattr(ffi, "lib", None), "_lock", None) or nullcontext())
     _held[-1].__enter__()  # engines are freed under llvmlite's own lock, by whichever thread drops them
 
 
@@ -40,7 +40,8 @@ if hasattr(os, "register_at_fork"):
 
 
 @lru_cache
-def _binding() -> Any:
+def binding() -> Any:
+    """Return what binds LLVM, which is imported by the first call."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -56,7 +57,7 @@ def processor() -> tuple[str, str]:
     prefer 256, that makes kernels about two times slower.
     """
     with LOCK:
-        name, features = _binding().get_host_cpu_name(), _binding().get_host_cpu_features().flatten()
+        name, features = binding().get_host_cpu_name(), binding().get_host_cpu_features().flatten()
     if "+avx512f" in features.split(",") and not name.startswith("znver"):
         features += ",+prefer-256-bit"
     return name, features
@@ -65,7 +66,7 @@ def processor() -> tuple[str, str]:
 def is_fused(features: str | None = None) -> bool:
     """Whether the processor has a fused multiply-add. Without it `fma` is a b + c: that of C takes far longer."""
     known = (processor()[1] if features is None else features).split(",")
-    return "+fma" in known or ("-fma" not in known and _binding().get_process_triple().startswith(("aarch64", "arm64")))
+    return "+fma" in known or ("-fma" not in known and binding().get_process_triple().startswith(("aarch64", "arm64")))
 
 
 def lanes() -> int:
@@ -78,7 +79,7 @@ def lanes() -> int:
 
 
 def _target(features: str | None) -> Any:
-    llvm, (name, known) = _binding(), processor()
+    llvm, (name, known) = binding(), processor()
     return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
         cpu=name, features=known if features is None else features, opt=1, codemodel="jitdefault", jit=True
     )
@@ -86,7 +87,18 @@ def _target(features: str | None) -> Any:
 
 @lru_cache
 def _engine(features: str | None) -> Any:
-    return _binding().create_lljit_compiler(_target(features))
+    return binding().create_lljit_compiler(_target(features))
+
+
+def simplify(module: Any, target: Any) -> None:
+    """Run the passes on a module for a target."""
+    llvm = binding()
+    module.triple, module.data_layout = target.triple, str(target.target_data)
+    options, manager = llvm.create_pipeline_tuning_options(speed_level=3), llvm.create_new_module_pass_manager()
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+    for name in PASSES:
+        getattr(manager, f"add_{name}_pass")()
+    manager.run(module, llvm.create_pass_builder(target, options))
 
 
 def function_of(code: str, entry: str, features: str | None = None, kind: Any = KIND) -> Any:
@@ -104,14 +116,9 @@ def function_of(code: str, entry: str, features: str | None = None, kind: Any = 
         Of the function, as `ctypes` has it: ``void (int64_t)``.
     """
     with LOCK:
-        llvm, target = _binding(), _target(features)
+        llvm, target = binding(), _target(features)
         module = llvm.parse_assembly(code)
-        module.triple, module.data_layout = target.triple, str(target.target_data)
-        options, manager = llvm.create_pipeline_tuning_options(speed_level=3), llvm.create_new_module_pass_manager()
-        options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
-        for name in PASSES:
-            getattr(manager, f"add_{name}_pass")()
-        manager.run(module, llvm.create_pass_builder(target, options))
+        simplify(module, target)
         symbol = f"{entry}{next(_numbers)}"
         module.get_function(entry).name = symbol
         code = target.emit_object(module)

@@ -125,9 +125,10 @@ def scratch(count: int) -> Any:
 def call(function: Any, *arguments: Any) -> None:
     """Call the C function at an address, which returns nothing, with numbers and memory."""
     if tracer() is not None:
-        address = doubles(function).name
-        given = ", ".join(f"{kind} {name}" for kind, name in map(passed, arguments))
-        writer().line(f"call void {address}({given})")
+        if not writer().traces(function, arguments):
+            address = doubles(function).name
+            given = ", ".join(f"{kind} {name}" for kind, name in map(passed, arguments))
+            writer().line(f"call void {address}({given})")
         return
     values = [a.ctypes.data if isinstance(a, np.ndarray) else getattr(a, "address", a) for a in arguments]
     kinds = [ctypes.c_double if isinstance(a, float) else ctypes.c_int64 for a in values]

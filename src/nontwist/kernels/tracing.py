@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -106,6 +106,7 @@ class Tracer:
         "`for _ in when(condition)` or `for _ in whilst(...)`"
     )
     converting = "a traced number has no value yet, so it is not a float: use the functions of this language"
+    has_vectors = True  # whether numbers side by side are taken at once
 
     def __init__(self, lanes: int, is_fused: bool) -> None:
         self.lanes, self.is_fused = lanes, is_fused
@@ -184,6 +185,19 @@ class Tracer:
     def label(self, name: str) -> None:
         """Go on under a label."""
         self.line(f"br label %{name}\n{name}:")
+
+    def in_place_of(self, name: str) -> Callable[..., Any] | None:
+        """Return the text of a function of C, where there are none of these."""
+        return None
+
+    def traces(self, function: Any, arguments: tuple[Any, ...]) -> bool:
+        """Trace the text of the function at an address, where functions cannot be called; return whether it did."""
+        return False
+
+    def table(self, array: Any) -> str:
+        """Return the address of an array, which lives as long as the machine code."""
+        self.kept.append(array)
+        return str(array.ctypes.data)
 
     def declare(self, name: str, text: str) -> str:
         """Declare a function of LLVM or of the C library; return its name."""

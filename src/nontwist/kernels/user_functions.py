@@ -166,12 +166,12 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
         raise ValueError("np.interp takes as many places as values")
     ends = [float(end if given is None else given) for given, end in ((left, values[0]), (right, values[-1]))]
     table = np.stack([known, values, np.append(np.diff(values) / np.diff(known), 0.0)], axis=1)
-    writer().kept.append(table)
-    return numbers(np.frompyfunc(lambda y: _interpolated(y, table, *ends), 1, 1)(x))
+    memory = doubles(Whole(writer().table(table)))
+    return numbers(np.frompyfunc(lambda y: _interpolated(y, memory, table, *ends), 1, 1)(x))
 
 
-def _interpolated(x: Any, table: Any, left: float, right: float) -> Any:
-    x, memory, v = x + 0.0, doubles(Whole(str(table.ctypes.data))), Variables(first=0, last=len(table))
+def _interpolated(x: Any, memory: Any, table: Any, left: float, right: float) -> Any:
+    x, v = x + 0.0, Variables(first=0, last=len(table))
     for _ in whilst(lambda: v.last - v.first > 1):
         middle: Any = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
         is_behind = x >= memory[3 * middle]

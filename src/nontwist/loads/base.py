@@ -29,12 +29,12 @@ from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
-from .friction import DryFriction, require_apart
+from .friction import DryFriction, Sliding, require_apart
 from .kinds import LOADS, load_in_words
 from .memory import Memory
 from .potentials import GravityGradient, Potential
 from .terms import Damping, ForceTerm, Momentum, Table, Term
-from .wheels import Driven, Wheel
+from .wheels import Driven, OnBodyAtRest, Wheel
 
 MOST = 4  # terms that a repr names
 
@@ -80,7 +80,9 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, (*LOADS.values(), Driven))]:
+        if unknown := [
+            type(one).__name__ for one in self.terms if not isinstance(one, (*LOADS.values(), Driven, OnBodyAtRest))
+        ]:
             raise ValueError(
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
@@ -176,8 +178,8 @@ class Load:
 
     @property
     def drives(self) -> bool:
-        """Whether motors of wheels, of momenta that are known beforehand, do work."""
-        return any(isinstance(one, Driven) and one.of.works for one in self.terms)
+        """Whether dry friction, or motors of wheels whose momenta are known beforehand, do work."""
+        return any(isinstance(one, Sliding) or (isinstance(one, Driven) and one.of.works) for one in self.terms)
 
     @property
     def wheels(self) -> tuple[Wheel, ...]:
@@ -212,11 +214,6 @@ class Load:
         """Return the rate of that momentum at (n,) times, (n, 3), N m."""
         found = (term.scale * term.history(times)[1][:, None] * term.direction for term in self.rotors)
         return sum(found, np.zeros((times.size, 3)))
-
-    @property
-    def without_wheels(self) -> Load:
-        """The load without its wheels."""
-        return Load(tuple(term for term in self.terms if not isinstance(term, Wheel)))
 
     @property
     def is_compiled(self) -> bool:
@@ -429,10 +426,13 @@ def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
     return total
 
 
+NOTHING = Load()
+
+
 def as_load(value: Any) -> Load:
     """Return `value`, a load or None, as a load; a ValueError for anything else."""
     if value is None:
-        return Load()
+        return NOTHING
     if isinstance(value, Term):
         return value.load
     if isinstance(value, (list, tuple)) and value and all(isinstance(one, Load | Term) for one in value):

@@ -390,8 +390,9 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
 
     About an axis a the moment is ``-limit sign(a·W) Λa``; while a·W = 0 it is what keeps a·W at 0, as long as that is
     at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks: w = 0
-    exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it. A run
-    has the variables `sticking` and `dissipated_energy`. Where friction about axes leaves a body a single axis to turn
+    exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it, and
+    beside wheels and loads with memory it needs `gauss`, beside `coulomb` of a wheel an axis as well. A run has the
+    variables `sticking` and `dissipated_energy`. Where friction about axes leaves a body a single axis to turn
     about, on a body with a constrained axis or under several of them, a run fails unless the body rests.
 
     Parameters
@@ -507,7 +508,8 @@ def wheel(
         friction,
         motor,
     )
-    return _of_function(Wheel, *given, compiled=compiled and bool(motor or friction))
+    has_function = motor is not None or friction is not None
+    return _of_function(Wheel, *given, compiled=compiled) if has_function else Wheel(*given).load
 
 
 def director_forces(

@@ -23,7 +23,7 @@ from ..geometry.arrays import Array
 from ..kernels import machine_code
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
-from ..kernels.memory import Pointer, call, scratch
+from ..kernels.memory import Pointer, call, put, scratch
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
 from .memory import MOMENTS
@@ -142,11 +142,15 @@ class MachineFunction:
     Attributes
     ----------
     address : int
+    text : function
+        What it was traced from: of time, two addresses, and where what is found goes.
+    owners : tuple
+        What lives as long, the functions that it calls among it.
     """
 
-    def __init__(self, code: str, owners: tuple[Any, ...]) -> None:
+    def __init__(self, code: str, text: Callable[..., None], owners: tuple[Any, ...]) -> None:
         self._function = machine_code.function_of(code, ENTRY, kind=Moment)
-        self.address, self._owners = address_of(self._function), owners
+        self.address, self.text, self.owners = address_of(self._function), text, owners
 
 
 def function_of(term: Term) -> Any:
@@ -219,15 +223,17 @@ def response_of(parts: tuple[tuple[Any, float, int], ...]) -> Any:
 def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> MachineFunction:
     """Return the C function that writes the numbers that a text gives; the same code is compiled once."""
     t = UserTracer(1, machine_code.is_fused())
+
+    def put_all(t: Any, first: Pointer, second: Pointer, found: Pointer) -> None:
+        put(found, tuple(text(t, first, second)))
+
     with tracing(t):
         t.open(ENTRY, ARGUMENTS)
-        found = text(Element("%t"), Pointer("%directors"), Pointer("%velocity"))
-        for k, x in enumerate(found):
-            Pointer("%found")[k] = x
+        put_all(Element("%t"), Pointer("%directors"), Pointer("%velocity"), Pointer("%found"))
         t.line("ret void")
         t.close()
     with _lock:
         made = _known.get(t.text)
         if made is None:
-            made = _known[t.text] = MachineFunction(t.text, (*owners, *t.kept))
+            made = _known[t.text] = MachineFunction(t.text, put_all, (*owners, *t.kept))
     return made

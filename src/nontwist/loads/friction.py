@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array
 from ..geometry.values import vector_text
 from ..spec import Spec
-from .terms import Record, Term, factor_in_words
+from .terms import Record, Table, Term, factor_in_words
 
 PARALLEL = 1e-12  # of unit vectors
 ROUND_OFF = 32 * float(np.finfo(np.float64).eps)  # of |W|: a rate that is zero
@@ -65,6 +65,10 @@ class DryFriction(Term):
         """Return the limit and the axis."""
         about = f" about {vector_text(record['axis'])}" if "axis" in record else ""
         return f"{factor_in_words(record)}dry friction of up to {record['dry_friction']:.6g} N m{about}"
+
+
+class Sliding(Table):
+    """The moment of dry friction about axes while the body slides, along the frame, constant: its work is asked for."""
 
 
 def require_apart(terms: tuple[Any, ...]) -> None:

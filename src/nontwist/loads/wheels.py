@@ -7,7 +7,7 @@ The axial momentum of a wheel in space is
     h = I (Ω + n·W),        h' = τ - f(Ω) - λ,        λ in c Sgn(Ω),
 
 τ the torque of the motor on the wheel, f smooth and c dry friction in its bearing, Sgn(Ω) = {sign Ω}, and [-1, 1] where
-the wheel stands in the body, Ω = 0 (`driver.wheel_friction`). What carries the wheels has J_c = J - Σ I n nᵀ, and
+the wheel stands in the body, Ω = 0 (`driver.rubbing`). What carries the wheels has J_c = J - Σ I n nᵀ, and
 with Σ h n in place of a rotor's momentum it is a gyrostat:
 
     J_c W' = (J_c W + Σ h n) × W + M - Σ h' n.
@@ -24,7 +24,8 @@ are then the work of the motor and what friction takes, ``A' = τ Ω`` and ``D' 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,7 @@ from ..kernels.vectors import Vector, cross
 from ..spec import Spec
 from .calls import Call, checked
 from .memory import Memory
-from .terms import Momentum, Record, smoothness, within
+from .terms import Momentum, Record, chord, smoothness, within
 
 SPEEDS = np.logspace(-3, 4, 29)  # rad/s, at which friction is looked at
 Function = Callable[..., Any]
@@ -62,11 +63,15 @@ class Wheel(Memory):
     coulomb: Annotated[float, Spec("dry friction", unit="N m", rule="not negative", is_fixed=True)] = 0.0
     friction: Function | None = None
     motor: Function | None = None
+    mode: int | None = None  # the direction in which it turns under dry friction, 0: it stands; None: it is open
+    is_commanded: bool | None = None  # whether its last internal state is a torque beside the others, which stays
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.times.size:
-            self._set(**smoothness(self.times))
+            self._set(breakpoints=smoothness(self.times)["breakpoints"])
+            if self.torque:
+                raise ValueError("torque is a number, or times and values of it, not both")
         if self.friction is not None:
             for speed in (*-SPEEDS, *SPEEDS):
                 (drag,) = checked(self.friction, (float(speed),), ())
@@ -79,7 +84,8 @@ class Wheel(Memory):
     @property
     def is_driven(self) -> bool:
         """Whether h is known beforehand."""
-        return not (self.viscous or self.coulomb) and self.friction is None and self.motor is None
+        is_free = not (self.viscous or self.coulomb or self.is_commanded)
+        return is_free and self.friction is None and self.motor is None
 
     @property
     def works(self) -> bool:
@@ -89,12 +95,7 @@ class Wheel(Memory):
     @property
     def is_dry(self) -> bool:
         """Whether its friction jumps with the state, so that a run is taken apart."""
-        return self.coulomb > 0
-
-    @property
-    def slips(self) -> int:
-        """The direction in which dry friction lets it turn, 0: it has none, or its mode is open."""
-        return 0
+        return self.coulomb > 0 and self.mode is None
 
     @property
     def direction(self) -> Array:
@@ -104,32 +105,33 @@ class Wheel(Memory):
     @property
     def varying(self) -> list[str]:
         """The names of the fields that are parameters of derivatives."""
-        return ["speed", "torque"] if self.is_driven else ["speed", "torque", "viscous"]
+        return ["speed", "torque", "inertia", "wheel"] + ["viscous"] * (not self.is_driven)
 
     @property
     def state0(self) -> Array:  # type: ignore[override]
         """The internal states of a body at rest: h, the work of a motor, and where h is not known, the loss."""
-        return np.array([self.inertia * self.speed, 0.0, 0.0][: 1 + self.works if self.is_driven else 3])
+        return np.array([self.inertia * self.speed, 0.0, 0.0, 0.0][: self.count])
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return 1 + self.works if self.is_driven else 3 + bool(self.is_commanded)
 
     @property
     def state_scale(self) -> Array:  # type: ignore[override]
         """How large they become."""
         speed = max(abs(self.speed), 1.0)
-        return np.array([self.inertia * speed, *[self.inertia * speed**2] * 2][: self.state0.size])
+        return np.array([self.inertia * speed, *[self.inertia * speed**2] * 3][: self.count])
 
     @property
     def locked(self) -> Array:
-        """What the wheel gives to J, I n nᵀ, (3, 3), kg m²."""
-        return self.inertia * np.outer(self.wheel, self.wheel)
+        """What the wheel adds to J_c, I n nᵀ, (3, 3), kg m²; none where it stands, as J includes it."""
+        return (0.0 if self.mode == 0 else 1.0) * self.inertia * np.outer(self.wheel, self.wheel)
 
     @property
     def unscaled(self) -> Wheel:
         """The wheel of the factor 1 whose speed and torques are those of this one times its factor."""
-        if self.scale == 1:
-            return self  # what is compiled is kept
-        c, motor = self.scale, self.motor
-        driven = motor if motor is None or c == 1 else (lambda t, speed: c * motor(t, speed))
-        return self._copy(scale=1.0, speed=c * self.speed, torque=c * self.torque, values=c * self.values, motor=driven)
+        return self if self.scale == 1 else _unscaled(self)  # what is compiled is kept
 
     def impulse(self, times: Array) -> Array:
         """Return the integral of the torque at (n,) times, without the factor; of the table from its beginning."""
@@ -148,10 +150,18 @@ class Wheel(Memory):
         table: Array = within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
         return self.torque + table
 
+    def slope_of_torque(self, times: Array) -> Array:
+        """Return the slope of the table in the middle of the intervals between times, without the factor."""
+        middles = (times[1:] + times[:-1]) / 2
+        return chord(self.times, self.values, middles) if self.times.size else 0.0 * middles
+
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
-        """Return the moment, and h', A', D'."""
-        t, (h, *_), _, W = given
-        n, W = Vector(*self.wheel.tolist()), Vector(*W)
+        """Return the moment, and h', A', D'; none where it stands, a part of the body, and h follows from W."""
+        t, (h, *more), _, W = given
+        count = 3 + bool(self.is_commanded)
+        if self.mode == 0:
+            return [0.0 * h] * 3, [0.0 * h] * count
+        n, W = Vector(*self.wheel), Vector(*W)
         speed = h * (1.0 / self.inertia) - n @ W
         torque = self.torque + 0.0 * speed
         for k in range(len(self.times) - 1):
@@ -159,11 +169,13 @@ class Wheel(Memory):
             torque = torque + select((t >= a) & (t < b), y + (z - y) / (b - a) * (t - a), 0.0)
         if self.motor is not None:
             torque = torque + call(self.motor, (t, speed), ())[0]
-        drag = self.viscous * speed + self.slips * self.coulomb
+        if self.is_commanded:
+            torque = torque + more[-1]
+        drag = self.viscous * speed + (self.mode or 0) * self.coulomb
         if self.friction is not None:
             drag = drag + call(self.friction, (speed,), ())[0]
         rate = torque - drag
-        return [*(cross(h * n, W) - rate * n)], [rate, torque * speed, drag * speed]
+        return [*(cross(h * n, W) - rate * n)], [rate, torque * speed, drag * speed, 0.0 * h][:count]
 
     @property
     def called(self) -> Function:
@@ -194,36 +206,46 @@ class Wheel(Memory):
         return f"wheel of {record['inertia']:.6g} kg m² {about}, at first {speed:.6g} rad/s{more}"
 
 
+@lru_cache(maxsize=64)
+def _unscaled(wheel: Wheel) -> Wheel:
+    c, motor = wheel.scale, wheel.motor
+    driven = None if motor is None else (lambda t, speed: c * motor(t, speed))
+    scaled = {name: c * getattr(wheel, name) for name in ("speed", "torque", "values")}
+    return replace(wheel, scale=1.0, motor=driven, **scaled)
+
+
 @dataclass(frozen=True, eq=False)
-class Slipping(Wheel):
-    """A wheel while it turns in one direction under dry friction, a constant moment."""
+class OnBodyAtRest(Memory):
+    """A wheel on a body that is held at rest, on which it does not act."""
 
-    slips: int = 1
-
-    @property
-    def is_dry(self) -> bool:
-        """Whether its friction jumps: it does not."""
-        return False
+    kind = "memory"
+    frame = "body"
+    of: Wheel
 
     @classmethod
-    def of(cls, wheel: Wheel, sign: int) -> Slipping:
-        """Return a wheel that turns in the direction of a sign."""
-        return cls(**{**wheel.__getstate__(), "slips": sign})
-
-
-@dataclass(frozen=True, eq=False)
-class Standing(Slipping):
-    """A wheel that dry friction holds: a part of the body, whose momentum follows from W."""
+    def carried(cls, wheel: Wheel) -> OnBodyAtRest:
+        """Return it of a wheel."""
+        return cls(wheel, breakpoints=wheel.breakpoints, resolution=wheel.resolution)
 
     @property
-    def locked(self) -> Array:
-        """What it adds to J, which includes it."""
-        return np.zeros((3, 3))
+    def state0(self) -> Array:  # type: ignore[override]
+        """The internal states of the wheel."""
+        return self.of.state0
+
+    @property
+    def state_scale(self) -> Array:  # type: ignore[override]
+        """How large they become."""
+        return self.of.state_scale
 
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
-        """Return nothing."""
-        none = [0.0 * given[1][0]] * 3
-        return none, none
+        """Return no moment, and h', A', D', as far as they are states."""
+        moment, rates = self.of.responses(call, *given)
+        return [0.0 * x for x in moment], rates[: self.state0.size]
+
+    @property
+    def called(self) -> Function:
+        """The text."""
+        return self.responses
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import warn
 from ..geometry.arrays import Array, as_array, as_axis, as_positive
 from .spin import Spin
 from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_mass, require_principal
@@ -227,5 +228,7 @@ def with_gravity(
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
     if system.physical:
         require_mass(system.euler_inertia, m, rho)
+    if not rho.any():
+        warn("the centre of mass is the fixed point, so gravity has no moment about it")
     force: Array = system.dead_force + m * np.outer(rho, g)
     return replace(system, dead_force=force, name=f"{system.name} under gravity")

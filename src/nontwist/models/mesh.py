@@ -247,4 +247,4 @@ def _require_outward(x: Array, f: Indices, v: Array, round_off: float) -> None:
     wrong = np.flatnonzero((volume < -round_off) & ~np.any(inside, axis=1))
     if len(wrong):
         what = "the mesh is inside out" if count == 1 else f"{len(wrong)} of {count} parts of the mesh lie inside out"
-        raise ValueError(f"{what}: volume {volume[wrong].sum():.6g} m³; turn these faces over, faces[:, ::-1]")
+        raise ValueError(f"{what}: volume {volume[wrong].sum():.6g} m³; reverse each face, faces[:, ::-1]")

@@ -311,6 +311,16 @@ class DirectorSystem:
 
         return SystemStack.of(systems)
 
+    @cached_property
+    def _key(self) -> str:
+        return self.to_json()
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, DirectorSystem) and self._key == other._key)
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
     def to_json(self) -> str:
         """Return the body as a JSON string; `from_json` reads it without loss."""
         axis = None if self.axis is None else self.axis.tolist()

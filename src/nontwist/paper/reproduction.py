@@ -25,7 +25,7 @@ from ..analysis.precision import second_quotient
 from ..driver.costs import COARSE_STEP
 from ..driver.runs import simulate
 from ..geometry.values import among, as_function, as_list, as_path, shown
-from ..io import save_run
+from ..io.results import save_run
 from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
 from ..plot.journals import apart

@@ -275,8 +275,9 @@ def _angles(
         about = "moving axes (intrinsic)" if (letters or "").isupper() else "fixed axes (extrinsic)"
         words = f"Euler angles {letters} about {about}" if letters else "rotation vector"
         words = f"orientation: {words}, {one}: {', '.join(order)}"
+        unlike = is_named and headers.angles(three, letters or "") not in (None, order)
         make = partial(_of_angles, table.vectors(order), letters, one == "deg")
-        readings.append(Reading(words, make, is_stated and one == unit, is_free and told in (None, one)))
+        readings.append(Reading(words, make, is_stated and one == unit, is_free and told in (None, one), unlike=unlike))
     return readings
 
 

@@ -79,6 +79,8 @@ def groups(
     for header in headers:
         repeated = _REPEATED.match(header)
         by_name[name_of(repeated[1] if repeated and repeated[1] in there else header)].append(header)
+    if len(by_name) < len({*letters}):
+        return  # above all where a line of prose is the one header
     for name in list(by_name):
         for place in re.finditer(f"(?={letters[0]})", name):
             before, after = name[: place.start()], name[place.start() + len(letters[0]) :]

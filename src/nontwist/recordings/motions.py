@@ -19,12 +19,13 @@ from ..geometry.arrays import Array, as_floats
 from ..geometry.values import counted
 from .attitudes import MEASURED, Motion, of_table
 from .options import ReadOptions
-from .table import Content, Lines, Table, place
+from .table import Content, Lines, Table, numbered, place
 from .times import seconds
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
+LABELS = ("0 1 2", "1 2 3", "d1 d2 d3", "x y z")  # of directors and axes, which may be in another order
 EXACT = 1e-9  # accepted departure from orthonormality
 GAP = 5.0  # times the median interval
 DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicates
@@ -42,7 +43,8 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
         trajectories and DataArrays named or laid out as `directors` or `quaternion` are recognised by their names, and
         so are the columns of a DataFrame (``qw qx qy qz``, ``W X Y Z``, ``r11 ... r33`` and the like).
     scalar_first : bool, optional
-        Order of quaternions given as a plain array; needed there, since the two orders cannot be distinguished.
+        Order of quaternions given as a plain array; needed there, since the two orders cannot be distinguished. Of a
+        DataArray without a coordinate `quat`, the scalar is last unless this is True.
 
     Returns
     -------
@@ -75,7 +77,8 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     if hasattr(motion, "as_quat"):
         return Motion(motion)
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
-        content = Content(Table({str(name): motion[name].to_numpy() for name in motion.columns}))
+        columns = (motion.iloc[:, k].to_numpy() for k in range(motion.shape[1]))
+        content = Content(Table(dict(zip(numbered(map(str, motion.columns)), columns, strict=True))))
         try:
             found = of_table(content, ReadOptions())
         except InputError as error:
@@ -93,7 +96,7 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     if hasattr(motion, "dims"):
         time, line = (motion[name].values if name in motion.coords else None for name in ("time", "line"))
         lines = line if line is not None and line.ndim == 1 else None
-        return Motion(_of_dataarray(motion), time, motion.attrs.get("start"), lines)
+        return Motion(_of_dataarray(motion, scalar_first), time, motion.attrs.get("start"), lines)
     if hasattr(motion, "directors"):
         return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
@@ -165,12 +168,19 @@ def _require_rotations(
             raise ValueError(message.format(where, np.asarray(shown)[index].tolist()))
 
 
-def _of_dataarray(motion: Any) -> Array:
+def _of_dataarray(motion: Any, scalar_first: bool | None) -> Array:
+    labels = {str(dim): [str(x) for x in motion[dim].values] for dim in motion.dims if dim in motion.coords}
     if "quat" in motion.dims:
-        order = [str(x) for x in motion.coords["quat"].values] if "quat" in motion.coords else list("xyzw")
+        order = labels.get("quat", list("wxyz" if scalar_first else "xyzw"))
+        if sorted(order) != sorted("xyzw"):
+            raise ValueError(f"the coordinate quat must be x, y, z and w, got {', '.join(order)}")
         values = motion.transpose(..., "quat").values
         return np.asarray(values if order == list("xyzw") else values[..., [order.index(x) for x in "xyzw"]])
     if {"director", "axis"} <= set(motion.dims):
+        for dim in ("director", "axis"):
+            in_order = sorted(own := labels.get(dim, []))
+            if own != in_order and " ".join(in_order) in LABELS:
+                motion = motion.sortby(dim)
         return np.asarray(motion.transpose(..., "axis", "director").values)
     raise ValueError(f"a DataArray needs the dims director and axis, or quat; got {', '.join(map(str, motion.dims))}")
 

@@ -146,7 +146,12 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         s, is_shared = s + zone, True
         notes.append(InputWarning("time-zones", hours=abs(zone) / 3600))
     if clocks in ("shift", "drift") or (clocks is None and not is_shared):
-        fit = fitted_clock(A, t, B, s, drift=clocks == "drift", shake=shake)
+        try:
+            fit = fitted_clock(A, t, B, s, drift=clocks == "drift", shake=shake)
+        except InputError as error:
+            if not is_dated or clocks is not None:
+                raise
+            raise InputError("dates-apart", hours=abs(s[0] - t[0]) / 3600) from error
         s, facts = fit.times, (fit.words,)
     elif clocks is None or is_dated:
         late, alike = float(s[0] - t[0]), speed_correlation(A, t, B, s)

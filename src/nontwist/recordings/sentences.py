@@ -38,6 +38,8 @@ SENTENCES |= {
     "no-column": "there is no column {name!r}; there are {names}",
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",
+    "thousands": "the column {name!r} has points where other columns have decimal commas: write one decimal mark, "
+    "and thousands without any",
     "columns": "name {sizes}, the time before them; got {count}",
     "three-columns": "3 columns need {option[euler]}, if they are angles, or {option[rotation_vector=True]}",
     # sensors and bodies
@@ -81,7 +83,7 @@ SENTENCES |= {
     "no-frames": "there is no frame with an orientation in it; export it with orientations of segments or sensors",
     "no-rotations": "it contains markers or signals, no rotations (group ROTATION); export these, or attitudes as CSV",
     "no-hierarchy": "it has no HIERARCHY followed by MOTION, as a BVH file has",
-    "no-frame-time": "there is no line 'Frame Time:' below MOTION",
+    "no-frame-time": "there is no line 'Frame Time:' below MOTION with a time above 0",
     "hierarchy": "its HIERARCHY is cut short or not one of a BVH file",
     "no-rate": "a C-kernel is a function of time: {option[rate=HZ]} gives samples per second",
     "no-samples": "there are no attitudes at this rate; choose a higher {option[rate]}",
@@ -134,6 +136,8 @@ SENTENCES |= {
     "them when a file is read",
     "no-times": "clocks are aligned from times; both recordings need them: {option[rate=HZ]} when a file is read",
     "time-zones": "the dates of both files are {hours:g} hours apart, and overlap without: taken for two time zones",
+    "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
+    "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "
     "{other_last:.6g} s; {option[clocks='shift']} finds how their clocks differ",
     "not-covered": "dropped {rows} at times that relative_to does not cover",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -35,11 +36,21 @@ def listed(names: Iterable[str]) -> str:
 
 
 def number(value: object) -> float | None:
-    """Return `value` as a float, or None if it is not a number."""
+    """Return `value` as a float, or None if it is not a number; 1_000 is one in Python alone."""
     try:
-        return float(value)  # type: ignore[arg-type]
+        return None if isinstance(value, str) and "_" in value else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return None
+
+
+def numbered(names: Iterable[str]) -> list[str]:
+    """Return headers, those that repeat others with a number, as pandas gives them."""
+    counts = Counter[str]()
+    found = []
+    for name in names:
+        found.append(f"{name}.{counts[name]}" if counts[name] else name)
+        counts[name] += 1
+    return found
 
 
 def by_name(kind: str, streams: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -57,23 +68,25 @@ def stacked(rows: Sequence[Sequence[Any]], width: int, what: str, lines: Lines |
     for k, row in enumerate(rows):
         if len(row) != width:
             raise InputError("row-length", place=place(k, lines), what=what, count=len(row), width=width)
-    try:
-        return np.array(rows, dtype=float).reshape(-1, width)
-    except ValueError:
-        k, wrong = next((k, cell) for k, row in enumerate(rows) for cell in row if number(cell) is None)
-    raise InputError("not-a-number", what=f"the {what}", value=wrong, place=place(k, lines))
+    found = [number(cell) for row in rows for cell in row]
+    if None in found:
+        k, column = divmod(found.index(None), width)
+        raise InputError("not-a-number", what=f"the {what}", value=rows[k][column], place=place(k, lines))
+    return np.array(found, dtype=float).reshape(-1, width)
 
 
 @dataclass(frozen=True)
 class Table:
     """Columns of equal length; `lines`, where known, are those of the rows in a file of text, from 1.
 
-    It is `headless` where the file has no headers; they are numbers then, from 1.
+    It is `headless` where the file has no headers; they are numbers then, from 1. Columns of `thousands` have points
+    before three digits alone, where commas are decimal marks.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     lines: Lines | None = None
     headless: bool = False
+    thousands: Sequence[str] = ()
 
     @property
     def headers(self) -> list[str]:
@@ -84,10 +97,12 @@ class Table:
         return max((len(values) for values in self.columns.values()), default=0)
 
     def require(self, *names: str) -> None:
-        """Raise an InputError where there is no such column."""
+        """Raise an InputError where there is no such column, or it may hold thousands."""
         for name in names:
             if name not in self.columns:
                 raise InputError("no-column", name=name, names=listed(self.columns))
+            if name in self.thousands:
+                raise InputError("thousands", name=name)
 
     def at(self, rows: NDArray[np.int64]) -> Table:
         """Return some of the rows."""
@@ -100,10 +115,12 @@ class Table:
         values = np.asarray(self.columns[name])
         if values.dtype.kind in "cmM":
             return as_floats(values, f"the column {name!r}")
-        try:
+        if values.dtype.kind in "biuf":
             return values.astype(np.float64)
-        except (TypeError, ValueError):
-            bad = [k for k, one in enumerate(values.tolist()) if number(one) is None]
+        found = [np.nan if one is None else number(one) for one in values.tolist()]
+        if None not in found:
+            return np.array(found, dtype=float)
+        bad = [k for k, one in enumerate(found) if one is None]
         # beside decimal commas, what is not a number with a point either
         k = next((k for k in bad if number(str(values[k]).replace(",", ".")) is None), bad[0])
         raise InputError("not-a-number", what=f"the column {name!r}", value=values[k], place=place(k, self.lines))

@@ -17,7 +17,7 @@ import csv
 import io
 import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -29,14 +29,15 @@ from ..errors import InputError
 from ..geometry.values import counted
 from ..units import is_unit
 from .options import ReadOptions
-from .table import Content, Table, number
+from .table import Content, Table, number, numbered
 
 PREAMBLE = 200  # lines that may be above the data
 DIGITS = 4  # of a date or a time of day, at least
 LONGEST = 200_000_000  # letters of a stream
 COMMENTS = ("//", "#", "%")
 SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), "m": ("mscale", "")}
-_COMMA, _POINT = (re.compile(rf"-?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
+_COMMA, _POINT = (re.compile(rf"[-+]?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
+_UNSURE = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # perhaps thousands
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 
@@ -65,9 +66,7 @@ def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
             separator = " "  # fields may be empty, as MT Manager writes them
     row = [] if first_row is None else fields_of(lines[first], separator)
     headers = _headers(lines[:first], separator, row)
-    names = [str(k + 1) for k in range(len(row))] if headers is None else headers
-    counts = [names[:k].count(name) for k, name in enumerate(names)]  # pandas gives repeated headers a number
-    names = [f"{name}.{count}" if count else name for name, count in zip(names, counts, strict=True)]
+    names = numbered(map(str, range(1, len(row) + 1)) if headers is None else headers)
     if separator is None and 0 < len(row) < len(names):
         raise InputError("empty-fields", headers=len(names), fields=len(row))
     is_prose = first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names)
@@ -125,12 +124,11 @@ def fields_of(line: str, separator: str | None) -> list[str]:
 
 
 def _decimal(rows: Sequence[str], separator: str | None) -> str:
-    """Return the decimal mark of the first row that has one."""
-    for row in rows:
-        for mark, pattern in ((",", _COMMA), (".", _POINT)):
-            if any(map(pattern.fullmatch, fields_of(row, separator))):
-                return mark
-    return "."
+    """Return the decimal mark of the first row that has one; not commas that may be of thousands, where points are."""
+    marked = [[list(filter(one.fullmatch, fields_of(row, separator))) for one in (_COMMA, _POINT)] for row in rows]
+    first = next((commas for commas, points in marked if commas or points), [])
+    is_sure = not all(_UNSURE.fullmatch(field) for commas, _ in marked for field in commas)
+    return "," if first and (is_sure or not any(points for _, points in marked)) else "."
 
 
 def _is_number(field: str) -> bool:
@@ -242,9 +240,17 @@ def _rows(
         at = places[int(found[1]) - 1] if found and comments else found and found[1]
         where = "a line" if at is None or is_split else f"line {at}"
         raise InputError("fields", place=where, count=len(names)) from error
+    pointed = frame.select_dtypes(["object", "string"]) if decimal == "," else frame.iloc[:, :0]
+    thousands = [str(name) for name, column in pointed.items() if _are_thousands(column.dropna().astype(str))]
     notes = (f"left out: {counted(len(comments), 'line')} of comments between the rows",) if comments else ()
     lines = np.array(places) if not is_split and len(places) == len(frame) else None
-    return Table({str(name): frame[name].to_numpy() for name in frame.columns}, lines), notes
+    return Table({str(name): frame[name].to_numpy() for name in frame.columns}, lines, thousands=thousands), notes
+
+
+def _are_thousands(fields: Iterable[str]) -> bool:
+    """Whether fields of a column have points, all before three digits, beside decimal commas."""
+    found = [field.strip() for field in fields if _POINT.fullmatch(field.strip())]
+    return bool(found) and all(map(_UNSURE.fullmatch, found))
 
 
 def read_text(source: Path | Any, how: ReadOptions) -> Content:

@@ -12,7 +12,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -90,9 +89,8 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
 
     def tried(*wanted: int) -> Iterator[tuple[str, Clock | ValueError]]:
         for h in (h for h, rank in ranks.items() if rank in wanted and h not in empty):
-            is_unit = ranks[h] in (1, 2) and split_unit(h)[1] is None
             try:
-                yield h, read_times(table, h, how.time_unit or (h if is_unit else None))
+                yield h, read_times(table, h, how.time_unit)
             except ValueError as error:
                 yield h, error
 
@@ -100,7 +98,7 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         if isinstance(one, Clock):
             read[h] = one
         elif getattr(one, "code", "") in NOT_UNDERSTOOD:
-            notes.append(_not_used(one))
+            notes.append(not_used(one))
             unknown = unknown or one
         elif rate is None:
             raise one
@@ -128,7 +126,7 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         if isinstance(one, Clock) and one.start is not None and _increases(one):
             return one
         may_be = f"time: the column {h!r} may hold times; name it as the time column to use it"
-        notes.append(may_be if isinstance(one, Clock) else _not_used(one))
+        notes.append(may_be if isinstance(one, Clock) else not_used(one))
     how.require_without("time_unit", "no column of times is found")
     return Clock(notes=() if notes else ("time: none; a rate gives times",))
 
@@ -141,7 +139,7 @@ def ignored(what: str, time: Array | None) -> str:
     return f"time: {what}{average} is ignored, as a rate is given"
 
 
-def _not_used(error: ValueError) -> str:
+def not_used(error: ValueError) -> str:
     """Return the note on a column that is not understood: what is wrong, without the options that would help."""
     return f"time: not used: {str(error).partition('; ')[0]}"
 
@@ -262,6 +260,7 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     """Return the times of one column."""
     values = np.asarray(table.columns[name])
     words, stated = words_of(name)
+    stated = name if known(name, TIME) else stated
     is_date = values.dtype.kind in "mM"
     is_text = values.dtype.kind in "OUST" and next((number(v) is None for v in values.tolist() if v is not None), True)
     if is_date or is_text:
@@ -339,11 +338,13 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         texts = texts.str.replace(written, iso, regex=True, flags=re.IGNORECASE)
     if texts.str.fullmatch(r"\d+:\d\d\.\d+").any():
         texts = texts.str.replace(r"^(\d+:\d\d(\.\d+)?)$", r"00:\1", regex=True)
-    for parsed in (partial(pandas.to_datetime, format="ISO8601", utc=True), pandas.to_timedelta):
-        with suppress(ValueError, TypeError, OverflowError):
-            found = parsed(texts)
-            return (found.dt.tz_localize(None) if found.dtype.kind == "M" else found).to_numpy(), name, order
-    raise InputError("not-a-time", name=name, value=values[0])
+    is_duration = texts.str.contains(r"[:a-z]", case=False, na=True)  # not 1,000, which is 1 µs to pandas
+    with suppress(ValueError, TypeError, OverflowError):
+        return pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy(), name, order
+    with suppress(ValueError, TypeError, OverflowError):
+        if is_duration.all():
+            return pandas.to_timedelta(texts).to_numpy(), name, order
+    raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

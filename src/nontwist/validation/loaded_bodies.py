@@ -36,7 +36,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, 
 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.potentials"
-FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.wheel_friction"
+FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.contacts"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 

@@ -95,7 +95,8 @@ def content(run: Any) -> dict[str, Any]:
         run = run.sel(midtime=slice(first, last))
         run = run if run.sizes["midtime"] else run.drop_dims("midtime")
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
-    triad = triad_about(n)
+    triad, twisted = triad_about(n), twist_of_run(run, n)
+    run = run.sel(time=twisted["time"])  # of states closer in time than round-off, the first
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
     weight = weight_of(system, run.attrs)
     about = {
@@ -105,7 +106,7 @@ def content(run: Any) -> dict[str, Any]:
         "Box": box_in_words(weight),
         **arrows_in_words(n),
     }
-    data = _motion(run, twist_of_run(run, n), attitudes, about)
+    data = _motion(run, twisted, attitudes, about)
     times, events = _shown(run["time"].values), run["t_events"].values if "t_events" in run.variables else np.empty(0)
     wheels = [
         {"axis": (triad @ axis).tolist(), "momentum": packed(np.interp(times, run["time"].values, momentum))}

@@ -299,7 +299,7 @@ def _fill(ax: Axes, polygons: Array, zorder: int, **look: Any) -> None:
     n, corners = polygons.shape[:2]
     closed = np.concatenate([polygons, polygons[:, :1]], axis=1).reshape(-1, 2)
     codes = np.tile([Path.MOVETO, *[Path.LINETO] * (corners - 1), Path.CLOSEPOLY], n)
-    ax.add_patch(PathPatch(Path(closed, codes), zorder=zorder, **{"lw": 0} | look))
+    ax.add_artist(PathPatch(Path(closed, codes), zorder=zorder, **{"lw": 0} | look))  # the limits are known
 
 
 def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ...errors import InputError
 from ...io.results import open_run
 from ..options import ReadOptions
 from ..table import Content, Table
+from ..times import clock, not_used
 from .apart import read_apart, readable
 
 JOINTS = ("poses", "pose", "body_pose", "pose_body", "root_orient", "global_orient")  # SMPL, AMASS
@@ -43,11 +45,14 @@ def read_numpy(path: Path, how: ReadOptions) -> Content:
             is_pickled = "pickle" in str(error)
             why = "it holds objects of Python; save arrays of numbers" if is_pickled else "damaged or cut short"
             raise InputError("unreadable", what=f"{kind} file", why=why) from error
-    return of_arrays(arrays)
+    return of_arrays(arrays, how)
 
 
-def of_arrays(arrays: Mapping[str, Any]) -> Content:
-    """Return the content of named arrays; an array `directors` holds directors in rows, any other (n, 3, 3) Λ."""
+def of_arrays(arrays: Mapping[str, Any], how: ReadOptions) -> Content:
+    """Return the content of named arrays; an array `directors` holds directors in rows, any other (n, 3, 3) Λ.
+
+    A rate among them gives times where no column does.
+    """
     columns, bodies, loose = dict[str, Any](), dict[str, Any](), dict[str, Any]()
     notes, headless = list[str](), False
     for name, array in arrays.items():
@@ -82,6 +87,19 @@ def of_arrays(arrays: Mapping[str, Any]) -> Content:
     count = max(map(len, (*bodies.values(), *loose.values())), default=0)
     time = np.arange(count) / known if known > 0 and count else None
     table = Table(columns, headless=headless)
+    if time is not None and how.rate is None:
+        own = replace(table, columns={name: values for name, values in columns.items() if len(values) == count})
+        try:
+            told = clock(own, how).time
+        except InputError as error:
+            if how.time_column or how.time_unit:
+                raise
+            told = None
+            notes.append(not_used(error))
+        if told is not None:
+            if not abs(told - told[0] - time).max() < 0.5 / known:
+                notes.append(f"time: not used: {known:g} samples a second, from which the times differ")
+            table, time = own, None
     return Content(table, bodies, loose, time=time, notes=tuple(notes), directed=False)
 
 
@@ -98,7 +116,7 @@ def read_matlab(path: Path, how: ReadOptions) -> Content:
                 file.visititems(lambda name, item: _keep(found, name.replace("/", "."), item))
         else:
             found = read_apart(loaded, path)
-    content = of_arrays(found)
+    content = of_arrays(found, how)
     if not (content.table.columns or content.bodies or content.loose):
         raise InputError("no-attitudes", help=HELP)
     return content
@@ -120,7 +138,7 @@ def _keep(found: dict[str, Any], name: str, item: Any) -> None:
     if hasattr(item, "shape") and item.dtype.kind in "fiu" and not name.startswith("#"):
         if item.is_virtual or item.external or item.nbytes > LARGEST:
             raise ValueError
-        found[name] = np.asarray(item).T
+        _flatten(found, name, np.asarray(item).T)
 
 
 def _flatten(found: dict[str, Any], name: str, value: Any) -> None:

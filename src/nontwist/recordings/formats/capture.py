@@ -8,7 +8,7 @@ axes, in degrees; a joint's attitude is its parent's times its own.
 MVN User Manual, MV0319P, chapter on MVNX: ``orientation`` holds ᴳᴮq of each segment in the order of ``segments``,
 ``sensorOrientation`` ᴳˢq of each sensor, ``angularVelocity`` that of each segment in the global frame, to tell whether
 the file inverts its attitudes; frames of another type than ``normal`` are poses of the calibration. ``time`` of a frame
-is in whole ms: where ``index`` over ``frameRate`` agrees to 1 ms, that is the time.
+is in whole ms: where ``index`` over ``frameRate`` agrees to 1 ms with those that are there, that is the time.
 
 **OpenSim**: the header ends with ``endheader``; it holds ``DataType=Quaternion`` for quaternions, ``w,x,y,z`` in a
 field each, and ``inDegrees=yes`` or ``no`` for angles. Labels follow, then rows, separated by tabs or blanks, or by
@@ -18,6 +18,7 @@ commas where a spreadsheet has saved the file.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
@@ -50,25 +51,28 @@ def read_bvh(path: Path, how: ReadOptions) -> Content:
     numbered = [(k, line) for k, line in enumerate(tail.split("\n"), head.count("\n") + 1) if line.strip()]
     stated = {key.lower().strip(): number(value) for key, _, value in (line.partition(":") for _, line in numbered[:2])}
     step, frames = stated.get("frame time"), stated.get("frames")
-    if step is None:
+    if step is None or not (how.rate or 0 < step < np.inf):
         raise InputError("no-frame-time")
     places, width = np.array([k for k, _ in numbered[2:]]), sum(len(channels) for _, _, channels in joints)
     table = stacked([line.split() for _, line in numbered[2:]], width, "motion", places)
     attitudes: list[Rotation] = []
     columns = iter(table.T)
     for _, parent, channels in joints:
-        own = [(name, next(columns)) for name in channels]
-        turning = {name: column for name, column in own if name.lower().endswith("rotation")}
+        angles = [column for name, column in zip(channels, columns, strict=False) if _axes([name])]
         turned = Rotation.identity(len(table))
-        if turning:
-            letters = "".join(name[0].upper() for name in turning)
-            turned = Rotation.from_euler(letters, np.stack([*turning.values()], axis=1), degrees=True)
+        if angles:
+            turned = Rotation.from_euler(_axes(channels), np.stack(angles, axis=1), degrees=True)
         attitudes.append(turned if parent is None else attitudes[parent] * turned)
     bodies = by_name("joint", ((name, one.as_quat()) for (name, _, _), one in zip(joints, attitudes, strict=True)))
     notes = ["orientation: joints in space, from angles in degrees about moving axes"]
     if frames is not None and frames != len(table):
         notes.append(f"the file states {frames:g} frames and holds {len(table)}: cut short or badly written")
     return Content(bodies=bodies, time=step * np.arange(float(len(table))), notes=tuple(notes), lines=places)
+
+
+def _axes(channels: Sequence[str]) -> str:
+    """Return the letters of the axes that the rotations among channels are about."""
+    return "".join(name[0].upper() for name in channels if name.lower().endswith("rotation"))
 
 
 def _joints(head: str) -> list[tuple[str, int | None, list[str]]]:
@@ -84,7 +88,8 @@ def _joints(head: str) -> list[tuple[str, int | None, list[str]]]:
                 chain.pop()
             elif word == "CHANNELS":
                 count, *channels = rest.split()
-                if len(channels) != int(count):
+                is_known = re.fullmatch(r"(?!.*(.)\1)[XYZ]{0,3}", _axes(channels))
+                if len(channels) != int(count) or not is_known or (channels and chain[-1] is None):
                     raise ValueError
                 joints[chain[-1] or 0][2].extend(channels)
             else:
@@ -134,11 +139,13 @@ def read_mvnx(path: Path, how: ReadOptions) -> Content:
 
 
 def _time(stated: list[tuple[float | None, float | None]], rate: float | None) -> Array | None:
-    times, indices = np.array(stated, dtype=float).T
-    if np.isnan(times).any():
-        return np.arange(len(times)) / rate if rate else None
-    exact = indices / rate if rate else indices * np.nan
-    return np.asarray(exact if abs(exact - times / 1000).max() < ROUNDED else times / 1000)
+    ms, indices = np.array(stated, dtype=float).T
+    exact = indices / (rate or np.nan)
+    if np.isfinite(exact).all() and np.fmax.reduce(abs(exact - ms / 1000), initial=0.0) < ROUNDED:
+        return np.asarray(exact)
+    if np.isfinite(ms).any():
+        return np.asarray(ms / 1000)
+    return np.arange(len(ms)) / rate if rate else None
 
 
 def read_opensim(path: Path, how: ReadOptions) -> Content:
@@ -155,7 +162,7 @@ def read_opensim(path: Path, how: ReadOptions) -> Content:
     first = numbered[0][1]
     sign = next((one for one in ",;" if one in first and "\t" not in first), None)
     labels, *cells = [fields_of(line, sign) for _, line in numbered]
-    if sign == ";" and not any("." in cell for cell in cells[0]):
+    if sign == ";" and not any("." in cell for row in cells for cell in row):
         cells = [[cell.replace(",", ".") for cell in row] for row in cells]
     places = np.array([k for k, _ in numbered[1:]])
     for k, row in enumerate(cells):

@@ -482,6 +482,7 @@ VALUES = {
     "integrate.order": one_of(None),
     "propagator.order": one_of(None),
     "simulate_ensemble.order": one_of(None),
+    "simulate_ensemble.device": one_of("cpu"),  # there may be no GPU
     **dict.fromkeys(("steer.start", "steer.target"), lambda r, given: Rotation.random(rng=r)),
     **dict.fromkeys(("least_effort.start", "least_effort.target"), lambda r, given: Rotation.random(rng=r)),
     "least_effort.system": lambda r, given: nt.nontwisting(symmetric(r, given)),

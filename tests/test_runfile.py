@@ -599,6 +599,7 @@ def rounded(run_file, run):
     return {"1": 0.0, "kg m2 s-1": momentum, "J": momentum * speed + moments * speed * (time[-1] - time[0])}
 
 
+@pytest.mark.filterwarnings("ignore:the centre of mass is the fixed point")
 @pytest.mark.parametrize("count", [100, pytest.param(10_000, marks=pytest.mark.long)])
 def test_generated_documents_end_in_a_sound_run_or_a_clear_error(count):
     ends = []

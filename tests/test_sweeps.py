@@ -437,9 +437,7 @@ def test_what_is_wrong_with_a_table(change, write):
     "change",
     [
         'integrator={name="exact"}',
-        'load=[{kind="spring", stiffness=1, point=[0, 0, 1], anchor=[0, 0, 2], rest_length=0.5}]',
-        'load=[{kind="dry_friction", limit=0.5, axis="z"}]',
-        'load=[{kind="wheel", axis="z", inertia=0.1, speed=3}]',
+        'load=[{kind="gravity_gradient", mean_motion=0.1, radial=[1, 0, 0], normal=[0, 0, 1]}]',
     ],
 )
 def test_statistics_that_no_member_has_are_refused_as_the_file_is_read(change, write):

@@ -15,6 +15,7 @@ BETWEEN = 1e-7  # of states between steps of gauss: 0.2.0 took one more step (`i
 MEANS, BETWEEN_MEANS = ("moment", "multipliers", "load_work"), 1e-6  # of moments between such states, and their work
 ADAPTIVE = 1e-9  # of SciPy's solver: it chooses its steps by errors, which round-off changes
 HELD = ("nontwisting", "suslov", "spin")  # bodies with a constrained axis, which have no dissipation
+REDUCED = ("compiled potential", "long spring", "potential", "quadratic", "sum of all")  # since 0.3.0
 QUICK = 12  # every so manieth problem is in the quick suite
 RECORDED = Recorded()
 
@@ -73,7 +74,8 @@ def test_all_problems_have_their_numbers():
 @pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_what_was_refused_still_is(quick):
     for problem, name in RECORDED.refused[:: QUICK if quick else 1]:
-        assert outcome(problem) == name, problem
+        is_reduced = problem.way == "statistics" and problem.load in REDUCED
+        assert isinstance(outcome(problem), dict) if is_reduced else outcome(problem) == name, problem
 
 
 def test_every_choice_of_the_registries_is_in_the_array():

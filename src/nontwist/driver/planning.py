@@ -145,8 +145,8 @@ def planned(
         raise ValueError("give t_end= or times=")
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
-    if t1 - t0 < 1e-300:
-        raise ValueError(f"t_end = {t1:g} s is less than 1e-300 s after t_start; choose another unit of time")
+    if step is None and t1 - t0 < 1e-312:
+        raise ValueError(f"t_end = {t1:g} s is less than 1e-312 s after t_start; choose another unit of time")
     steps = None if step is None else count_steps(t1 - t0, step)
     if asked is not None and scheme.any_times:
         steps = 1

@@ -654,3 +654,12 @@ def test_the_command(tmp_path, monkeypatch):
     result = runner.invoke(app, ["fit", "swing.csv", "--gravity", "unknwon"])
     assert result.exit_code == 3
     assert "'unknown'; got 'unknwon'" in result.stderr
+
+
+@pytest.mark.parametrize("noise", [3e-4, 3e-5])
+def test_a_rotor_of_constant_speed_whose_valley_is_long(noise):
+    own = np.diag([0.00464, 0.00964, 0.013])
+    how = {"t_end": 3, "step": 1e-3, "material_angular_velocity": (1, 2, -1.5)}
+    recording = sensors.gyroscope(simulate(standard(own), load=rotor((0, 0, 1), 0.24), **how), noise=noise, rate=200)
+    fit = fit_inertia(recording, rotor={"axis": "z", "inertia": 4e-3, "speed": 60}, interval="all")
+    assert abs(off(fit, own)).max() < 4

@@ -23,10 +23,11 @@ from .measuring import finite_rows
 from .motions import RunawayError
 from .quality import WHITE, correlation
 from .shooting import Lane, Shooting, Stretch, Unknowns
-from .solving import CALLS, Solution, solve
+from .solving import CALLS, PATIENT, Solution, solve
 
 LANE = 1.5  # rad, of the first stage
 MOST_LANES = 40
+LESS = 0.5  # of the cost, half a sum of squares over the noise
 ROUGH = 1e-4  # of cost and unknowns in the first stage, relative
 ROUNDS, SETTLED = 4, 0.02
 HOPELESS = 0.05  # of the speed, and rad: residuals that no motion of the model leaves
@@ -86,7 +87,7 @@ def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
 
 
 def estimate(
-    problem: Shooting, known_noise: bool = False, starts: Sequence[Guess] | None = None, calls: int = CALLS
+    problem: Shooting, known_noise: bool = False, starts: Sequence[Guess] | None = None, calls: int = PATIENT
 ) -> Solution:
     """Return the best solution of a problem from several starts, with the noise that its residuals have.
 
@@ -99,7 +100,7 @@ def estimate(
     lanes, begin = short(stretches), gyroscope.mean[gyroscope.free]
     seen = [replace(one, rates=gyroscope.undone(one.rates)) for one in stretches]
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
-    tried: list[Solution] = []
+    tried, stage = list[Solution](), min(calls, CALLS)
     for one in guesses(seen, model) if starts is None else starts:
         J = one.model.nearest(one.inertia, one.more, INSIDE)
         at = Unknowns(J, one.more, begin, begun(seen, lanes, one), speeds)
@@ -114,16 +115,30 @@ def estimate(
     tried.sort(key=lambda one: one.cost)
     ends: list[Solution] = []
     for first in tried[: 1 if model.is_free else MOST_ENDS]:
-        ends.append(_joined(first, len(lanes), calls))
+        ends.append(_joined(first, len(lanes), stage))
         if explains(first) and not explains(ends[-1]):
-            ends.append(_joined(first, 2, calls))
+            ends.append(_joined(first, 2, stage))
         if explains(ends[-1]):
             break
     found = min(ends, key=lambda one: one.cost)
     hopeless = is_hopeless(found)
     while not hopeless and (finer := _with_more_knots(found)) is not None:
-        found = solve(*finer, accuracy=ROUGH, calls=calls)
-    return (found if known_noise or hopeless else _with_its_noise(found, calls)).of_trace_one()
+        found = solve(*finer, accuracy=ROUGH, calls=stage)
+    if not (known_noise or hopeless):
+        found = _with_its_noise(found, calls)
+    return (found if hopeless else _settled(found, calls)).of_trace_one()
+
+
+def _settled(found: Solution, calls: int) -> Solution:
+    """Return a solution whose trials were used up after more of them, where these lessen the cost by what data tell.
+
+    The valley is long where a rotor turns: its momentum, the scale and the moment about its axis are told apart by
+    little. A direction that the data of other bodies do not determine would be followed to its end.
+    """
+    if found.is_settled or calls <= CALLS or found.problem.model.wheel is None:
+        return found
+    further = solve(found.problem, found.unknowns, calls=calls)
+    return further if further.cost < found.cost - LESS else replace(found, is_settled=True)
 
 
 def explains(solution: Solution) -> bool:
@@ -161,7 +176,8 @@ def _with_its_noise(found: Solution, calls: int) -> Solution:
     for _ in range(ROUNDS):
         spread, tilt = max(found.spread, 1e-12), max(found.tilt, 1e-12)
         change = max(abs(spread / found.problem.noise - 1), abs(tilt / max(found.problem.tilt, 1e-12) - 1))
-        found = solve(replace(found.problem, noise=spread, tilt=tilt), found.unknowns, calls=calls)
+        at = solve(replace(found.problem, noise=spread, tilt=tilt), found.unknowns, calls=min(calls, CALLS))
+        found = _settled(at, calls)
         if change < SETTLED:
             break
     return found

@@ -199,6 +199,11 @@ def worth(fit: Fit) -> list[str]:
             f"the recording does not determine {' nor '.join(one.name for one in fit.untold)}: turn the body about a "
             "second axis, or longer"
         )
+    if fit.solution.problem.model.wheel is not None and not (fit.solution.is_settled or fit.untold):
+        said.append(
+            "the fit ended before it settled, in a long valley: neither inertia nor intervals are to be trusted; "
+            "a longer motion, or one about another axis, tells more"
+        )
     size = abs(fit.residual)
     typical = float(np.median(size) / 0.6745)
     row, axis = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))

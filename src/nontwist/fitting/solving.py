@@ -18,7 +18,8 @@ from .motions import RunawayError
 from .quality import correlation
 from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
 
-FINE, CALLS = 1e-8, 40  # of cost and unknowns, relative; trials
+FINE = 1e-8  # of cost and unknowns, relative
+CALLS, PATIENT = 40, 3000  # trials of a stage, and of what is returned: valleys may be long
 HELD = 1e6  # weight of what is held
 WHITE, MOST = 5.0, 0.9999  # standard errors of a correlation; correlation
 FAR = 1e6  # residual of a motion that is none
@@ -67,12 +68,16 @@ def smeared(x: Array, phi: float) -> Array:
 
 @dataclass(frozen=True)
 class Solution:
-    """A least-squares solution: unknowns, cost, residuals over the noise and their derivatives."""
+    """A least-squares solution: unknowns, cost, residuals over the noise and their derivatives.
+
+    It `is_settled` unless its trials were used up.
+    """
 
     problem: Shooting
     unknowns: Unknowns
     cost: float
     residuals: Residuals
+    is_settled: bool = True
 
     @cached_property
     def left_over(self) -> Array:
@@ -222,7 +227,8 @@ class Solution:
         model, more = self.problem.model.in_unit(self.unknowns.more, factor)
         problem, at = replace(self.problem, model=model), replace(self.unknowns, more=more)
         at = replace(at, inertia=self.unknowns.inertia / factor)
-        return Solution(problem, at, self.cost, residuals(problem, at)) if model.is_absolute else self
+        own = replace(self, problem=problem, unknowns=at, residuals=residuals(problem, at))
+        return own if model.is_absolute else self
 
 
 def _left(rows: list[Rows]) -> Array:
@@ -313,4 +319,4 @@ def solve(
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
     found = least_squares(lambda x: at(x)[0], x, jac=lambda x: at(x)[1], **how)
     best, _ = unknowns(found.x)
-    return Solution(problem, best, float(found.cost), residuals(problem, best))
+    return Solution(problem, best, float(found.cost), residuals(problem, best), found.status > 0)

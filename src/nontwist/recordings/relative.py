@@ -157,6 +157,8 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         late, alike = float(s[0] - t[0]), speed_correlation(A, t, B, s)
         begins = f"by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} the other"
         facts = (f"clock of relative_to: {which}, {begins} (correlation of the angular speeds {alike:.3f})",)
+        if clocks is None and alike < CLOSE and (shift := _shift_by_speeds(A, t, B, s)):
+            notes.append(InputWarning("clocks-differ", shift=shift, alike=alike))
     inside = _covered(t, s)
     if inside.sum() < 2:
         raise InputError("no-overlap", first=t[0], last=t[-1], other_first=s[0], other_last=s[-1])
@@ -171,6 +173,15 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         if against >= min(own):  # two bodies turn against each other as much as they turn
             raise InputError("relative-motion", shift=fit.shift)
     return [kept, replace(kept, quaternion=B.as_quat())]
+
+
+def _shift_by_speeds(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
+    """Return the shift of the times s that angular speeds decide, 0 where they do not or it is that of a sample."""
+    try:
+        shift = fitted_clock(a, t, b, s, drift=False).shift
+    except InputError:
+        return 0.0
+    return shift if abs(shift) > np.median(np.diff(t)) + np.median(np.diff(s)) else 0.0
 
 
 def _zone(t: Array, s: Array) -> float:

@@ -136,6 +136,8 @@ SENTENCES |= {
     "them when a file is read",
     "no-times": "clocks are aligned from times; both recordings need them: {option[rate=HZ]} when a file is read",
     "time-zones": "the dates of both files are {hours:g} hours apart, and overlap without: taken for two time zones",
+    "clocks-differ": "by the angular speeds the clock of relative_to is to be shifted by {shift:+.4g} s (correlation "
+    "{alike:.2f} without): {option[clocks='shift']} does, {option[clocks='shared']} takes the times as they are",
     "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
     "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "

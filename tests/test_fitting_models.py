@@ -509,9 +509,7 @@ def test_the_error_of_a_rotor_is_in_the_intervals():
     time, rates, speeds = spun(readings=0.1)
     widths = []
     for error in (0.0, 0.03):
-        fit = fit_inertia(
-            (time, rates, speeds), rotor={"axis": "z", "inertia": 1.03 * WHEEL, "speed": 0, "error": error}
-        )
+        fit = fit_inertia((time, rates, speeds), rotor={"axis": "z", "inertia": 1.03 * WHEEL, "error": error})
         low, high = fit.principal.intervals[0]
         widths.append((high - low) / 2 / fit.principal.moments[0])
     assert widths[0] < 0.03

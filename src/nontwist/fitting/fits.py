@@ -82,8 +82,8 @@ def fit_inertia(
         A rotor of known momentum turns in the body, which also gives the scale: J is that of the body with the rotor
         locked, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z", or "fit"; `inertia` about it, kg m²;
         `speed` relative to the body, positive by the right hand about the axis, the header of a column, or a number,
-        rad/s; `unit` of a column that does not state it; `error`, the relative standard deviation of the momentum, by
-        default 0. The noise of a recorded speed is estimated from its readings.
+        rad/s, left out where arrays bring it; `unit` of a column that does not state it; `error`, the relative standard
+        deviation of the momentum, by default 0. The noise of a recorded speed is estimated from its readings.
     damping : "one", "three", float or (3,) array, optional
         A moment -C W acts. "one", "three": C is fitted, as one number or as three along the axes of the sensor.
         Numbers: C is known, N m s; this requires a known scale.
@@ -168,6 +168,8 @@ def fit_inertia(
     >>> fit.unit
     'kg m²'
     """
+    if isinstance(rotor, Mapping) and isinstance(recording, tuple) and len(recording) == 3:
+        rotor = {"speed": "of the arrays", **rotor}
     model = as_model(gravity, damping, rotor, constraint, as_flag(physical, "physical"))
     deviations = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")
     plain = plain_gyroscope(*(max(float(one), KNOWN) for one in deviations))

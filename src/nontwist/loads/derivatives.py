@@ -182,8 +182,8 @@ def differenced(names: Iterable[str]) -> str:
     """Return what a warning says of functions that differences are taken of."""
     return (
         f"derivatives of {' and '.join(names)} are central differences, accurate to about ten digits, as numbers with "
-        "derivatives are not taken; functions of NumPy take them, those of math and float() do not, and a moment "
-        "accepts exact derivatives: moment(function, derivative=...)"
+        "derivatives are not taken; compiled=True takes them of numpy.where too, others of functions of NumPy, none "
+        "of math and float(); and a moment accepts exact derivatives: moment(function, derivative=...)"
     )
 
 

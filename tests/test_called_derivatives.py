@@ -293,9 +293,9 @@ def test_differences_are_announced_once():
 
 
 ARE_DIFFERENCES = (
-    "are central differences, accurate to about ten digits, as numbers with derivatives are not taken; functions of "
-    "NumPy take them, those of math and float() do not, and a moment accepts exact derivatives: moment(function, "
-    "derivative=...)"
+    "are central differences, accurate to about ten digits, as numbers with derivatives are not taken; compiled=True "
+    "takes them of numpy.where too, others of functions of NumPy, none of math and float(); and a moment accepts exact "
+    "derivatives: moment(function, derivative=...)"
 )
 
 

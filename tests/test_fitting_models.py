@@ -581,7 +581,7 @@ test_rotors_that_are_none_are_refused = refused_as(
     {
         "no axis": of_spun(axis=(0, 0, 0)),
         "no inertia": of_spun(inertia=0),
-        "no speed": of_spun(speed=None),
+        "no speed": of_spun(2, speed=None),
         "an unknown key": of_spun(axes="z"),
         "error": of_spun(error=1),
         "a column of arrays": of_spun(2, speed="erpm"),

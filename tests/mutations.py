@@ -35,7 +35,7 @@ ROOT = Path(__file__).parent.parent
 REASONS = ROOT / "tests" / "data" / "survivors.json"
 STORED = {"tests/covering/test_same_numbers.py", "tests/powers/test_powers.py", "tests/recordings/test_same.py"}
 STORED |= {"tests/test_language.py", "tests/test_docs_site.py", "tests/test_pages.py"}
-SECONDS = (5, 40, 60)  # of tests: the first ones, the others, whole files
+SHARES = (0.006, 0.05, 0.075)  # of the time of all tests: the first ones, the others, whole files
 ENDLESS, AT_LEAST = 20, 120  # a run that takes so many times as long as without a fault, and these seconds, has no end
 PASSED = (0, 5)  # exit statuses of pytest: all passed, none was left to run
 SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
@@ -307,6 +307,7 @@ class Map:
 
     def __init__(self, tests):
         self.tests = tests
+        self.all_seconds = sum(test.seconds for test in tests)
         self.texts = {str(p.relative_to(ROOT)): p.read_text(encoding="utf-8") for p in (ROOT / "src").rglob("*.py")}
         self.in_functions = {module: self._in_functions(text) for module, text in self.texts.items()}
 
@@ -331,13 +332,15 @@ class Map:
     def chosen(self, fault):
         """Tests that run a fault, with their seconds: the first ones, the others, whole files."""
         places, inside, scores = self.places(fault), self.in_functions[fault.module], {}
+        mean = self.all_seconds / len(self.tests)
         for test in self.tests:
             if any(test.lines.get(module, 0) & lines for module, lines in places.items()):
                 share = (test.lines.get(fault.module, 0) & inside).bit_count() + 1
-                scores[test] = share / sum(map(int.bit_count, test.lines.values())) / (test.seconds + 0.05)
+                scores[test] = share / sum(map(int.bit_count, test.lines.values())) / (test.seconds + mean)
         tests = sorted(scores, key=scores.get, reverse=True)
         parts = [[], [], []]
-        left = list(SECONDS)
+        most = [share * self.all_seconds for share in SHARES]
+        left = [*most]
         for test in tests:
             for k in (0, 1):
                 if left[k] > test.seconds or not parts[0]:
@@ -351,7 +354,7 @@ class Map:
             if left[2] > whole[file]:
                 parts[2].append(file)
                 left[2] -= whole[file]
-        seconds = [SECONDS[k] - left[k] for k in range(3)]
+        seconds = [most[k] - left[k] for k in range(3)]
         return list(zip(parts, seconds, strict=True))
 
 

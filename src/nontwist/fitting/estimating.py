@@ -124,9 +124,9 @@ def estimate(
     hopeless = is_hopeless(found)
     while not hopeless and (finer := _with_more_knots(found)) is not None:
         found = solve(*finer, accuracy=ROUGH, calls=stage)
-    if not (known_noise or hopeless):
-        found = _with_its_noise(found, calls)
-    return (found if hopeless else _settled(found, calls)).of_trace_one()
+    if not hopeless:
+        found = _settled(found, calls) if known_noise else _with_its_noise(found, calls)
+    return found.of_trace_one()
 
 
 def _settled(found: Solution, calls: int) -> Solution:

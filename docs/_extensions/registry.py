@@ -23,10 +23,11 @@ PROBLEMS = {
 }
 
 
-def table_of(module):
-    """Return the public functions of a catalogue, their parameters and the first lines of their docstrings."""
+def table_of(*modules):
+    """Return the public functions of catalogues, their parameters and the first lines of their docstrings."""
     rows = [
         (name, ", ".join(inspect.signature(f).parameters), _first_line(f))
+        for module in modules
         for name, f in vars(import_module(module)).items()
         if inspect.isfunction(f) and f.__module__ == module and not name.startswith("_")
     ]

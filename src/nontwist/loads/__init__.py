@@ -4,20 +4,17 @@ from .base import Load, as_load
 from .catalogue import (
     body_moment,
     damping,
-    dipole,
     director_forces,
     dry_friction,
-    gravity_gradient,
     memory_load,
     moment,
-    potential,
     pulse,
     rotor,
     sine,
     space_moment,
-    spring,
     wheel,
 )
+from .conservative import dipole, gravity_gradient, potential, spring
 from .forces import DirectorForces
 from .kinds import LOADS
 from .memory import Memory

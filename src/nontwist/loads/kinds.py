@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
-from ..geometry.values import Registry, shown
+from ..geometry.arrays import as_array
+from ..geometry.values import Registry, as_list, shown
 from .forces import ForceFunction, ForceTable
 from .friction import DryFriction
 from .memory import MemoryFunction
@@ -105,3 +106,19 @@ def is_rotor(record: Record) -> bool:
 def rotors_of(records: Iterable[Record]) -> Load:
     """Return the rotors of the load that `Load.description` has recorded."""
     return load_of(record for record in records if "rotor" in record)
+
+
+def made(cls: Callable[..., Term], *given: Any, **more: Any) -> Load:
+    """Return a term as a load; its fields check what a caller has given."""
+    return cls(*given, **more).load
+
+
+def of_function(
+    cls: Callable[..., Term], *given: Any, breakpoints: Iterable[float] = (), compiled: bool = False
+) -> Load:
+    """Return a term that is a function as a load, compiled now where that is asked for: it raises if that fails."""
+    times = tuple(as_array(as_list(breakpoints, "breakpoints"), "breakpoints", (None,)).tolist())
+    term = cls(*given, breakpoints=times, compiled=compiled)
+    if compiled:
+        _ = term.c_function
+    return term.load

@@ -13,7 +13,7 @@ from conftest import BODIES, PAPER_J, random_inertia
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
 from nontwist.integrators import stack_march
-from refusals import refused_as
+from refusals import refused_as, warned
 
 RNG = np.random.default_rng(8)
 M = 17
@@ -354,3 +354,17 @@ def test_progress_reaches_the_end(capsys, monkeypatch):
     nt.simulate_ensemble(nt.standard(PAPER_J), **how)
     assert seen == sorted(seen)
     assert seen[-1] == 1
+
+
+def test_a_run_of_another_inertia_is_continued_with_a_warning():
+    """The momentum jumps; that of the same inertia, held or released, goes on without a word."""
+    J = np.array([2.0, 4, 5])
+    first = nt.simulate(nt.standard(J), t_end=1, step=0.1, material_angular_velocity=(1, 0, 0))
+    many = nt.simulate_ensemble(nt.standard(J), t_end=1, step=0.1, material_angular_velocity=[(1, 0, 0), (2, 0, 0)])
+    trajectory = nt.integrate(nt.standard(J), t_end=1, step=0.1, material_angular_velocity=(1, 0, 0))
+    for run, function in ((first, nt.simulate), (trajectory, nt.simulate), (many, nt.simulate_ensemble)):
+        with warned("start-other-inertia") as told:
+            function(nt.nontwisting(J + 0.5), t_end=2, step=0.1, start=run)
+        assert told[0].fields["most"] == pytest.approx(0.5)
+        with warned():
+            function(nt.nontwisting(J), t_end=2, step=0.1, start=run)

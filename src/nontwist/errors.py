@@ -289,7 +289,7 @@ def _again(kind: Any, code: str, within: str, fields: dict[str, Any]) -> Any:
     return kind(code, within, **fields)
 
 
-def warn(message: str) -> None:
+def warn(message: str | Warning) -> None:
     """Warn at the line of the caller of the package."""
     warnings.warn(message, UserWarning, stacklevel=callers_level())
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset
 from ..analysis.trajectory import Trajectory, stretches_from
+from ..errors import SENTENCES, InputWarning, warn
 from ..geometry.arrays import Array, as_array, as_floats, as_number, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..integrators.time_grid import Stretches
@@ -103,10 +104,15 @@ def body_state(time: float, quaternion: Any, velocity: Any, internal: Any = ()) 
     return state
 
 
-SPIN = 1e-9
+SAME = 1e-9  # relative: up to it spins, axes and inertias are the same
 EPS = 2.0**-52
 MOST_STEPS = 2**53  # counts up to it are exact as floats
 NEEDED = ("directors", "director_velocities", "time")
+SENTENCES["start-other-inertia"] = (
+    "the run that is continued is of another body, with an inertia that differs by up to {most:.3g} kg m²: its "
+    "attitude and angular velocity are kept, and the momentum jumps; to start another body, give its rotation and "
+    "angular velocity"
+)
 BOTH = "give material_angular_velocity= or angular_velocity=, not both"
 
 
@@ -150,7 +156,7 @@ def start_of_one(
     if carried is not None and given:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     if carried is not None:
-        return _projected(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project, t_start)
+        return _projected(carried, systems, None if _has_same_axes(start, systems) else systems.axis, project, t_start)
     p, W = last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
     if angular_velocity is not None:
         W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
@@ -197,7 +203,7 @@ def starts(
     m = _common({"system": len(systems), name: len(p), velocity_name: len(W), "load_scale": len(scale)})
     if angular_velocity is not None:
         W = _in_body(p, W)
-    axis = None if start is not None and _same_axes(start, systems.axis) else systems.axis
+    axis = None if start is not None and _has_same_axes(start, systems) else systems.axis
     begin = _projected(begin._replace(velocity=W), systems, axis, project, t_start)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
@@ -268,7 +274,7 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
     time = begin.time or 0.0 if t_start is None else as_number(t_start, "t_start")
     if not project and not np.all(fine):
         along, prescribed = np.atleast_1d(spin), systems.spin_at(time)
-        fine = np.atleast_1d(fine) | (abs(along - prescribed) <= SPIN * np.linalg.norm(W, axis=1))
+        fine = np.atleast_1d(fine) | (abs(along - prescribed) <= SAME * np.linalg.norm(W, axis=1))
     if not project and not np.all(fine):
         k = int(np.argmin(fine))
         n = np.round(axis[k if len(axis) > 1 else 0], 12).tolist()
@@ -294,7 +300,7 @@ def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
     spin = x * a + y * b + z * c
     u, v, w = x - spin * a, y - spin * b, z - spin * c
     is_left = 1.0 * (abs(u) + abs(v) + abs(w) > 4 * EPS * (abs(x) + abs(y) + abs(z)))
-    return (u * is_left, v * is_left, w * is_left), spin, abs(spin) <= SPIN * (x * x + y * y + z * z) ** 0.5
+    return (u * is_left, v * is_left, w * is_left), spin, abs(spin) <= SAME * (x * x + y * y + z * z) ** 0.5
 
 
 def last_state(start: Any) -> Starts | None:
@@ -354,20 +360,27 @@ def require_states(start: Any) -> None:
         raise ValueError("start= has no states: there is nothing to continue from")
 
 
-def _same_axes(start: Any, axis: Array | None) -> bool:
-    """Whether the run `start` had the same constraints: its states then need no projection."""
-    if axis is None:
-        return False
+def _bodies(start: Any) -> SystemStack | None:
+    """Return what a run is of, as far as it states that."""
+    if "euler_inertia" in getattr(start, "data_vars", {}):
+        axes = start.constrained_axis.values if "constrained_axis" in start else None
+        return SystemStack(start.euler_inertia.values, axes, physical=False)
     own = getattr(start, "system", None)
-    if "constrained_axis" in getattr(start, "data_vars", {}):
-        axes: Any = start.constrained_axis.values
-    elif isinstance(own, DirectorSystem):
-        axes = None if own.axis is None else own.axis[None]
-    elif (text := getattr(start, "attrs", {}).get("system")) is not None:
-        axes = stacked(DirectorSystem.from_json(text)).axis
-    else:
+    if not isinstance(own, DirectorSystem) and (text := getattr(start, "attrs", {}).get("system")) is not None:
+        own = DirectorSystem.from_json(text)
+    return stacked(own) if isinstance(own, DirectorSystem) else None
+
+
+def _has_same_axes(start: Any, systems: SystemStack) -> bool:
+    """Whether the run `start` had the same constraints: its states then need no projection; warn of other inertias."""
+    if (found := _bodies(start)) is None:
         return False
-    return axes is not None and axes.shape == axis.shape and bool(abs(axes - axis).max() <= SPIN)
+    gap, own, axis = abs(found.inertia - systems.inertia).max(axis=(1, 2)), abs(systems.inertia), systems.axis
+    if (gap > SAME * own.max(axis=(1, 2))).any():
+        warn(InputWarning("start-other-inertia", most=float(gap.max())))
+    if axis is None or found.axis is None or found.axis.shape != axis.shape:
+        return False
+    return bool(abs(found.axis - axis).max() <= SAME)
 
 
 def _of_run(start: Any) -> Starts:

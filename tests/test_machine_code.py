@@ -26,7 +26,7 @@ from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
 from nontwist.models.stack import stacked
 
-ROOT = Path(nontwist.__file__).parents[2]
+HERE = Path(nontwist.__file__).parent
 FIRST = (
     "import sys; sys.path[:0] = [{path!r}]; import nontwist; early = 'llvmlite' in sys.modules;"
     "from nontwist import integrate, standard;"
@@ -38,7 +38,7 @@ FIRST = (
 @pytest.fixture
 def package(tmp_path):
     """A copy of the package, with its metadata."""
-    shutil.copytree(ROOT / "src" / "nontwist", tmp_path / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(HERE, tmp_path / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
     metadata = tmp_path / "nontwist-0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: nontwist\nVersion: 0\n", encoding="utf-8")

@@ -157,3 +157,19 @@ def test_what_does_not_fit_is_refused():
     with says():
         nt.join_runs(first, elsewhere)
     assert isinstance(nt.join_runs(first), xarray.Dataset)
+
+
+def test_runs_are_taken_in_the_order_of_their_labels():
+    """Directors, axes and components of quaternions in another order are the same run."""
+    run = nt.simulate(nt.standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
+    other = run.isel(director=[2, 0, 1], quat=[3, 0, 1, 2], axis=[1, 2, 0])
+    for function in (
+        lambda run: nt.point_position(run, (1, 2, 3)),
+        lambda run: nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.1, start=run).directors,
+        lambda run: nt.resample(run, [0.25]).directors,
+        lambda run: nt.join_runs(run).directors,
+        lambda run: nt.sensors.gyroscope(run).gyroscope,
+        lambda run: nt.twist(run, axis="z").twist_angle,
+    ):
+        assert np.array_equal(function(other), function(run))
+    assert nt.drifts(other) == nt.drifts(run)

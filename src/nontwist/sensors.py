@@ -86,7 +86,7 @@ def gyroscope(
     >>> recording.gyroscope.values[0].round(2)
     array([3.01, 8.  , 1.  ])
     """
-    as_dataset(run, RUN, ("time", "material_angular_velocity"))
+    run = as_dataset(run, RUN, ("time", "material_angular_velocity"))
     density, s = as_number(noise, "noise"), float(as_positive(scale, "scale", (), ""))
     if density < 0:
         raise ValueError(f"noise must not be negative, got {density:g} rad/s/√Hz")

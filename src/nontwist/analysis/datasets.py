@@ -10,14 +10,15 @@ from ..geometry.values import shown
 from .variables import VARIABLES
 
 RUN = "a run of nontwist.simulate"
+ORDERS = ("0 1 2", "1 2 3", "d1 d2 d3", "x y z", "x y z w")  # of the labels of directors, axes and quaternions
 
 
 def as_dataset(
     data: Any, what: str, variables: Iterable[str] = (), attributes: Iterable[str] = (), texts: Iterable[str] = ()
 ) -> Any:
-    """Return `data`; a ValueError where it is no Dataset, or lacks variables, attributes or texts.
+    """Return `data` in the order of labels; a ValueError where it is no Dataset, or lacks variables or attributes.
 
-    Variables of runs must have the dims of runs, others any.
+    Texts are variables, too. Variables of runs must have the dims of runs, others any.
     """
     if not hasattr(data, "data_vars"):
         raise ValueError(f"expected {what} as a Dataset, got {shown(data)}")
@@ -33,6 +34,16 @@ def as_dataset(
     for name in attributes:
         if name not in data.attrs:
             raise ValueError(f"expected {what} with the attribute {name!r}; this Dataset does not have it")
+    return in_order(data)
+
+
+def in_order(data: Any) -> Any:
+    """Return a Dataset or DataArray with directors, axes and components of quaternions in the order of their labels."""
+    for dim in ("director", "axis", "quat"):
+        own = [str(label) for label in data[dim].values] if dim in data.dims and dim in data.coords else []
+        order = next((one for one in map(str.split, ORDERS) if sorted(own) == sorted(one)), own)
+        if own != own:
+            data = data.isel({dim: [own.index(label) for label in order]})
     return data
 
 

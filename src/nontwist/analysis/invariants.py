@@ -282,7 +282,7 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     {'kinetic_energy': True, 'spatial_momentum': True, 'orthonormality': True}
     """
     run = run.to_dataset() if isinstance(run, Trajectory) else run
-    as_dataset(run, RUN, ("time", *STATES), ("system", "load", "integrator"))
+    run = as_dataset(run, RUN, ("time", *STATES), ("system", "load", "integrator"))
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
     found, acting = {}, acting_in(run)

@@ -57,8 +57,8 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
 
     if not runs:
         raise ValueError("give the runs to join, in chronological order")
+    runs = tuple(as_dataset(run, RUN, NEEDED, ("system", "integrator", "load")) for run in runs)
     for run in runs:
-        as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
         if not run.sizes["time"]:
             raise ValueError("a run without states cannot be joined")
         for name, variable in run.variables.items():
@@ -224,7 +224,7 @@ def _along(run: Any, X: ArrayLike, name: str, attributes: dict[str, str]) -> xar
     if isinstance(run, Trajectory):
         of_run: Array = X @ getattr(run, name)
         return of_run
-    as_dataset(run, f"a Trajectory, or {RUN}")
+    run = as_dataset(run, f"a Trajectory, or {RUN}")
     if name not in run.data_vars:
         known = ", ".join(map(str, run.data_vars))
         raise ValueError(f"the run has no variable {name!r}; it has {known}; for ensembles pass variables=[{name!r}]")

@@ -108,7 +108,7 @@ def observed_order(
 def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
     if not among(variable, run.data_vars):
         raise ValueError(f"the run has no variable {shown(variable)}; it has {', '.join(map(str, run.data_vars))}")
-    as_dataset(run, RUN, (variable,))
+    run = as_dataset(run, RUN, (variable,))
     if "time" not in run[variable].dims:
         raise ValueError(f"{variable} has no dim time: choose a variable of the states")
     own = run["time"].values

@@ -73,7 +73,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
     >>> rotation(resample(run, [0.25, 0.333])).magnitude().round(6)
     array([0.5  , 0.666])
     """
-    as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
+    run = as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
     t, x = run["time"].values, as_array(times, "times", (None,))
     if t.size < 2:
         raise ValueError("the run has a single state; nothing can be interpolated")

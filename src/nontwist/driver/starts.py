@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import as_dataset
+from ..analysis.datasets import as_dataset, in_order
 from ..analysis.trajectory import Trajectory, stretches_from
 from ..errors import SENTENCES, InputWarning, warn
 from ..geometry.arrays import Array, as_array, as_floats, as_number, vector
@@ -306,7 +306,7 @@ def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
 def last_state(start: Any) -> Starts | None:
     """Return the last state of a run, or None where `start` holds no velocities."""
     if hasattr(start, "data_vars"):
-        as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
+        start = as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
     if not hasattr(start, "director_velocities"):
         return None
     require_states(start)
@@ -395,7 +395,7 @@ def _of_run(start: Any) -> Starts:
     if names:
         them = "them" if len(names) > 1 else "it"
         raise ValueError(f"start= lacks {' and '.join(names)}; store {them} with variables= in the earlier run")
-    last = start.isel(time=-1)
+    last = in_order(start).isel(time=-1)
     p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
     N = None
     failed = np.flatnonzero(~np.isfinite(p).all(axis=1))

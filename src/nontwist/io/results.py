@@ -107,7 +107,7 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
     >>> open_run("run.nc").identical(run)
     True
     """
-    as_dataset(run, "a run or a result of twist")
+    run = as_dataset(run, "a run or a result of twist")
     place = as_path(path, "path")
     if place.suffix.lower() in EXPORTED:
         raise ValueError(f"{place}: save_run writes NetCDF, NAME.nc; nontwist export NAME.nc --out {place} writes that")

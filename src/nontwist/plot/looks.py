@@ -225,8 +225,7 @@ def variable(run: Any, label: str, name: str, remedy: str = "") -> Any:
     """Return the variable `name` of a run; a ValueError with the `remedy` where it has none."""
     if name not in run:
         raise ValueError(f"{_named(label)} has no {name}: {remedy or 'it has ' + ', '.join(map(str, run))}")
-    as_dataset(run, RUN, (name,))
-    return run[name]
+    return as_dataset(run, RUN, (name,))[name]
 
 
 def _named(label: str) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..analysis.datasets import in_order
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, as_floats
 from ..geometry.values import counted
@@ -25,7 +26,6 @@ from .times import seconds
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-LABELS = ("0 1 2", "1 2 3", "d1 d2 d3", "x y z")  # of directors and axes, which may be in another order
 EXACT = 1e-9  # accepted departure from orthonormality
 GAP = 5.0  # times the median interval
 DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicates
@@ -169,19 +169,16 @@ def _require_rotations(
 
 
 def _of_dataarray(motion: Any, scalar_first: bool | None) -> Array:
-    labels = {str(dim): [str(x) for x in motion[dim].values] for dim in motion.dims if dim in motion.coords}
     if "quat" in motion.dims:
-        order = labels.get("quat", list("wxyz" if scalar_first else "xyzw"))
+        order = list("wxyz" if scalar_first else "xyzw")
+        if "quat" in motion.coords:
+            order = [str(x) for x in motion["quat"].values]
         if sorted(order) != sorted("xyzw"):
             raise ValueError(f"the coordinate quat must be x, y, z and w, got {', '.join(order)}")
         values = motion.transpose(..., "quat").values
-        return np.asarray(values if order == list("xyzw") else values[..., [order.index(x) for x in "xyzw"]])
+        return np.asarray(values[..., [order.index(x) for x in "xyzw"]])
     if {"director", "axis"} <= set(motion.dims):
-        for dim in ("director", "axis"):
-            in_order = sorted(own := labels.get(dim, []))
-            if own != in_order and " ".join(in_order) in LABELS:
-                motion = motion.sortby(dim)
-        return np.asarray(motion.transpose(..., "axis", "director").values)
+        return np.asarray(in_order(motion).transpose(..., "axis", "director").values)
     raise ValueError(f"a DataArray needs the dims director and axis, or quat; got {', '.join(map(str, motion.dims))}")
 
 

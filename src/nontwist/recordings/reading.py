@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
+from ..analysis.datasets import in_order
 from ..analysis.variables import assembled, coordinates
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats
@@ -243,7 +244,10 @@ def of_run(run: Any, name: str, quaternions: Array | None) -> Rates:
     if not known or "time" not in run.variables or set(run[known].dims) != {"time", "director"}:
         words = "must be what sensors.gyroscope returns, or a run of one body; this Dataset has"
         raise ValueError(f"{name} {words} {', '.join(map(str, run))}")
-    time, W = as_floats(run["time"].values, "time"), as_floats(run[known].transpose("time", "director").values, known)
+    time, W = (
+        as_floats(run["time"].values, "time"),
+        as_floats(in_order(run[known]).transpose("time", "director").values, known),
+    )
     return Rates(time, W, name, (f"rates: {known}",), quaternions=quaternions).cleaned()
 
 

@@ -90,7 +90,8 @@ def content(run: Any) -> dict[str, Any]:
     run = run.to_dataset() if isinstance(run, Trajectory) else run
     if "system" not in getattr(run, "attrs", {}):
         return _recording(run)
-    system, (first, last) = _checked(run), run["time"].values[[0, -1]]
+    run, system = _checked(run)
+    first, last = run["time"].values[[0, -1]]
     if "midtime" in run.indexes:  # of a part, run.sel(time=slice(1, 2)), the intervals are all there
         run = run.sel(midtime=slice(first, last))
         run = run if run.sizes["midtime"] else run.drop_dims("midtime")
@@ -198,15 +199,15 @@ def _shown(values: NDArray[Any]) -> NDArray[Any]:
     return chosen
 
 
-def _checked(run: xarray.Dataset) -> DirectorSystem:
+def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:
     if lacking := [name for name in NEEDED if name not in run.variables]:
         raise ValueError(f"not a run of simulate: it lacks {', '.join(lacking)}")
     if "member" in run.dims:
         raise ValueError(f"this is an ensemble of {run.sizes['member']} runs; view(run.isel(member=0)) shows one")
-    as_dataset(run, RUN, ("time", *NEEDED))
+    run = as_dataset(run, RUN, ("time", *NEEDED))
     if run.sizes["time"] < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
-    return DirectorSystem.from_json(run.attrs["system"])
+    return run, DirectorSystem.from_json(run.attrs["system"])
 
 
 def _labels(axis: Array) -> list[str]:

@@ -42,7 +42,7 @@ def in_order(data: Any) -> Any:
     for dim in ("director", "axis", "quat"):
         own = [str(label) for label in data[dim].values] if dim in data.dims and dim in data.coords else []
         order = next((one for one in map(str.split, ORDERS) if sorted(own) == sorted(one)), own)
-        if own != own:
+        if own != order:
             data = data.isel({dim: [own.index(label) for label in order]})
     return data
 

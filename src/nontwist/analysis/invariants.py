@@ -281,15 +281,15 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     >>> {name: drift.relative < 1e-13 for name, drift in drifts(run).items()}
     {'kinetic_energy': True, 'spatial_momentum': True, 'orthonormality': True}
     """
-    run = run.to_dataset() if isinstance(run, Trajectory) else run
-    run = as_dataset(run, RUN, ("time", *STATES), ("system", "load", "integrator"))
-    system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
+    data = run.to_dataset() if isinstance(run, Trajectory) else run
+    data = as_dataset(data, RUN, ("time", *STATES), ("system", "load", "integrator"))
+    system, x = DirectorSystem.from_json(data.attrs["system"]), quantities(data)
     sizes = scales(x, system)
-    found, acting = {}, acting_in(run)
+    found, acting = {}, acting_in(data)
     for name, invariant in invariants(system, acting.records, acting.dissipates).items():
         if not acting.is_one and invariant.units != "1":
             continue
-        if not invariant.has_work or "load_work" in run:
+        if not invariant.has_work or "load_work" in data:
             absolute = drift(invariant, x, 1.0)
             found[name] = Drift(invariant.symbol, invariant.units, absolute / sizes[invariant.units], absolute)
     return found

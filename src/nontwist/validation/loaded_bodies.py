@@ -27,7 +27,7 @@ from ..analysis.trajectory import Trajectory
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, dry_friction, gravity_gradient, pulse, sine, wheel
+from ..loads import Load, body_moment, damping, dry_friction, gravity_gradient, pulse, sine, wheel
 from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import CASES
@@ -36,7 +36,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, 
 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.potentials"
-FRICTION, BEARING = "nontwist.driver.rubbing", "nontwist.driver.contacts"
+FRICTION, BEARING, OIL = "nontwist.driver.rubbing", "nontwist.driver.contacts", "nontwist.driver.grid"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -178,4 +178,43 @@ def bearing() -> Iterator[Check]:
     yield error(f"{name}: momentum of both, energy less loss", gaps, 1e-13, BEARING, "invariant")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction, bearing)
+def skew_wheels() -> Iterator[Check]:
+    """Drive one of two skew wheels: ``h' = u - b Ω`` of each beside ``Π' = Π × W`` of the whole, by DOP853."""
+    J, n = np.array([3.0, 4.0, 5.0]), np.array([[1.0, 2, 0], [0, 1, -2]]) / np.sqrt(5)
+    I, first, u, b = np.array([0.3, 0.2]), np.array([5.0, -3]), np.array([0.4, 0]), np.array([0.02, 0.05])
+    carrier = np.diag(J) - n.T @ (I[:, None] * n)
+
+    def rates(t: float, y: Array) -> Array:
+        W, h = y[:3], y[3:]
+        torque = u - b * (h / I - n @ W)
+        return np.append(np.linalg.solve(carrier, np.cross(carrier @ W + h @ n, W) - torque @ n), torque)
+
+    W0 = np.array([1.0, -2, 0.5])
+    start = np.append(W0, I * (first + n @ W0))
+    end = solve_ivp(rates, (0, 5), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    wheels = [wheel(n[k], I[k], speed=first[k], torque=u[k], viscous=b[k]) for k in (0, 1)]
+    how: Arguments = {"load": wheels[0] + wheels[1], "material_angular_velocity": W0}
+    run = integrate(standard(J), t_end=5, step=0.02, integrator="gauss", **how)
+    gaps = np.append(run.material_angular_velocity[-1], run.wheel_momentum[-1]) - end
+    yield error("two skew wheels, one of them driven: W, h", gaps, 1e-11, BEARING, "independent")
+
+
+def oil() -> Iterator[Check]:
+    """Let a pendulum creep down in oil, c θ' = -m g l sin θ but for the beginning: by Radau, without a step chosen."""
+    inertia, weight, c = 1.01, 9.81, 1e4
+    found = solve_ivp(
+        lambda t, y: [y[1], -(weight * np.sin(y[0]) + c * y[1]) / inertia],
+        (0, 10 * c / weight),
+        [1.0, 0.0],
+        method="Radau",
+        jac=lambda t, y: [[0.0, 1.0], [-weight * np.cos(y[0]) / inertia, -c / inertia]],
+        rtol=1e-12,
+        atol=1e-15,
+    )
+    pendulum, tilted = heavy_top([inertia, inertia, 0.01], 1, (0, 0, 1)), Rotation.from_euler("x", np.pi - 1)
+    run = integrate(pendulum, t_end=10 * c / weight, load=damping(c), rotation=tilted, store="end")
+    angle = np.arctan2(-run.directors[-1, 2, 1], -run.directors[-1, 2, 2])
+    yield error("pendulum in thick oil: angle by default", angle / found.y[0, -1] - 1, 1e-7, OIL, "independent")
+
+
+CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction, bearing, skew_wheels, oil)

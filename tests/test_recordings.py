@@ -336,6 +336,8 @@ TEXTS = {  # content, options; code and fields
                                  "not-a-number", {"value": "1,000"}),
     "thousands of s": (table({"t": [f"{1 + t:.3f}" for t in T], **quaternion()}, ";", decimal=",").getvalue(), {},
                        "thousands", {"name": "t"}),
+    "thousands of whole ms": (beside(time_ms=[f"{20 * k:,}".replace(",", ".") for k in range(N)]), {},
+                              "thousands", {"name": "time_ms"}),
     "underscores": (beside(time=[f"0_{k}" for k in range(N)]), {}, "not-a-time", {"value": "0_0"}),
     "words": ("hello world\nthis is no recording\n", {}, "no-orientation", {}),
 }  # fmt: skip
@@ -466,6 +468,24 @@ def test_times_of_mvnx_are_those_of_its_indices(tmp_path):
     path = made(text.replace('index="', 'index="7'), "b.mvnx").write(tmp_path)
     assert read_motion(path, body="LeftHand").time.values[1] == 0.017
     assert "checked" not in read_motion(path, body="Pelvis").notes  # it is at rest
+    text = re.sub(r'time="(\d+)"', lambda found: f'time="{int(found[1]) / 1000}"', text)  # in s
+    for indices, second in (('index="', 1 / 60), ('index="7', 0.017)):
+        path = made(text.replace('index="', indices), "s.mvnx").write(tmp_path)
+        assert read_motion(path, body="LeftHand").time.values[1] == pytest.approx(second, rel=1e-7)
+
+
+def test_decimal_marks_are_those_of_all_rows():
+    """The first 250 rows have what may be thousands alone, or no mark; the last ones tell."""
+    text = "t\tqw\tqx\tqy\tqz\n" + "".join(f"{k}\t1\t0\t0\t0\n" for k in range(250))
+    same(read_motion(io.StringIO(text + "250\t0,6\t0\t0\t0,8\n"))[-1:], Rotation.from_quat([[0, 0, 0.8, 0.6]]))
+    text = "t\tqw\tqx\tqy\tqz\n" + "".join(f"{k},000\t1\t0\t0\t0\n" for k in range(1, 250))
+    with refused("not-a-time", value="1,000"):
+        read_motion(io.StringIO(text + "250,000\t0.6\t0\t0\t0.8\n"))
+
+
+def test_columns_of_an_archive_have_the_times_of_its_rate(tmp_path):
+    np.savez(tmp_path / "a.npz", **quaternion(), fps=50.0)
+    assert read_motion(tmp_path / "a.npz").time.values == pytest.approx(np.arange(N) / 50)
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat", ".c3d", ".bag"])

@@ -38,8 +38,8 @@ SENTENCES |= {
     "no-column": "there is no column {name!r}; there are {names}",
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",
-    "thousands": "the column {name!r} has points where other columns have decimal commas: write one decimal mark, "
-    "and thousands without any",
+    "thousands": "the marks in the column {name!r} look like those of thousands: write one decimal mark, and thousands "
+    "without any",
     "columns": "name {sizes}, the time before them; got {count}",
     "three-columns": "3 columns need {option[euler]}, if they are angles, or {option[rotation_vector=True]}",
     # sensors and bodies

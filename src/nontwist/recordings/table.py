@@ -79,8 +79,8 @@ def stacked(rows: Sequence[Sequence[Any]], width: int, what: str, lines: Lines |
 class Table:
     """Columns of equal length; `lines`, where known, are those of the rows in a file of text, from 1.
 
-    It is `headless` where the file has no headers; they are numbers then, from 1. Columns of `thousands` have points
-    before three digits alone, where commas are decimal marks.
+    It is `headless` where the file has no headers; they are numbers then, from 1. Columns of `thousands` have marks
+    before three digits alone, as numbers above 1000 may.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)

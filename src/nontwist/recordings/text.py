@@ -38,6 +38,7 @@ COMMENTS = ("//", "#", "%")
 SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), "m": ("mscale", "")}
 _COMMA, _POINT = (re.compile(rf"[-+]?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _UNSURE = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # perhaps thousands
+FEW = 3  # different numbers with such a mark, and as many below 1000 without one, are thousands
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 
@@ -70,7 +71,8 @@ def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
     if separator is None and 0 < len(row) < len(names):
         raise InputError("empty-fields", headers=len(names), fields=len(row))
     is_prose = first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names)
-    found = None if is_prose else _rows(content, separator, first, names, _decimal(lines[first:], separator))
+    decimal = _decimal(islice(opened(content), first, None), separator)
+    found = None if is_prose else _rows(content, separator, first, names, decimal)
     if found is None:
         return Table({name: np.array([]) for name in names}, headless=headers is None), ()
     factors = (f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
@@ -123,12 +125,20 @@ def fields_of(line: str, separator: str | None) -> list[str]:
     return [field.strip() for field in (next(quoted) if '"' in line else line.split(separator))]
 
 
-def _decimal(rows: Sequence[str], separator: str | None) -> str:
-    """Return the decimal mark of the first row that has one; not commas that may be of thousands, where points are."""
-    marked = [[list(filter(one.fullmatch, fields_of(row, separator))) for one in (_COMMA, _POINT)] for row in rows]
-    first = next((commas for commas, points in marked if commas or points), [])
-    is_sure = not all(_UNSURE.fullmatch(field) for commas, _ in marked for field in commas)
-    return "," if first and (is_sure or not any(points for _, points in marked)) else "."
+def _decimal(rows: Iterable[str], separator: str | None) -> str:
+    """Return the decimal mark of the first row where it is not perhaps one of thousands; of none, commas alone are."""
+    has_commas = has_points = False
+    for row in rows:
+        if "." not in row and ("," not in row or (separator == "," and '"' not in row)):
+            continue
+        fields = fields_of(row, separator)
+        commas, points = (list(filter(one.fullmatch, fields)) for one in (_COMMA, _POINT))
+        if not all(map(_UNSURE.fullmatch, commas)):
+            return ","
+        if not commas and not all(map(_UNSURE.fullmatch, points)):
+            return "."
+        has_commas, has_points = has_commas or bool(commas), has_points or bool(points)
+    return "," if has_commas and not has_points else "."
 
 
 def _is_number(field: str) -> bool:
@@ -242,6 +252,9 @@ def _rows(
         raise InputError("fields", place=where, count=len(names)) from error
     pointed = frame.select_dtypes(["object", "string"]) if decimal == "," else frame.iloc[:, :0]
     thousands = [str(name) for name, column in pointed.items() if _are_thousands(column.dropna().astype(str))]
+    if doubtful := [name for name, column in frame.select_dtypes("float").items() if _may_be_thousands(column)]:
+        texts = pandas.read_csv(io.BytesIO(content), **how | {"usecols": doubtful, "dtype": str})
+        thousands += [name for name in doubtful if _has_both(texts[name].dropna(), decimal)]
     notes = (f"left out: {counted(len(comments), 'line')} of comments between the rows",) if comments else ()
     lines = np.array(places) if not is_split and len(places) == len(frame) else None
     return Table({str(name): frame[name].to_numpy() for name in frame.columns}, lines, thousands=thousands), notes
@@ -251,6 +264,22 @@ def _are_thousands(fields: Iterable[str]) -> bool:
     """Whether fields of a column have points, all before three digits, beside decimal commas."""
     found = [field.strip() for field in fields if _POINT.fullmatch(field.strip())]
     return bool(found) and all(map(_UNSURE.fullmatch, found))
+
+
+def _may_be_thousands(numbers: Any) -> bool:
+    """Whether numbers below 1000 have three digits behind their mark, but no number below 1 has any."""
+    x = abs(numbers.to_numpy())
+    x = x[np.isfinite(x) & (x > 0)]
+    part = x[x != np.round(x)]
+    if part.size < FEW or part.min() < 1 or x.max() >= 1000:
+        return False
+    return bool(abs(1000 * x - np.round(1000 * x)).max() < 1e-6)
+
+
+def _has_both(texts: Any, mark: str) -> bool:
+    """Whether numbers have three digits behind their mark, and others, which are not 0, no mark."""
+    marked, whole = ({one.strip() for one in texts if (mark in one) == is_in} for is_in in (True, False))
+    return all(map(_UNSURE.fullmatch, marked)) and min(len(marked), len(whole - {"0"})) >= FEW
 
 
 def read_text(source: Path | Any, how: ReadOptions) -> Content:

@@ -84,7 +84,7 @@ def of_arrays(arrays: Mapping[str, Any], how: ReadOptions) -> Content:
     if notes and not (columns or bodies or loose):
         raise InputError("no-attitudes", help="; ".join(notes))
     known = next((float(arrays[name]) for name in arrays if name.lower() in RATES and arrays[name].size == 1), 0.0)
-    count = max(map(len, (*bodies.values(), *loose.values())), default=0)
+    count = max(map(len, [*bodies.values(), *loose.values()] or columns.values()), default=0)
     time = np.arange(count) / known if known > 0 and count else None
     table = Table(columns, headless=headless)
     if time is not None and how.rate is None:
@@ -100,6 +100,8 @@ def of_arrays(arrays: Mapping[str, Any], how: ReadOptions) -> Content:
             if not abs(told - told[0] - time).max() < 0.5 / known:
                 notes.append(f"time: not used: {known:g} samples a second, from which the times differ")
             table, time = own, None
+        elif not (bodies or loose):
+            table, time = replace(own, columns={"time (s)": time} | dict(own.columns)), None
     return Content(table, bodies, loose, time=time, notes=tuple(notes), directed=False)
 
 

@@ -8,7 +8,8 @@ axes, in degrees; a joint's attitude is its parent's times its own.
 MVN User Manual, MV0319P, chapter on MVNX: ``orientation`` holds ᴳᴮq of each segment in the order of ``segments``,
 ``sensorOrientation`` ᴳˢq of each sensor, ``angularVelocity`` that of each segment in the global frame, to tell whether
 the file inverts its attitudes; frames of another type than ``normal`` are poses of the calibration. ``time`` of a frame
-is in whole ms: where ``index`` over ``frameRate`` agrees to 1 ms with those that are there, that is the time.
+is in whole ms, or in s, as the frame rate decides: where ``index`` over ``frameRate`` agrees to 1 ms with those that are
+there, that is the time.
 
 **OpenSim**: the header ends with ``endheader``; it holds ``DataType=Quaternion`` for quaternions, ``w,x,y,z`` in a
 field each, and ``inDegrees=yes`` or ``no`` for angles. Labels follow, then rows, separated by tabs or blanks, or by
@@ -33,6 +34,7 @@ from ..text import fields_of, opened
 from .apart import readable
 
 WORDS = re.compile(r"\b(ROOT|JOINT|End|CHANNELS)\b([^{}\r\n]*)|([{}])")
+IN_SECONDS = 30.0  # periods of the frame rate: times that are closer together are no ms, which would be 1000
 ROUNDED = 1.5e-3  # s, by which the times of frames, in whole ms, miss those of their indices
 TAGS = {"orientation": ("segment", 4), "sensorOrientation": ("sensor", 4), "angularVelocity": ("segment", 3)}
 
@@ -139,13 +141,16 @@ def read_mvnx(path: Path, how: ReadOptions) -> Content:
 
 
 def _time(stated: list[tuple[float | None, float | None]], rate: float | None) -> Array | None:
-    ms, indices = np.array(stated, dtype=float).T
-    exact = indices / (rate or np.nan)
-    if np.isfinite(exact).all() and np.fmax.reduce(abs(exact - ms / 1000), initial=0.0) < ROUNDED:
+    times, indices = np.array(stated, dtype=float).T
+    exact, steps = indices / (rate or np.nan), np.diff(times)
+    steps = steps[steps > 0]
+    is_in_seconds = steps.size > 0 and np.median(steps) * (rate or np.inf) < IN_SECONDS
+    times = times if is_in_seconds else times / 1000
+    if np.isfinite(exact).all() and np.fmax.reduce(abs(exact - times), initial=0.0) < ROUNDED:
         return np.asarray(exact)
-    if np.isfinite(ms).any():
-        return np.asarray(ms / 1000)
-    return np.arange(len(ms)) / rate if rate else None
+    if np.isfinite(times).any():
+        return np.asarray(times)
+    return np.arange(len(times)) / rate if rate else None
 
 
 def read_opensim(path: Path, how: ReadOptions) -> Content:

@@ -192,3 +192,18 @@ def test_solid_angle_of_sides_and_vertices_beside_the_antipode_of_the_pole(delta
             polygon = turn.apply(polygon / np.linalg.norm(polygon, axis=1)[:, None])
             pole = turn.apply([0, 0, 1.0])
             assert solid_angle(polygon, pole=pole) == pytest.approx(exact_fan(polygon, pole), abs=1e-15 / delta + 1e-14)
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+@pytest.mark.parametrize(("tilt", "rate", "unit"), [(0.05, 0.1, 0.01), (1.2, 0.0, 0.01), (0.3, 1.0, 2**-7)])
+def test_rounding_is_noise_that_recurs(tilt, rate, unit, inverse):
+    """Of a spinning top: rounded attitudes are off alike in every turn, and their corners are not resolved."""
+    t = np.arange(0, 100, 0.01)
+    motion = Rotation.from_euler("ZXZ", np.stack([rate * t, np.full_like(t, tilt), 3 * t], axis=1))
+    motion = motion.inv() if inverse else motion
+    found = twist(np.round(motion.as_quat() / unit) * unit, t, scalar_first=False)
+    error = abs(found.twist_angle - twist(motion, t).twist_angle).values
+    assert found.noise_level == pytest.approx(unit / np.sqrt(3), rel=0.1)
+    assert np.all(error[1:] < 4 * found.noise_estimate[1:])
+    assert error.max() > found.noise_estimate.max() / 30
+    assert found.error_estimate[-1] < 0.06

@@ -71,6 +71,7 @@ class Path(NamedTuple):
 SIZE = size_of(Path)
 ANTIPODAL_DISTANCE = math.sqrt(ANTIPODAL)
 _EPS = 2.0**-52
+MOST = 0.125  # of the square of an arc: half the square over its half, which no path as short leaves
 _BENT = 5  # nodes from which the curvature has a second derivative
 
 
@@ -165,6 +166,8 @@ def _second_derivative(s: View) -> Any:
 def _error(h: Any, a: Any, ka: Any, xa: Any, lead: Any, kb: Any, xb: Any, b: Any, second: Any) -> Any:
     """Return the error of the roll of a segment of arc h whose curvature comes from nodes at xa and xb from its middle.
 
+    Where samples do not resolve the curvature, as at corners that rounding makes, it is an area beside the arc at most.
+
     Node a has the arcs a and `lead` beside it, node b `lead` and b. Where one is short, one curvature was used, or
     none.
     """
@@ -178,7 +181,8 @@ def _error(h: Any, a: Any, ka: Any, xa: Any, lead: Any, kb: Any, xb: Any, b: Any
     cube = k * k * k + k
     full = h3 / 12.0 * (second * bend - cube * (wa * a * lead + wb * lead * b) / 8.0)
     full = full + h3 * h * h * ((2.0 * (cube - 3.0 * k) - second) / 480.0 - cube / 96.0)
-    return select(smaller(a, smaller(lead, b)) < SHORT * h, h3 / 12.0 * (used - wa * ka - wb * kb), full)
+    found = select(smaller(a, smaller(lead, b)) < SHORT * h, h3 / 12.0 * (used - wa * ka - wb * kb), full)
+    return larger(-MOST * h * h, smaller(MOST * h * h, found))
 
 
 def _add_error(s: View, error: Any) -> None:

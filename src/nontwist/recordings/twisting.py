@@ -28,6 +28,16 @@ counts; of those within a fifth of it the one of lowest order, which scatters le
 parameter is the number of the sample or, as far as noise is small beside the steps, the length of the path. Motion that
 the samples do not resolve counts as noise.
 
+**Rounding** to a unit r shows in quaternions as recorded, all multiples of r. It moves d3 by σ = r/√3 in each
+component; of matrices by r/√24. A number that is rounded to c has the same error whenever it recurs, and -c the
+opposite one: what rests has no new errors, and those of a periodic motion add up from period to period. An error ε of
+the component j of a quaternion turns the body by 2 ε t_j, t_j = (e_j q*)_vec. With the samples i in which it is ±c the
+variance is
+
+    σ² Σ_j Σ_c (½ Σ_i ± (x_i+1 - x_i-1) · t_j,i)²  +  2 σ².
+
+`noise_estimate` is the larger of this and of that of independent errors.
+
 **Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
 swing-twist angle τ: it is the angle about d3(t) from the triad transported along the single great circle to the body's
 triad. The angle from the frame transported along the path to the body's triad is ψ. So τ - ψ is the holonomy of the
@@ -54,6 +64,7 @@ For an axis fixed in space the twist is ∫ w·n dt: minus the twist of the inve
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -82,6 +93,11 @@ _LOST = 16 * EPS
 ORDERS = (2, 4, 6, 8)
 LEAST = 12  # samples
 _NEAR, _SMALL = 1.2, 0.1
+FINEST, COARSEST = 1e-6, 0.1  # units of rounding
+MULTIPLE, EXACT = (
+    1e-3,
+    0.05,
+)  # of the unit: how far numbers may be off its multiples; lengths, of exact rotations, off 1
 _BLOCK = 8192  # windows at a time, so that what is made of them stays small
 
 
@@ -158,7 +174,8 @@ def twist(
             samples as far as noise looks like motion. Errors of clocks and mountings (`clocks`, `align`) are in neither
             estimate.
         noise_estimate
-            Standard deviation of ψ, rad, by noise of the samples, assumed independent and equal about d3 and across it.
+            Standard deviation of ψ, rad, by noise of the samples, assumed independent and equal about d3 and across it,
+            or by rounding of quaternions and matrices where that is more.
             The noise level, the attribute `noise_level` (rad), is estimated from the roughness of the path of the axis;
             motion that the samples do not resolve counts as noise. NaN for fewer than 12 samples.
         frame
@@ -211,8 +228,11 @@ def twist(
     swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
     angles(d1, frame, psi)
     del p, d1  # what is not needed below makes room: of a million samples it is 56 MB
-    sigma = noise_level(d3, data.time)
+    rounded = math.hypot(*(0.0 if one is None else rounding(one.values) for one in (given, beside)))
+    sigma = max(noise_level(d3, data.time), rounded)
     noise = noise_of_twist(d3, sigma, order)
+    if rounded:
+        noise = np.fmax(noise, noise_of_rounding(d3, data.quaternion * [sign, sign, sign, 1], rounded))
     tau, area = _closed(d3, _lead(d3, frame), swing, psi)
     variables = {
         "twist_angle": (sign * psi, "rad", "twist angle", "ψ"),
@@ -407,3 +427,37 @@ def noise_of_twist(d3: Array, sigma: float, order: int) -> Array:
     counted = np.arange(n)
     variance = sigma**2 * np.cumsum(wide) + factor**2 * sigma**4 * counted / 2 + 2 * sigma**2 * (counted > 0)
     return np.asarray(np.sqrt(variance))
+
+
+def rounding(values: Any) -> float:
+    """Return the deviation of each component of d3 by rounding of quaternions or matrices, 0.0 where they are not."""
+    if not isinstance(values, np.ndarray) or len(values) < LEAST:
+        return 0.0
+    rows = values.reshape(len(values), -1)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    gaps = np.diff(np.unique(abs(rows[:: 1 + len(rows) // _BLOCK])))
+    unit = float(gaps[gaps > FINEST].min(initial=np.inf))
+    if unit > COARSEST or abs(rows / unit - np.round(rows / unit)).max() > MULTIPLE:
+        return 0.0
+    is_matrix = rows.shape[1] == 9
+    size = np.sqrt((rows**2).sum(axis=1) / (3 if is_matrix else 1))
+    if np.sqrt(np.mean((size - 1) ** 2)) < EXACT * unit:
+        return 0.0
+    return unit / math.sqrt(24 if is_matrix else 3)
+
+
+def noise_of_rounding(d3: Array, p: Array, sigma: float) -> Array:
+    """Return the standard deviation of the twist (n,), rad, by errors of attitudes p that equal numbers share."""
+    n = len(d3)
+    step, (v, s), growth = np.zeros((n, 3)), np.split(p, [3], axis=1), np.zeros(n)
+    step[1:-1] = (d3[2:] - d3[:-2]) / 2
+    shares = np.column_stack([s * step - np.cross(v, step), -_dot(v, step)])
+    for share, number in zip((shares * np.sign(p)).T, p.T, strict=True):
+        cell = np.round(abs(number) / FINEST)
+        order = np.argsort(cell, kind="stable")
+        cell, share = cell[order], share[order]
+        first = np.maximum.accumulate(np.where(np.append(True, cell[1:] != cell[:-1]), np.arange(n), 0))
+        before = np.cumsum(share) - share
+        growth[order] += share * (share + 2 * (before - before[first]))
+    variance = np.maximum(np.cumsum(growth), 0.0) + 2 * (np.arange(n) > 0)
+    return np.asarray(sigma * np.sqrt(variance))

@@ -8,8 +8,8 @@ axes, in degrees; a joint's attitude is its parent's times its own.
 MVN User Manual, MV0319P, chapter on MVNX: ``orientation`` holds ᴳᴮq of each segment in the order of ``segments``,
 ``sensorOrientation`` ᴳˢq of each sensor, ``angularVelocity`` that of each segment in the global frame, to tell whether
 the file inverts its attitudes; frames of another type than ``normal`` are poses of the calibration. ``time`` of a frame
-is in whole ms, or in s, as the frame rate decides: where ``index`` over ``frameRate`` agrees to 1 ms with those that are
-there, that is the time.
+is in whole ms, or in s, as the frame rate decides: where ``index`` over ``frameRate`` agrees to 1 ms with those there
+are, that is the time.
 
 **OpenSim**: the header ends with ``endheader``; it holds ``DataType=Quaternion`` for quaternions, ``w,x,y,z`` in a
 field each, and ``inDegrees=yes`` or ``no`` for angles. Labels follow, then rows, separated by tabs or blanks, or by

@@ -145,8 +145,8 @@ def test_vectors():
     p, q = (Quaternion(*(a / np.linalg.norm(a))) for a in rng.normal(size=(2, 4)))
     np.testing.assert_allclose(attitude(p @ q), np.array(attitude(p)) @ np.array(attitude(q)), atol=1e-15)
     assert Symmetric(1, 2, 3, 4, 5, 6).matrix == ((1, 6, 5), (6, 2, 4), (5, 4, 3))
-    total, left = compensated(Vector(1.0, 1.0, 1.0), Vector(0.0, 0.0, 0.0), Vector(1e-17, 1.0, 0.0))
-    assert (total, left) == ((1.0, 2.0, 1.0), (1e-17, 0.0, 0.0))
+    total, left = compensated(Vector(1.0, 1.0, 1e16), Vector(0.0, 0.0, 1.25), Vector(1e-17, 1.0, 0.5))
+    assert (total, left) == ((1.0, 2.0, 1e16 + 2), (1e-17, 0.0, -0.25))
 
 
 def smooth(x):

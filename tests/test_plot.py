@@ -343,6 +343,10 @@ def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():
     line = plot.twist_angle(spin).lines[0]
     assert line.get_ydata() == pytest.approx(3 * spin.time.values, abs=1e-10)
     assert plot.twist_angle(spin, degrees=True).lines[0].get_ydata()[-1] == pytest.approx(np.degrees(12))
+    assert [plot.twist_angle(spin, swing=swing).get_ylabel() == "angle (rad)" for swing in (False, True)] == [
+        False,
+        True,
+    ]
     _, tau, gap, _ = plot.twist_angle(spin, swing=True).lines
     assert np.isnan(tau.get_ydata()).sum() == 2  # the jumps of a wrapped angle that reaches 12
     assert abs(gap.get_ydata()).max() < 1e-10

@@ -45,7 +45,7 @@ THINGS = (
     len,
     SimpleNamespace(dtype="float", shape=(3,), directors=1),
     np.datetime64("2026-01-01"),
-    np.datetime64("NaT"),
+    np.datetime64("NaT", "s"),
     np.timedelta64(3, "s"),
     datetime.datetime(2026, 1, 1),
     np.ma.masked,

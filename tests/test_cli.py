@@ -1,3 +1,4 @@
+import errno
 import inspect
 import itertools
 import json
@@ -16,7 +17,7 @@ from typer.testing import CliRunner
 
 from conftest import ended, nontwist
 from nontwist import open_run, read_motion, rotation, save_run, simulate, standard, twist
-from nontwist.cli import app
+from nontwist.cli import app, outcomes
 from nontwist.cli.options import command, place
 from nontwist.cli.twist_commands import twist_command
 from nontwist.runfile.document import Integrator, Start, Time
@@ -314,3 +315,11 @@ def test_run_files_have_the_defaults_of_simulate():
         assert tables[name].default == plain[name], name
     fields = Integrator.model_fields
     assert (fields["name"].default, fields["order"].default) == (plain["integrator"], plain["order"])
+
+
+def test_a_read_only_file_system_is_answered_with_the_option_of_another_place():
+    error = OSError(errno.EROFS, "Read-only file system", "a.nc")
+    assert outcomes._message(error) == "a.nc: Read-only file system; --out names another place to write to"
+    with pytest.raises(outcomes.CommandError) as told, outcomes.about("cannot write a.nc", OSError):
+        raise error
+    assert str(told.value) == "cannot write a.nc: Read-only file system; --out names another place to write to"

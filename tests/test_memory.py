@@ -175,6 +175,10 @@ def test_a_class_of_ones_own(monkeypatch):
     monkeypatch.setitem(LOADS, "motor", Motor)
     run = simulate(standard(J), t_end=1, load=3 * Motor(0.5) + nt.pulse((0, 0, 1), 0.2, 0.47))  # several stretches
     assert run.internal_state.values[:, 0] == pytest.approx(2 - 2 * np.exp(-2 * run.time.values), abs=1e-12)
+    monkeypatch.setattr(Motor, "state0", (0.0,))
+    monkeypatch.setattr(Motor, "state_scale", [1])
+    same = simulate(standard(J), t_end=1, load=3 * Motor(0.5) + nt.pulse((0, 0, 1), 0.2, 0.47))
+    assert np.array_equal(same.internal_state, run.internal_state)
     run = simulate(standard(J), **RUN, load=3 * Motor(0.5))
     assert run.spatial_momentum.values[-1, 0] == pytest.approx(3 * (2 - (1 - np.exp(-2))), abs=1e-12)
     again = nt.resample(run, [0.55])  # the record has all of it

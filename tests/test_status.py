@@ -11,6 +11,7 @@ from conftest import BODIES
 from nontwist import (
     Load,
     integrate,
+    memory_load,
     moment,
     nontwisting,
     open_run,
@@ -19,6 +20,7 @@ from nontwist import (
     simulate_ensemble,
     sine,
     standard,
+    stepper,
 )
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS, LieMidpoint, time_grid
@@ -307,3 +309,27 @@ def test_a_damaged_start_is_refused(case):
     run = simulate(body, t_end=1, step=0.1, angular_velocity=(1, 2, 0)).assign_attrs(attributes)
     with says():
         simulate(body, t_end=2, step=0.1, start=run)
+
+
+def breaking(t, directors, w):
+    if t > 0.5:
+        raise ArithmeticError
+    return 0.0, 0.0, 0.0
+
+
+@pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum", "split", "continuous"])
+def test_what_a_load_raised_is_the_cause(integrator):
+    how = {"material_angular_velocity": (1, 2, 0), "integrator": integrator, "load": moment(breaking)}
+    how |= {} if integrator == "continuous" else {"step": 0.1}
+    for function in (simulate, integrate):
+        with pytest.raises(SimulationError) as told:
+            function(nontwisting([3, 4, 5]), t_end=1, **how)
+        assert isinstance(told.value.__cause__.__cause__, ArithmeticError)
+
+
+@pytest.mark.parametrize("beside", [Load(), memory_load(lambda t, z, d, w: -z, lambda t, z, d, w: 0 * w, [1.0])])
+def test_what_a_load_of_a_stepper_raised_is_the_cause(beside):
+    loop = stepper(nontwisting([3, 4, 5]), step=2, load=moment(breaking) + beside, integrator="gauss")
+    with pytest.raises(SimulationError) as told:
+        loop.step()
+    assert isinstance(told.value.__cause__.__cause__, ArithmeticError)

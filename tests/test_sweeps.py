@@ -151,7 +151,7 @@ def test_bodies_at_once_are_those_of_one_by_one():
     block[1, 0, 2] = block[1, 2, 0] = 0.5
     heavy = Body(kind="heavy_top", inertia=[2.0, 2.0, 1.0], mass=1.0, centre_of_mass=[0.0, 0, 0.5])
     for body, key, given, reasons in (
-        (flat, "inertia.2", [5.0, 8.0, 6.0, -1.0], {1: "triangle inequality", 3: ""}),
+        (flat, "inertia.2", [5.0, 8.0, 6.0, -1.0], {1: "body.physical = false accepts them", 3: ""}),
         (Body(kind="nontwisting", inertia=block[0].tolist()), "inertia", block, {1: "D3 is not a principal direction"}),
         (held, "axis", [[1.0, 2, 3], [0, 0, 0]], {1: "axis is zero"}),
         (heavy, "mass", [1.0, -1.0, 1e3], {1: "body.mass: -1.0 -> a positive number, kg", 2: "inertia is too small"}),
@@ -422,7 +422,8 @@ WRONG = ['sweep.over.0.kind="spere"',
 f"sweep.over=[{OVER}, {OVER}]",
 'sweep.over=[{ key = "body.axis", kind = "list", values = [[1, 2, 3], [1]] }]',
 'sweep.over=[{ key = "body.axis", kind = "uniform", low = [0, 1, 2], high = [1, 0, 3] }]',
-'sweep.reduce=["drfit"]']  # fmt: skip
+'sweep.reduce=["drfit"]',
+'sweep.over=[{ key = "body.axis.0", kind = "uniform", low = -1, high = 1 }]']  # fmt: skip
 
 
 @pytest.mark.parametrize("change", WRONG)

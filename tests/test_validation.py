@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -47,22 +48,36 @@ def test_a_group_holds():
 
 
 QUICK = {  # the functions of validation that stand in place of tests, but for those of minutes
-    "paper_digits": ("multiplier", "closed_form"),
-    "equations_of_motion": ("both_forms", "transported_momentum", "identities", "variations"),
-    "free_bodies": ("montgomery",),
+    "paper_digits": ("multiplier", "closed_form", "remainder", "impulse", "parameter"),
+    "equations_of_motion": ("both_forms", "transported_momentum", "identities", "variations", "runs"),
+    "free_bodies": ("nontwisting_body", "digits", "continuous", "symmetric", "gyrostat", "driven_wheel", "montgomery"),
     "loaded_bodies": ("fixed_axis", "quadratures", "multipliers", "friction", "orbit"),
-    "suslov_bodies": ("asymptotes", "orders"),
+    "suslov_bodies": ("digits", "continuous", "asymptotes", "orders"),
+    "tops": ("precession",),
+    "measured_orders": ("resampling",),
     "conserved": ("balances", "constraints"),
-    "sampled_frames": ("orders", "long_paths"),
-    "known_twists": ("random_motions", "runs"),
+    "sampled_frames": ("orders", "closed_paths", "long_paths", "callables"),
+    "known_twists": ("orders", "codman", "random_motions", "runs"),
 }
+FIRST = {  # of these that take longer, the first check
+    "measured_orders": ("orders",),
+    "conserved": ("million_steps",),
+    "nonreversible": ("against_dop853", "long_runs"),
+    "compiled_steps": ("parity",),
+}
+CASES = [(module, name, None) for module, names in QUICK.items() for name in names]
+CASES += [(module, name, 1) for module, names in FIRST.items() for name in names]
 
 
-@pytest.mark.parametrize(("module", "name"), [(module, name) for module, names in QUICK.items() for name in names])
-def test_quick_checks_hold(module, name):
-    found = list(getattr(import_module(f"nontwist.validation.{module}"), name)())
+@pytest.mark.parametrize(("module", "name", "count"), CASES)
+def test_quick_checks_hold(module, name, count):
+    """And their tolerances, kinds and sources are those that the page promises."""
+    found = list(islice(getattr(import_module(f"nontwist.validation.{module}"), name)(), count))
     assert found
     assert [check for check in found if not check.holds] == []
+    promised = {check["name"]: [check[key] for key in ("tolerance", "kind", "source")] for check in COMMITTED["checks"]}
+    for check in found:
+        assert [check.tolerance, check.kind, check.source] == promised[check.name]
 
 
 def wrong():

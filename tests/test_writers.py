@@ -53,6 +53,15 @@ def test_what_exists_is_not_replaced(name, folder):
 PYTHON = {"save_run", "plot.save", "View.save", "Table.write", "save_film"}
 
 
+@pytest.mark.parametrize("name", sorted(WRITERS.keys() - PYTHON - {"reproduce"}))
+def test_a_command_says_what_it_has_written(name, folder):
+    write, files = WRITERS[name]
+    words = write(False).split()
+    for file in files:
+        (folder / file).unlink()
+        assert any(word.strip(",;").endswith(file) for word in words), file
+
+
 def test_refusals_come_before_the_work(folder, monkeypatch):
     """A command that would be refused when all is computed computes nothing."""
 

@@ -148,6 +148,8 @@ class SimulationError(RuntimeError):
         Residual of the equations of the failed step.
     partial : Trajectory
         The run up to the failure.
+    __cause__ : ValueError or None
+        What names the function that raised, with its exception as the cause, where a load in Python did.
 
     Examples
     --------

@@ -134,8 +134,8 @@ def takes(cls: type, *names: str) -> Callable[[F], F]:
             unit = f", {spec.unit}" if spec.unit else ""
             rows.append(f"{name} : {_named(kind)}{unit}{', optional' if default is None else ''}")
             rows.append(textwrap.indent(filled, "    "))
-        mark = f"    {{{cls.__name__}}}\n"
-        function.__doc__ = (function.__doc__ or "").replace(mark, textwrap.indent("\n".join(rows), "    ") + "\n")
+        text = inspect.cleandoc(function.__doc__ or "")  # as Python 3.13 keeps it
+        function.__doc__ = text.replace(f"{{{cls.__name__}}}\n", "\n".join(rows) + "\n")
         return function
 
     return described

@@ -39,12 +39,13 @@ class Writer(NamedTuple):
 
 
 def _command(line: str, *files: str) -> Writer:
-    def write(force: bool) -> None:
+    def write(force: bool) -> str:
         result = CliRunner().invoke(app, [*line.split(), *["--force"] * force], env={"COLUMNS": "200"})
         assert "Traceback" not in result.output, result.output
         if result.exit_code == 5:
             raise OSError(result.stderr.removesuffix("\n"))
         assert result.exit_code == 0, (line, result.output, result.exception)
+        return result.output
 
     return Writer(write, files)
 

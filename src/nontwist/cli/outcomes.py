@@ -16,6 +16,7 @@ Data goes to stdout, all else to stderr. A reader that stops reading (``| head``
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
@@ -46,6 +47,7 @@ COMMON = {  # words that people try, and the command that does it
     **dict.fromkeys(("new", "init"), "example"),
     **{"convert": "export", "test": "validate", "identify": "fit", "paper": "reproduce"},
 }
+ELSEWHERE = "; --out names another place to write to"  # than a file system that is read-only
 PICTURES = (".html", ".htm", ".gif", ".mp4", ".png", ".svg", ".pdf")
 DIFFERS, USAGE, BAD_DATA, SOLVER, IO, INTERRUPTED = 1, 2, 3, 4, 5, 130
 CODES: dict[type[BaseException], int] = {
@@ -81,6 +83,8 @@ def about(subject: str, *kinds: type[Exception]) -> Iterator[None]:
         if isinstance(error, BrokenPipeError):
             raise
         reason = error.strerror if isinstance(error, OSError) and error.strerror else words(error)
+        if isinstance(error, OSError) and error.errno == errno.EROFS:
+            reason += ELSEWHERE
         raise CommandError(f"{subject}: {reason}", code_of(error) or DIFFERS) from error
 
 
@@ -182,7 +186,9 @@ def _message(error: BaseException) -> str:
         return str(error) or "interrupted"
     if isinstance(error, OSError) and error.filename is not None:
         is_store = isinstance(error, IsADirectoryError) and os.path.exists(os.path.join(error.filename, "zarr.json"))
-        return f"{error.filename}: {error.strerror}" + "; nontwist sweep-show reads the store of a sweep" * is_store
+        remedy = "; nontwist sweep-show reads the store of a sweep" * is_store
+        remedy += ELSEWHERE * (error.errno == errno.EROFS)
+        return f"{error.filename}: {error.strerror}{remedy}"
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); store fewer states: time.store"
     return words(error)

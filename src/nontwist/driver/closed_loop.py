@@ -344,11 +344,11 @@ class Stepper:
         try:
             numbers, ends = self._single(now._numbers, now._start, k, body, space, wheels)
         except ValueError as error:
-            raise self._error(Failure(Status.LOAD, k, nan, nan, str(error))) from error
+            raise self._error(Failure(Status.LOAD, k, nan, nan, error)) from error
         if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
-            raise self._error(
-                self._single.failure(k) or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
-            )
+            failure = self._single.failure(k)
+            failure = failure or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
+            raise self._error(failure) from failure.cause
         self._state = state = self._made(numbers, now._start, k + 1, ends)
         return state
 

@@ -194,7 +194,7 @@ def grown(scheme: Integrator, problem: IVP, threads: int) -> tuple[Array, Outcom
     is_alike = len(problem.systems) == len(problem.load_scale) == 1
     shared = Linearised(problem.member(0), scheme, ())
     common = Growth(shared).keep() if is_alike else None
-    sums, failures, reasons = np.full((m, Growth(shared).count), np.nan), np.zeros((m, 4)), dict[int, str]()
+    sums, failures, reasons = np.full((m, Growth(shared).count), np.nan), np.zeros((m, 4)), dict[int, str | Exception]()
 
     def block(first: int, last: int) -> None:
         part = replace(problem.part(first, last), stored=nodes)

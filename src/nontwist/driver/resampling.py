@@ -128,7 +128,8 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
         outcome = completion.march(scheme, one)
         if (failure := outcome.failure()) is not None:
             message = failure_message(one, failure)
-            raise SimulationError(message, int(failure.status), float(t[k]), grid.longest, failure.residual)
+            status, h = int(failure.status), grid.longest
+            raise SimulationError(message, status, float(t[k]), h, failure.residual) from failure.cause
         _put(found, here, outcome.states.part(0))
     states = found.part(place)
     states = states._replace(quaternion=without_jumps(states.quaternion))

@@ -328,5 +328,5 @@ def trajectory(plan: Plan, problem: IVP, outcome: Outcome, ended: Ended | None =
         return run
     if failure.status is Status.INTERRUPTED:
         raise SimulationInterrupt(message, run)
-    h = problem.step_at(failure.step)
-    raise SimulationError(message, int(failure.status), problem.began(failure.step), h, failure.residual, run)
+    status, began, h = int(failure.status), problem.began(failure.step), problem.step_at(failure.step)
+    raise SimulationError(message, status, began, h, failure.residual, run) from failure.cause

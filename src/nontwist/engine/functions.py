@@ -98,7 +98,7 @@ class Called:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
         return state_moment_at(self.load, t, q, w)
 
-    def reason(self, last: Array) -> str:
+    def reason(self, last: Array) -> str | Exception:
         """Return why the function has failed: what Python says at the state that it was called with `last`.
 
         That is 16 numbers: directors, angular velocity, moment, time.
@@ -110,7 +110,9 @@ class Called:
                 whole.potential_energy(last[:9].reshape(3, 3))
             except ValueError as error:
                 self.error = error
-        return str(self.error or f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}")
+        if isinstance(self.error, Exception):
+            return self.error
+        return f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}"
 
     def require_no_interrupt(self) -> None:
         """Raise what has interrupted a function in Python, Ctrl-C or `SystemExit`: it could not pass the kernel."""

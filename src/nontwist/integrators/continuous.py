@@ -135,7 +135,7 @@ class Continuous(Integrator):
             how["max_step"] = STABLE[self.method] / rate
         taken, kept = count(1), [y] if problem.output[0] == problem.t_start else []
 
-        def failure_of(status: Status, reason: str) -> Failure:
+        def failure_of(status: Status, reason: str | Exception) -> Failure:
             return problem.failed(len(kept), status, reason)
 
         @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
@@ -165,7 +165,7 @@ class Continuous(Integrator):
         try:
             failure = next(filter(None, (failure_between(a, b) for a, b in pairwise(_limits(problem)))), None)
         except ValueError as error:
-            failure = failure_of(Status.LOAD, str(error))
+            failure = failure_of(Status.LOAD, error)
         except KeyboardInterrupt as stop:
             failure = failure_of(Status.INTERRUPTED, str(stop))
         return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)

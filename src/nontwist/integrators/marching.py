@@ -65,7 +65,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         if problem.memory is not None:
             todo.remember(problem.memory)
         common, end = todo.run(threads)
-    arrays, reasons, k = todo.arrays, dict[int, str](), len(todo.stack.output)
+    arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.output)
     failures = arrays["failures"]
     good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 

@@ -46,7 +46,12 @@ class Failure(NamedTuple):
     step: int  # number of the step that failed, from 0; with given output times that of the last valid state
     residual: float
     turn: float  # rad the body turns in that step
-    reason: str = ""
+    reason: str | Exception = ""
+
+    @property
+    def cause(self) -> Exception | None:
+        """What a function of a user raised."""
+        return self.reason if isinstance(self.reason, Exception) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +121,7 @@ class IVP(OnGrid):
         parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
         return replace(self, systems=systems, progress=None, marched=None, on_gpu=False, **parts, **changes)
 
-    def failed(self, states: int, status: Status, reason: str) -> Failure:
+    def failed(self, states: int, status: Status, reason: str | Exception) -> Failure:
         """Return the failure of the step, or after the asked time, that follows so many good `states`."""
         if self.off_grid and self.asked is not None:
             last = states - 1
@@ -195,7 +200,7 @@ class Outcome(NamedTuple):
     states: States  # (m, k, ...)
     good: NDArray[np.int64]  # (m,) number of states that are good, from the first
     failures: Array  # (m, 4): status, step, residual, turn
-    reasons: dict[int, str]  # of members that have failed otherwise than by a turn or a stalled iteration
+    reasons: dict[int, str | Exception]  # of members that have failed otherwise than by a turn or a stalled iteration
     intervals: Intervals | None = None
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
     memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit

@@ -229,7 +229,7 @@ class StackMarch:
                     except ValueError as error:
                         if first == 0:
                             raise
-                        return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
+                        return Failure(Status.LOAD, first, np.nan, np.nan, error), None
                     run = partial(self._run, listed(self, parts, width, first, last), width)
                     in_threads(run, span, size, threads, report if len(stack) > 1 else lambda members: None)
                 self.called.require_no_interrupt()

@@ -15,7 +15,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from ..geometry.arrays import Array
+import numpy as np
+
+from ..geometry.arrays import Array, as_array
 from ..spec import Spec
 from .calls import Call, array
 from .terms import Frame, Record, Term, factor_in_words
@@ -40,6 +42,12 @@ class Memory(Term):
     frame: Any
     state0: Array
     state_scale: Array
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("state0", "state_scale"):
+            if not isinstance(value := getattr(self, name), np.ndarray):
+                self._set(**{name: as_array(value, name, (None,))})
 
     @property
     def counts(self) -> tuple[int, int]:  # type: ignore[override]

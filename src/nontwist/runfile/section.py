@@ -48,6 +48,13 @@ REPEATED = ("load", "event", "sweep")  # of lists of tables
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
 
 
+def in_toml(text: str) -> str:
+    """Return a message with the keys of run files for the arguments in Python."""
+    for python, toml in IN_TOML.items():
+        text = text.replace(python, toml)
+    return text
+
+
 class Section(BaseModel):
     """A table of a run file."""
 
@@ -204,9 +211,7 @@ class Faults(list[Fault]):
         try:
             yield
         except ValueError as error:
-            said, keys = str(error), type(table).model_fields
-            for python, toml in IN_TOML.items():
-                said = said.replace(python, toml)
+            said, keys = in_toml(str(error)), type(table).model_fields
             named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
             name = named[0] if named else name
             value = getattr(table, name)

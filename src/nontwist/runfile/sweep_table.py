@@ -303,6 +303,9 @@ def table_problems(sweep: Sweep, faults: Faults) -> None:
         faults.append(Fault("sweep.samples", given, "left out, or a key that is drawn"))
     if not is_valid:
         return
+    if sweep.drawn and not sweep.axes and "samples" not in sweep.model_fields_set:
+        accepted = "a whole number >= 1: how many members draw their values"
+        faults.append(Fault("sweep.samples", "missing", accepted))
     lengths = [one.length for one in sweep.axes]
     if sweep.combine == "together" and len(set(lengths)) > 1:
         given = f'"together" ({", ".join(map(str, lengths))} values)'

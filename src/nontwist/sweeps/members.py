@@ -37,7 +37,7 @@ from ..runfile.body import Body
 from ..runfile.document import checked, file_of_text, with_loads
 from ..runfile.folder import Folder
 from ..runfile.loads import AnyLoad, Place
-from ..runfile.section import problems_of
+from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Sweep
 from ..units import RATE
 from .draws import Values
@@ -97,7 +97,7 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
 
 def _require(invalid: dict[int, str]) -> None:
     if invalid:
-        raise InvalidMembersError(invalid)
+        raise InvalidMembersError({k: in_toml(reason) for k, reason in invalid.items()})
 
 
 def with_values(data: Any, values: dict[str, Any]) -> Any:

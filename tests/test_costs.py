@@ -126,11 +126,11 @@ def test_where_the_glance_sees_no_load_the_march_still_does():
 def test_the_cost_counts_substeps_nodes_and_pieces():
     free, pushed = problem(FREE, 0 * nt.pulse([1, 0, 0])), problem(FREE, nt.sine([1, 0, 0], 5), 1000)
     lie, split, closed = (INTEGRATORS[name]() for name in ("lie-midpoint", "split", "exact"))
-    assert lie.cost(pushed, 2) == Cost(1000, "steps", pytest.approx(1000 * 360e-9), 0)
+    assert lie.cost(pushed, 2) == Cost(1000, "steps", pytest.approx(1000 * 260e-9), 0)
     slow = lie.cost(problem(FREE, nt.moment(lambda t, d, w: -w), 1000), 2)
     assert slow.seconds == pytest.approx(1000 * 2e-4)
     in_time = lie.cost(problem(FREE, nt.space_moment(lambda t: (1, 0, 0)), 1000), 2)
-    assert in_time.seconds == pytest.approx(1000 * (300 + 10_000) * 1e-9)
+    assert in_time.seconds == pytest.approx(1000 * (200 + 10_000) * 1e-9)
     assert split.cost(pushed, 2).parts == 1000
     assert split.cost(problem(FREE, nt.pulse([1, 0, 0], 0, 0.1), 1000), 2).parts == 100
     assert closed.cost(pushed, 11).parts == 11 + 25
@@ -171,7 +171,7 @@ def test_check_warns_with_the_time(slow, written):
     assert result.exit_code == 0
     assert "run.toml: warning: the run will take about" in result.stderr
     assert "without start-up" in result.stdout
-    assert "3 members over body.inertia.0, about 20 µs on one core" in result.stdout
+    assert "3 members over body.inertia.0, about 12 µs on one core" in result.stdout
 
 
 def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_does(monkeypatch, written):

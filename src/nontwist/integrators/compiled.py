@@ -52,7 +52,7 @@ class Compiled(Integrator):
 
     is_compiled: ClassVar[bool] = True
     has_derivatives: ClassVar[bool] = True
-    together: ClassVar[float] = 3.0
+    together: ClassVar[float] = 5.0
     observes: ClassVar[bool] = True
     is_director_scheme: ClassVar[bool] = False  # carries W and N, gives λ; else it carries the momentum
     in_lanes: ClassVar[bool] = True  # whether bodies are marched side by side

@@ -145,7 +145,7 @@ class EnergyMomentum(Dissipative):
     name: ClassVar[str] = "energy-momentum"
     is_director_scheme: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
-    substep_ns: ClassVar[float] = 400.0
+    substep_ns: ClassVar[float] = 300.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "eq-discrete-nonholonomic",
         "invariant": "eq-energy_preservation; eq-material_perpendicular_momenta_preservation",

@@ -123,7 +123,7 @@ class LieMidpoint(Dissipative):
         for order in (4, 6, 8)
     }
     is_a_stable: ClassVar[bool] = True
-    substep_ns: ClassVar[float] = 300.0
+    substep_ns: ClassVar[float] = 200.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "Hairer, Lubich & Wanner, II.3",
         "invariant": "Simo & Wong 1991; nontwist.integrators.lie_midpoint",

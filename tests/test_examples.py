@@ -15,6 +15,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from nontwist import plot, sine, standard, twist
+from nontwist.analysis import OBSERVABLES
 from nontwist.curves import solid_angle
 from nontwist.integrators import INTEGRATORS
 from nontwist.loads import LOADS
@@ -31,7 +32,7 @@ def printed(capsys):
     """What a script prints; what it registers is taken out again."""
 
     def run(script):
-        with patch.dict(INTEGRATORS), patch.dict(BODIES), patch.dict(LOADS):
+        with patch.dict(INTEGRATORS), patch.dict(BODIES), patch.dict(LOADS), patch.dict(OBSERVABLES):
             runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
         return capsys.readouterr().out
 
@@ -185,6 +186,15 @@ def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula(printed):
         assert error < bound
         assert tilt < 100 * bound
         assert drift < 1e-10
+
+
+def test_an_observable_of_ones_own_turns_where_the_closed_form_does(printed):
+    measured, closed, ensemble = map(numbers, printed("own_observable.py").splitlines())
+    assert measured[-2:] == pytest.approx(closed, abs=2e-6)
+    least, *greatest = closed
+    ratio = (0.2 * 24) ** 2 / (4 * 0.4 * 1.5 * 9.81 * 0.3)
+    greatest.append(np.arccos(ratio - np.sqrt(ratio**2 - 2 * ratio * np.cos(least) + 1)))
+    assert ensemble == pytest.approx(greatest, abs=2e-6)
 
 
 def test_a_load_of_ones_own_does_the_work_that_it_says(printed):

@@ -169,3 +169,10 @@ def test_scales_that_the_common_scale_could_take_up_have_no_interval(noise):
     with pytest.warns(UserWarning, match="does not determine"):
         fit = fit_inertia(run.assign(material_angular_velocity=rates), interval="all", axis_scales=known)
     assert np.isnan(fit.axis_scales[1]).all()
+
+
+def test_with_reversed_axes_a_throw_is_that_of_another_body():
+    """(J2 - J3)/J1 and the like change their signs: J = 2, 4, 5 becomes 14, 12, 5."""
+    run = simulate(standard([2, 4, 5]), t_end=3, step=0.01, material_angular_velocity=(1, 2, 0.5))
+    other = simulate(standard([14, 12, 5]), t_end=3, step=0.01, material_angular_velocity=(-1, -2, -0.5))
+    assert other.material_angular_velocity.values == pytest.approx(-run.material_angular_velocity.values, abs=1e-13)

@@ -29,7 +29,9 @@ from nontwist import (
     open_run,
     plot,
     read_motion,
+    save_run,
     simulate,
+    simulate_ensemble,
     sine,
     standard,
     suslov,
@@ -37,6 +39,7 @@ from nontwist import (
     validate,
     with_gravity,
 )
+from nontwist.analysis import OBSERVABLES, Observable
 from nontwist.cli import app
 from nontwist.errors import RunFileError
 from nontwist.inertia import euler_inertia
@@ -257,6 +260,63 @@ def test_director_forces_of_ones_own_are_a_damping(scheme):
     assert content(run)["about"]["Load"] == "brake: brake 0.3 N m s"
     known = simulate(standard([3, 4, 5]), load=damping(np.diag([0.3, 0.3, 0.0])), **how)
     assert abs(run.directors - known.directors).max() < 1e-11
+
+
+def rising(state):
+    """The components of d3 in space."""
+    return state.directors[..., 2, :]
+
+
+@pytest.fixture
+def nutation():
+    """The observable of the page, and one with three components."""
+    with patch.dict(OBSERVABLES, rising=Observable(rising, "1", "third director", "d3", ("axis",))):
+        yield runpy.run_path(str(ROOT / "examples" / "own_observable.py"))["nutation"]
+
+
+def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutation, tmp_path):
+    """Of a body that turns about its first director, which is principal: θ = W1 t."""
+    how = {"t_end": 1.5, "step": 0.05, "events": lambda t, state: nutation(state) - 1}
+    run = simulate(standard([3, 4, 5]), material_angular_velocity=(2, 0, 0), **how)
+    np.testing.assert_allclose(run.nutation, 2 * run.time, atol=1e-14)
+    np.testing.assert_array_equal(run.rising, run.directors.sel(director=3, drop=True))
+    assert run.t_events.values == pytest.approx([0.5], abs=1e-12)
+    save_run(run, tmp_path / "run.nc")
+    W = np.array([[1.0, 0, 0], [2.0, 0, 0]])
+    how = {"t_end": 1.5, "step": 0.05, "store": 1, "variables": ["nutation"]}
+    many = simulate_ensemble(standard([3, 4, 5]), material_angular_velocity=W, **how)
+    np.testing.assert_array_equal(many.nutation[1], run.nutation)
+    table = """body = { kind = "standard", inertia = [3, 4, 5] }
+time = { t_end = 1.5, step = 0.05 }
+sweep.variables = ["nutation", "rising"]
+[[sweep.over]]
+key = "start.angular_velocity.body"
+kind = "list"
+values = [[1, 0, 0], [2, 0, 0]]
+"""
+    (tmp_path / "many.toml").write_text(table, encoding="utf-8")
+    ends = sweep(tmp_path / "many.toml", tmp_path / "many.zarr")
+    np.testing.assert_allclose(ends.nutation, [1.5, 3], atol=1e-14)
+    assert ends.nutation.attrs["units"] == "rad"
+    np.testing.assert_allclose(ends.rising.values[:, 2], np.cos([1.5, 3]), atol=1e-14)
+    OBSERVABLES.clear()
+    np.testing.assert_array_equal(open_run(tmp_path / "run.nc").nutation, run.nutation)
+
+
+WRONG_OBSERVABLES = {
+    "of the package": lambda: OBSERVABLES.update(kinetic_energy=Observable(rising, "J", "energy", "K")),
+    "not a name": lambda: OBSERVABLES.update({"nutation angle": Observable(rising, "rad", "angle", "θ")}),
+    "shape": lambda: simulate(standard([3, 4, 5]), t_end=1, step=0.5),
+    "misspelt": lambda: simulate(standard([3, 4, 5]), t_end=1, step=0.5),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_OBSERVABLES)
+def test_what_is_wrong_with_an_observable_is_named(case):
+    function = {"shape": rising, "misspelt": lambda state: state.kinetic_enery}.get(case)
+    added = {"own": Observable(function, "1", "own", "o")} if function else {}
+    with patch.dict(OBSERVABLES, added), says(AttributeError if case == "misspelt" else ValueError):
+        WRONG_OBSERVABLES[case]()
 
 
 @pytest.fixture

@@ -1,1 +1,5 @@
 """Observables, trajectories and datasets, twist, measured orders."""
+
+from .variables import OBSERVABLES, Observable
+
+__all__ = ["OBSERVABLES", "Observable"]

@@ -16,15 +16,15 @@ from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
 from .variables import (
     MEMBERS,
-    NODES,
     SIZES,
     STATE,
-    VARIABLES,
     Wheels,
+    about,
     assembled,
     coordinates,
     described,
     names_of,
+    nodal,
     observables,
     potentials_of,
 )
@@ -40,9 +40,7 @@ def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
 
 def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
     """Return the bytes that the states of an ensemble take while they are computed."""
-    numbers = [
-        math.prod(SIZES.get(dim, 4) for dim in VARIABLES[name][0][1:]) for name in variables if name not in STATE
-    ]
+    numbers = [math.prod(SIZES.get(dim, 4) for dim in about(name)[0][1:]) for name in variables if name not in STATE]
     return 8.0 * members * (times * (7 + sum(numbers) + 36 * bool(numbers)) + 25)
 
 
@@ -52,7 +50,7 @@ def dataset(
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
     records = ensemble.load.description
-    if variables == NODES:
+    if variables == nodal():
         variables = nodes_of(records)
     rotors = rotor_momenta(ensemble, ensemble.output)
     held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)

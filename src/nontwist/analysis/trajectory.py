@@ -26,6 +26,7 @@ from .variables import (
     COORDINATES,
     EVENTS,
     NODES,
+    OBSERVABLES,
     ROTORS,
     WHEELS,
     Described,
@@ -388,4 +389,4 @@ def state_dataset(system: DirectorSystem, load: Load, time: Array, states: State
 def nodes_of(records: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """Return the names of the variables of states that a run under the load of these records has."""
     rotors = ROTORS if any(map(is_rotor, records)) else ()
-    return (*NODES, *rotors, *(WHEELS if any("wheel" in one for one in records) else ()))
+    return (*NODES, *rotors, *(WHEELS if any("wheel" in one for one in records) else ()), *OBSERVABLES)

@@ -9,13 +9,17 @@ velocities in the body that the energy-momentum scheme alone has (zero elsewhere
 
 and π + R Σ h a with the rotors of the load.
 
+Other modules add variables of their own to `OBSERVABLES`.
+
 They are (eq-dir-momenta, eq-director-K) for ``π^i = Σ_j E_ij d_j'``, as ``Σ_ij E_ij (W × e_i)·(W × e_j) = W·J W``.
 """
 
 from __future__ import annotations
 
+from collections import UserDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
-from ..geometry.values import among, as_list, shown
+from ..geometry.values import among, as_list, nearest, shown
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.wheels import columns_of
@@ -101,6 +105,67 @@ MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles wh
     "load_scale": ((), "1", "factor of the load", "c"),
 }
 VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A variable of states that another module adds: a function of the variables of the package.
+
+    Attributes
+    ----------
+    function : callable
+        Of an object whose attributes are the variables of states by name, such as ``state.directors``, with any leading
+        axes; returns an array with these axes, and behind them those of `dims`.
+    units, long_name, symbol : str
+        In CF conventions, as ``"rad s-1"``; in words; as in formulas.
+    dims : tuple of "axis", "director", "quat"
+        Of the value; none for a number.
+    """
+
+    function: Callable[[Any], Any]
+    units: str
+    long_name: str
+    symbol: str
+    dims: tuple[str, ...] = ()
+
+    def values(self, name: str, state: Any, axes: tuple[int, ...]) -> Array:
+        """Return the values for states with these leading axes."""
+        found: Array = np.asarray(self.function(state), dtype=np.float64)
+        if found.shape != (shape := (*axes, *(SIZES[dim] for dim in self.dims))):
+            raise ValueError(
+                f"the observable {name!r} returns an array of shape {found.shape} for states that need {shape}: index "
+                "from the end, as state.directors[..., 2, 2], or give its dims"
+            )
+        return found
+
+
+class Observables(UserDict[str, Observable]):
+    """Observables by name: ``OBSERVABLES[name] = Observable(...)``; ValueError for a name that the package uses."""
+
+    def __setitem__(self, name: str, observable: Observable) -> None:
+        if name in VARIABLES or not name.isidentifier():
+            what = "is a variable of the package" if name in VARIABLES else "is not a name of Python"
+            raise ValueError(f"{name!r} {what}: give the observable another name")
+        super().__setitem__(name, observable)
+
+
+OBSERVABLES = Observables()
+"""The observables that other modules have added."""
+
+
+def about(name: str) -> tuple[tuple[str, ...], str, str, str]:
+    """Return the dims of a variable, its units, its name in words and its symbol."""
+    if name in VARIABLES:
+        return VARIABLES[name]
+    own = OBSERVABLES[name]
+    return ("time", *own.dims), own.units, own.long_name, own.symbol
+
+
+def nodal() -> tuple[str, ...]:
+    """Return the names of the variables of states that every run has."""
+    return (*NODES, *OBSERVABLES)
+
+
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
 Described = tuple[Any, Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
 Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
@@ -117,7 +182,7 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     """Return named arrays as variables of a dataset, with the dims `first` in front of their own."""
     found = {}
     for name, array in variables.items():
-        dims, units, long_name, symbol = VARIABLES[name]
+        dims, units, long_name, symbol = about(name)
         found[name] = ((*first, *dims), array, {"units": units, "long_name": long_name, "symbol": symbol})
     return found
 
@@ -195,9 +260,9 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
 
     `hint` is added for variables of intervals.
     """
-    known = (*NODES, *ROTORS, *WHEELS)
+    known = (*NODES, *ROTORS, *WHEELS, *OBSERVABLES)
     if isinstance(variables, str):
-        names: Iterable[str] = NODES if variables == "all" else (variables,)
+        names: Iterable[str] = nodal() if variables == "all" else (variables,)
     else:
         names = as_list(variables, "variables")
     for name in names:
@@ -322,7 +387,22 @@ def observables(
         "total_momentum": lambda: np.stack([_dot(row, whole) for row in rows], axis=-1),
         "total_kinetic_energy": lambda: T,
     }
-    return {name: of_wheels[name] if name in of_wheels else made[name]() for name in names}
+    made |= {name: partial(lambda array: array, array) for name, array in of_wheels.items()}
+    state = _ByName(made)
+    made |= {name: partial(one.values, name, state, p.shape[:2]) for name, one in OBSERVABLES.items()}
+    return {name: made[name]() for name in names}
+
+
+class _ByName:
+    """Variables as attributes, computed where they are used."""
+
+    def __init__(self, made: Mapping[str, Callable[[], Array]]) -> None:
+        self._made = made
+
+    def __getattr__(self, name: str) -> Array:
+        if name not in self._made:
+            raise AttributeError(f"there is no variable {shown(name)}; {nearest(name, [*self._made])}")
+        return self._made[name]()
 
 
 def observables_of_one(

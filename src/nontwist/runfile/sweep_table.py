@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from abc import abstractmethod
+from collections import ChainMap
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from ..analysis.statistics import STATISTICS
-from ..analysis.variables import NODES, ROTORS, STATE
+from ..analysis.variables import NODES, OBSERVABLES, ROTORS, STATE
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import Integrator
@@ -221,10 +222,10 @@ AnyOver = Annotated[Over, OneOf(KINDS)]
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    Variable: TypeAlias = str
     Reduction: TypeAlias = str
 else:
-    Variable, Reduction = Literal[KEPT], Literal[STATISTICS]
+    Reduction = Literal[STATISTICS]
+Variable = Annotated[str, OneOf(ChainMap(OBSERVABLES, dict.fromkeys(KEPT)))]
 
 
 def _quoted(names: Any) -> str:

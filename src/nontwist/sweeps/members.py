@@ -20,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from ..analysis import ensemble_dataset, statistics
-from ..analysis.variables import SIZES, VARIABLES, Wheels, observables, potentials_of
+from ..analysis.variables import SIZES, Wheels, about, observables, potentials_of
 from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.planning import known_body
@@ -199,7 +199,7 @@ class Members:
         """The variables without `status`; the conserved momentum is that of the body of the file."""
         found = {}
         for name in ensemble_dataset.checked(self.sweep.variables):
-            dims, units, long_name, symbol = VARIABLES[name]
+            dims, units, long_name, symbol = about(name)
             attributes = {"units": units, "long_name": f"{long_name} at t_end", "symbol": symbol}
             found[name] = Kept(tuple(dims[1:]), attributes)
         for name, (dims, _, attributes) in self._reduced(np.zeros((1, 4, COLUMNS)), 1.0).items():

@@ -80,7 +80,7 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        known = (*LOADS.values(), Driven, OnBodyAtRest)
+        known: tuple[type, ...] = (*LOADS.values(), Driven, OnBodyAtRest)
         if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, known)]:
             raise ValueError(
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "

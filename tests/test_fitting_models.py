@@ -439,6 +439,9 @@ def test_the_axis_of_a_rotor_is_fitted():
     assert off_axis[0] < 2
     assert off_axis[0] == pytest.approx(off_axis[1], abs=1e-3)
     assert tilt < np.radians(3)
+    place, across = fit.solution.problem.model.places["axis"], np.eye(3) - np.outer(found, found)
+    widest = np.linalg.norm(across @ fit.solution.beside[place, place] @ across, 2)
+    assert tilt == pytest.approx(quantile(fit.solution) * np.sqrt(widest))
     assert fit.numbers()["rotor_axis_tilt"] == tilt
     np.testing.assert_allclose(fit.problem().load.terms[0].rotor, found, atol=1e-12)
     given = fit_inertia(spun(), rotor={"axis": "z", "inertia": WHEEL, "speed": 0})

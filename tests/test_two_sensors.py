@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from conftest import nontwist, thinned
 from nontwist import open_run, read_motion, twist
 from nontwist.errors import InputError
-from nontwist.recordings.relative import SURE, VAGUE, fitted_clock
+from nontwist.recordings.relative import SURE, VAGUE, fitted_clock, speed_correlation
 from refusals import refused, warned
 
 TILT = 0.9
@@ -634,3 +634,16 @@ def test_nothing_is_made_up_in_gaps_of_the_second_sensor():
     early = found.twist_angle.sel(time=slice(None, 20))
     at = np.searchsorted(t, early.time)
     assert early.values == pytest.approx(expected[at] - expected[at[0]], abs=np.radians(0.01))
+
+
+@pytest.mark.parametrize(("factor", "known"), [(0.5, 1), (-0.5, -1)])
+def test_the_correlation_of_speeds_is_of_the_times_that_both_have(factor, known):
+    """Of 2 + f and 2 + c f it is the sign of c, whatever the first one does before and after."""
+    t = np.arange(101) / 10
+    f = np.where((t[1:] > 3) & (t[1:] < 7), np.sin(3 * t[1:]), 40 * np.cos(t[1:]) ** 2)
+
+    def turning(f):
+        return Rotation.from_rotvec(np.outer(np.append(0, np.cumsum(2 + f)) / 100, [0.6, 0, 0.8]))
+
+    a, b, inside = turning(f), turning(factor * f), slice(31, 69)
+    assert speed_correlation(a, t, b[inside], t[inside]) == pytest.approx(known, abs=1e-9)

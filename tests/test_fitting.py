@@ -30,7 +30,7 @@ from nontwist.fitting.estimating import estimate
 from nontwist.fitting.linear import pencil, turns, with_moments
 from nontwist.fitting.measuring import plain_gyroscope, triangle
 from nontwist.fitting.motions import Motion, RunawayError, response
-from nontwist.fitting.quality import correlation, noise_of
+from nontwist.fitting.quality import correlation, noise_of, scatter_of
 from nontwist.fitting.shooting import Shooting, Stretch, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
@@ -566,6 +566,26 @@ def test_a_perfect_gyroscope_reads_the_angular_velocity():
     true = rates_by_scipy(J, W, dense.time.values)
     np.testing.assert_allclose(dense.gyroscope.values, 1.5 * true + [1, 2, 3], atol=1e-7)
     assert dense.gyroscope.attrs["units"] == "rad s-1"
+
+
+def test_noise_and_correlation_of_alternating_signs():
+    """In closed form: sixth differences are 64, with the norm √924 for white noise; a quintic has none."""
+    n, t = 40, np.linspace(0, 1, 40)
+    signs = np.tile((-1.0) ** np.arange(n), (3, 1)).T
+    assert noise_of(7 * signs + np.stack([t, t**3, t**5], axis=1)) == pytest.approx(7 * 64 / 0.6745 / np.sqrt(924))
+    assert noise_of(signs[:13]) == 0 < noise_of(signs[:14])
+    for lag in (1, 2, 3):
+        assert correlation(7 * signs + 3, lag) == pytest.approx((-1) ** lag * (n - lag) / n)
+
+
+@pytest.mark.parametrize("rates", [1e-3, 50.0])  # one window, and as many as there may be
+def test_scatter_is_unbiased_and_that_of_what_no_polynomial_has(rates):
+    n, time = 700, np.linspace(0, 7, 700)
+    samples = np.random.default_rng(0).normal(size=(n, 3))
+    rates = np.full((n, 3), rates)
+    found = scatter_of(time, samples, rates)
+    assert found == pytest.approx(1, rel=4 / np.sqrt(2 * 3 * n * (1 - 9 / 14)))
+    assert scatter_of(time + 5, 3 * samples + time[:, None] ** 7 / 7**7, rates) == pytest.approx(3 * found, rel=1e-9)
 
 
 def test_the_noise_has_the_density_of_a_data_sheet():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 
 import nontwist as nt
 import texts_rule
+from conftest import thinned
 from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
+from nontwist.integrators.members import in_threads
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
 
@@ -108,7 +111,7 @@ def on_floats(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:damping slows:UserWarning", "ignore:the step is coarse:UserWarning")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", thinned(3, CASES))
 def test_texts_on_floats_have_the_bits_of_their_kernels(case, request, monkeypatch):
     """Where `gauss` needs Newton's iteration as well."""
     body, load, start, scheme = CASES[case]
@@ -159,3 +162,26 @@ def test_rows_that_turn_with_the_body():
             changes.append(pulled_back(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
         slope = [(a - b) / (2 * e) for a, b in zip(*changes, strict=True)]
         assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_blocks_make_a_span_and_the_first_exception_cancels_those_that_have_not_begun(threads):
+    begun, reported = [], []
+
+    def task(first, last):
+        begun.append((first, last))
+        if failing:
+            time.sleep(0.01)
+            raise ValueError
+
+    failing = False
+    in_threads(task, (3, 25), 4, threads, reported.append)
+    assert sorted(begun) == [(3, 7), (7, 11), (11, 15), (15, 19), (19, 23), (23, 25)]
+    assert reported == [4, 4, 4, 4, 4, 2]
+    begun.clear()
+    failing = True
+    with pytest.raises(ValueError):  # noqa: PT011 - of the task
+        in_threads(task, (0, 1000), 1, threads, reported.append)
+    count = len(begun)
+    time.sleep(0.1)
+    assert len(begun) == count < 100

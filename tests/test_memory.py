@@ -271,3 +271,24 @@ def test_a_derivative_that_fails(derivative, words):
         simulate(standard(J), **RUN, load=bad)
     assert found.value.status == nt.errors.Status.LOAD
     assert all(part in str(found.value) for part in words.split(".*"))
+
+
+@pytest.mark.parametrize("unit", [2.0**-20, 2.0**20])
+@pytest.mark.parametrize("lag", [1.0, 1e-3])
+def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit):
+    """By fixed-point and by Newton's iteration, what is small is relative to z; only pivots depend on the unit."""
+
+    def run(unit):
+        def follows(t, z, directors, W):
+            return (unit * np.array([np.sin(t), W[1]]) - z) / lag - np.array([0, z[1] ** 3 / unit**2])
+
+        def weak(t, z, directors, W):
+            return 0.1 * z[0] / unit, -0.3 * z[1] / unit, 0.0
+
+        made = memory_load(follows, weak, [0.0, unit], scale=unit, frame="body", compiled=True)
+        return integrate(standard(J), **HOW, load=made, integrator=Gauss(4))
+
+    one, other = run(1.0), run(unit)
+    assert np.array_equal(other.newton_iterations, one.newton_iterations)
+    assert other.states.internal / unit == pytest.approx(one.states.internal, abs=2e-15)
+    assert other.material_angular_velocity == pytest.approx(one.material_angular_velocity, abs=2e-15)

@@ -10,6 +10,7 @@ from unittest.mock import patch
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.legend import Legend
 from matplotlib.text import Text
 from scipy.spatial.transform import Rotation
@@ -19,7 +20,7 @@ from conftest import PAPER_J
 from nontwist import plot
 from nontwist.comparison import second_quotient
 from nontwist.plot.journals import apart
-from nontwist.plot.looks import contrast, cycle
+from nontwist.plot.looks import LEAST, contrast, cycle, pale
 from nontwist.plot.timelines import MOST
 from nontwist.viewer.content import content
 from nontwist.viewer.drawing import _unpacked, colours
@@ -253,6 +254,27 @@ def test_path_seen_from_above_is_its_projection(two):
     for line, points in ((near, d[1:][middle]), (far, d[1:][(d[1:] + d[:-1])[:, 2] < -0.1])):
         gaps = np.linalg.norm(points[:, None, :2] - xy(line)[None], axis=2).min(axis=1)
         assert gaps.max() < np.radians(1)
+
+
+def test_the_grid_of_the_globe_is_on_the_sphere(two):
+    """From above, parallels are circles of the radius cos φ, and meridians are straight."""
+    lines = plot.path(two["standard"], **ABOVE).lines
+    parallels, meridians = (
+        xy(*(line for line in lines if line.get_label().startswith(name))) for name in ("_parallel", "_meridian")
+    )
+    assert set(np.hypot(*parallels.T).round(9)) == set(np.cos(np.radians([0, 30, 60])).round(9))
+    x, y = meridians[np.hypot(*meridians.T) > 0.1].T
+    assert np.hypot(x, y).max() == pytest.approx(1, abs=1e-9)
+    assert set(np.degrees(np.arctan2(y, x)).round(6) % 180) == {0, 30, 60, 90, 120, 150}
+
+
+@pytest.mark.parametrize("colour", ["#0072b2", "0.3", "#d55e00"])
+def test_a_pale_colour_is_as_near_to_white_as_may_be(colour):
+    """On the line from white to the colour, in steps of a twentieth."""
+    given, found = 1 - np.array(to_rgb(colour)), 1 - np.array(pale(colour))
+    share = found.sum() / given.sum()
+    assert found == pytest.approx(share * given)
+    assert contrast(1 - found) >= LEAST > contrast(1 - (share - 0.05) * given)
 
 
 def test_great_circle_is_where_a_free_body_stays(runs, two):

@@ -23,6 +23,7 @@ from nontwist import read_motion, rotation, twist
 from nontwist.recordings.formats import READERS
 from nontwist.recordings.formats.apart import read_apart
 from nontwist.recordings.reading import read_rates
+from nontwist.recordings.times import BITS, counted_on
 from recordings.makers import (
     ACC,
     DATA,
@@ -892,3 +893,12 @@ def test_named_angles_in_another_order_than_their_headers_are_told(letters):
     with warned(*["unlike-headers"] * (letters == "ZYX")):
         found = read_motion(table, ["ms", "Roll", "Pitch", "Yaw"], euler=letters, angle_unit="deg")
     assert found["time"].values.tolist() == [0.0, 0.01, 0.02]
+
+
+@pytest.mark.parametrize("bits", [8, 16, 24, 31, 32])
+def test_counters_of_so_many_bits_are_counted_on(bits):
+    ticks = 2.0**bits - 7 + np.arange(20)
+    found, words = counted_on(ticks % 2**bits, BITS)
+    assert np.array_equal(found, ticks)
+    assert words.endswith(f" {2**bits}")
+    assert counted_on(ticks, BITS) == (pytest.approx(ticks, rel=0), "")

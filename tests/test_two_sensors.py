@@ -15,10 +15,10 @@ import pandas
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import nontwist
+from conftest import nontwist, thinned
 from nontwist import open_run, read_motion, twist
 from nontwist.errors import InputError
-from nontwist.recordings.relative import SURE, VAGUE, fitted_clock
+from nontwist.recordings.relative import SURE, VAGUE, fitted_clock, speed_correlation
 from refusals import refused, warned
 
 TILT = 0.9
@@ -119,9 +119,7 @@ def drift_or_refusal(*of):
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
-@pytest.mark.parametrize("sigma", [0, 3e-4, 2e-3])
-@pytest.mark.parametrize("drift", [100e-6, -200e-6])
-@pytest.mark.parametrize("end", [30, 60, 180])
+@pytest.mark.parametrize(("end", "drift", "sigma"), thinned(2, [30, 60, 180], [100e-6, -200e-6], [0, 3e-4, 2e-3]))
 def test_a_drift_is_found_where_both_ends_are_shaken_and_else_refused(end, drift, sigma, seeds):
     for seed in seeds:
         found = drift_or_refusal(end, drift, 2, seed, sigma)
@@ -137,8 +135,7 @@ def test_a_drift_is_found_where_both_ends_are_shaken_and_else_refused(end, drift
         assert not told.value.fields.get("ppm", np.inf) <= 1e6 * VAGUE
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-@pytest.mark.parametrize("drift", [800e-6, -800e-6])
+@pytest.mark.parametrize(("drift", "seed"), thinned(3, [800e-6, -800e-6], [0, 2]))
 def test_a_large_drift_of_a_long_recording_is_found(drift, seed):
     """By 0.5 s at the end, several periods of a shake: the drift that fits best nearby is wrong by 500 ppm or more."""
     error, unsure = drift_found(600, drift, 2, seed, 0)
@@ -637,3 +634,16 @@ def test_nothing_is_made_up_in_gaps_of_the_second_sensor():
     early = found.twist_angle.sel(time=slice(None, 20))
     at = np.searchsorted(t, early.time)
     assert early.values == pytest.approx(expected[at] - expected[at[0]], abs=np.radians(0.01))
+
+
+@pytest.mark.parametrize(("factor", "known"), [(0.5, 1), (-0.5, -1)])
+def test_the_correlation_of_speeds_is_of_the_times_that_both_have(factor, known):
+    """Of 2 + f and 2 + c f it is the sign of c, whatever the first one does before and after."""
+    t = np.arange(101) / 10
+    f = np.where((t[1:] > 3) & (t[1:] < 7), np.sin(3 * t[1:]), 40 * np.cos(t[1:]) ** 2)
+
+    def turning(f):
+        return Rotation.from_rotvec(np.outer(np.append(0, np.cumsum(2 + f)) / 100, [0.6, 0, 0.8]))
+
+    a, b, inside = turning(f), turning(factor * f), slice(31, 69)
+    assert speed_correlation(a, t, b[inside], t[inside]) == pytest.approx(known, abs=1e-9)

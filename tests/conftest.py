@@ -5,6 +5,7 @@ import os
 import shutil
 import sys
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,12 @@ def no_figures_are_left():
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+def thinned(every, *values):
+    """Return all combinations; the quick suite has every so manieth, the long one the others as well."""
+    cases = enumerate(product(*values))
+    return [pytest.param(*case, marks=[pytest.mark.long] * (k % every > 0)) for k, case in cases]
 
 
 @cache

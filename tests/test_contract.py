@@ -1,8 +1,8 @@
 """What every run promises: integrator × body × load, each cell with the same promises, or refused for a reason.
 
 Bodies, loads and integrators are those of `covering.problems`, wheels, memory and dry friction, and those that are
-registered when the tests begin. In the quick suite each load meets gauss and half of the other integrators, with a body
-that changes; the long suite has more.
+registered when the tests begin. In the quick suite each load meets gauss and a quarter of the other integrators, with a
+body that changes; the long suite has more.
 """
 
 import numpy as np
@@ -142,7 +142,7 @@ def cells(names, offsets, every=1):
 
 MARKED = [
     *cells(["gauss 4"], (0,)),
-    *cells(QUICK, (0,), 2),
+    *cells(QUICK, (0,), 4),
     *(pytest.param(*cell, marks=pytest.mark.long) for cell in cells(SCHEMES, (4,))),
 ]
 

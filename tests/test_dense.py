@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import nontwist as nt
+from conftest import thinned
 from nontwist.integrators import Continuous, Gauss, dense
 from nontwist.kernels.series import Recurrence
 
@@ -35,8 +36,7 @@ def expansions(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize(("body", "load"), thinned(2, BODIES, LOADS))
 def test_states_between_nodes_are_those_of_scipy(body, load, expansions):
     system, W = BODIES[body]
     how = {"t_end": 3, "times": TIMES, "material_angular_velocity": W, "load": LOADS[load]}
@@ -110,7 +110,7 @@ def test_a_run_is_resampled_between_its_own_states(expansions):
     assert expansions == [True, True]
 
 
-@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("body", thinned(2, BODIES))
 def test_the_kernel_computes_on_floats_what_its_code_does(body, monkeypatch):
     """One step after the other instead of several side by side."""
     found, own = [], dense.Between.find

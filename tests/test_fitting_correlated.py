@@ -43,7 +43,7 @@ def covered(count):
 
 
 def test_intervals_allow_for_correlated_residuals():
-    ours, white = covered(25)
+    ours, white = covered(15)
     assert ours >= 0.86
     assert white < 0.6
 

@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
+from conftest import thinned
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators.compiled import Compiled
 from nontwist.runfile import read_run_file
@@ -32,8 +33,10 @@ def rest_angle():
     return angle
 
 
-@pytest.mark.parametrize("axis", [None, "x", "-x"])
-@pytest.mark.parametrize("how", [{"step": 0.002}, {"step": 0.002, "integrator": "lie-midpoint"}, {"step": 0.02}, {}])
+@pytest.mark.parametrize(
+    ("axis", "how"),
+    thinned(3, [None, "x", "-x"], [{"step": 0.002}, {"step": 0.002, "integrator": "lie-midpoint"}, {"step": 0.02}, {}]),
+)
 def test_a_pendulum_sticks_and_stays(axis, how):
     run = nt.simulate(PENDULUM, t_end=6, load=nt.dry_friction(1, axis), **TILTED, **how)
     energy = (run.kinetic_energy + run.potential_energy).values
@@ -233,8 +236,9 @@ test_what_is_refused = refused_as(
 # ---- other loads that jump
 
 
-@pytest.mark.parametrize("how", [{"step": 0.005}, {"step": 0.01, "integrator": "split"}, {}])
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(
+    ("compiled", "how"), thinned(2, [True, False], [{"step": 0.005}, {"step": 0.01, "integrator": "split"}, {}])
+)
 def test_a_stall_names_the_jump(how, compiled, monkeypatch):
     def relay(t, directors, w):
         return -1.0 * np.sign(w[0]), 0.0, 0.0

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import BODIES, LOADS, PAPER_J, cross
+from conftest import BODIES, LOADS, PAPER_J, cross, thinned
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
@@ -121,8 +121,7 @@ def collocated(body, q, W, h, order, load):
 
 
 @pytest.mark.parametrize("order", [2, 6, pytest.param(4, marks=pytest.mark.long)])
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize(("name", "load"), thinned(3, BODIES, LOADS))
 def test_a_step_solves_the_equations_of_collocation(name, load, order):
     """Where a load acts, or a heavy body stands under one: the rows are those of collocation."""
     body, load = BODIES[name](), LOADS[load]()

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from conftest import cross
+from conftest import cross, thinned
 from nontwist import (
     damping,
     dipole,
@@ -219,8 +219,7 @@ def test_exact_moments_are_what_director_forces_are():
     assert abs(run.load_work - known.load_work).max() < 1e-13
 
 
-@pytest.mark.parametrize("body", [FREE, HELD, SLANTED], ids=["standard", "nontwisting", "suslov"])
-@pytest.mark.parametrize("name", [*POTENTIALS, "two"])
+@pytest.mark.parametrize(("body", "name"), thinned(2, [FREE, HELD, SLANTED], [*POTENTIALS, "two"]))
 def test_energy_and_vertical_momentum_are_kept_at_large_steps(body, name):
     load = TWO if name == "two" else POTENTIALS[name]
     by_coefficients = name in ("quadratic", "linear")
@@ -520,7 +519,14 @@ def test_the_moment_of_the_constraint_is_left_out_where_that_of_a_potential_is_n
 
 
 @pytest.mark.parametrize(
-    ("name", "order"), [("gauss", 2), ("gauss", 8), ("gauss", 16), ("lie-midpoint", 2), ("energy-momentum", 2)]
+    ("name", "order"),
+    [
+        ("gauss", 2),
+        ("gauss", 8),
+        pytest.param("gauss", 16, marks=pytest.mark.long),
+        ("lie-midpoint", 2),
+        ("energy-momentum", 2),
+    ],
 )
 @pytest.mark.parametrize("kind", [standard, nontwisting])
 def test_bodies_that_springs_and_drag_bring_to_rest_stay_there(name, order, kind):

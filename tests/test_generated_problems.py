@@ -266,7 +266,7 @@ def end_of(problem):
     return failure
 
 
-@pytest.mark.parametrize("count", [100, pytest.param(10_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [50, pytest.param(10_000, marks=pytest.mark.long)])
 def test_problems_end_well(count):
     """Nearly all in a sound run; the others in an error of the package."""
     ends = []

@@ -19,7 +19,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import BODIES
+from conftest import BODIES, thinned
 from nontwist import (
     Load,
     body_moment,
@@ -395,8 +395,7 @@ def registered():
 
 @pytest.mark.usefixtures("registered")
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize(("compiled", "name"), thinned(2, [True, False], PAIRS))
 def test_it_moves_the_body_as_that_of_the_package_and_has_its_derivatives(name, compiled):
     own, known, numbers = PAIRS[name]
     own = type(own)(*(getattr(own, field) for field in type(own).__annotations__), compiled=compiled)

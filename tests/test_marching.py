@@ -11,6 +11,7 @@ import pytest
 
 import nontwist as nt
 import texts_rule
+from conftest import thinned
 from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
@@ -110,7 +111,7 @@ def on_floats(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:damping slows:UserWarning", "ignore:the step is coarse:UserWarning")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", thinned(3, CASES))
 def test_texts_on_floats_have_the_bits_of_their_kernels(case, request, monkeypatch):
     """Where `gauss` needs Newton's iteration as well."""
     body, load, start, scheme = CASES[case]

@@ -59,7 +59,8 @@ def loaded(beside="wheels", speed=3.0, torque=0.1, viscous=0.05):
 @pytest.mark.parametrize(
     ("beside", "body", "order"),
     [
-        *(("wheels", name, 8) for name in BODIES),
+        ("wheels", "suslov", 8),
+        *(pytest.param("wheels", name, 8, marks=pytest.mark.long) for name in BODIES if name != "suslov"),
         ("memory in space", "standard", 8),
         ("memory in space", "top", 2),
         ("memory in the body", "suslov", 4),

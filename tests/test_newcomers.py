@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from conftest import ended
+from conftest import ended, nontwist
 from nontwist import (
     DirectorSystem,
     compare,
@@ -381,6 +381,7 @@ def pytest_collection_modifyitems(items):
 """
 
 
+@pytest.mark.long
 def test_the_loops_of_the_tests_take_them(tmp_path):
     """In a process where both are registered before; of what lists them, a few run."""
     files = [f"tests/test_{name}.py" for name in ("orders", "contract", "driver", "lie_midpoint", "equations")]
@@ -590,7 +591,7 @@ def test_kinds_of_bodies_are_named_where_they_are_declared_only():
 
 
 def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
-    """Before or after the command, whose hints then have the option as well; in processes of their own."""
+    """Before or after the command, whose hints then have the option; and in processes of Dask."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
     load = 'load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]\n'
@@ -598,24 +599,27 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
     Path("run.toml").write_text(load + body, encoding="utf-8")
 
     def command(*words):
-        done = [sys.executable, "-m", "nontwist", *words]
-        return subprocess.run(done, capture_output=True, text=True, check=False)
+        with patch.dict(LOADS), patch.object(sys, "path", [*sys.path]):
+            done = nontwist(*words)
+        sys.modules.pop("own_load", None)
+        assert done.exit_code == 0, done.output
+        return done
 
     alone = ended(3, "check", "run.toml")
     assert next(line for line in alone.stderr.splitlines() if "load.0.kind" in line).endswith(
         f'"gravity_gradient"{YOUR_OWN}'
     )
     for words in (["--import", "own_load", "check", "run.toml"], ["check", "run.toml", "--import=own_load"]):
-        done = command(*words)
-        assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "next: nontwist run run.toml --import own_load")
+        assert command(*words).stderr.splitlines()[-1] == "next: nontwist run run.toml --import own_load"
     (table,) = blocks_of_the_page("load", "toml")
     Path("magnet.toml").write_text(table, encoding="utf-8")
     for name in ("run", "magnet"):
-        made = command("run", f"{name}.toml", "--import", "own_load", "--quiet")
-        assert (made.returncode, open_run(f"{name}.nc").attrs["status"]) == (0, 0), made.stderr
+        command("run", f"{name}.toml", "--import", "own_load", "--quiet")
+        assert open_run(f"{name}.nc").attrs["status"] == 0
     over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
     Path("sweep.toml").write_text(load + body.partition("[time]")[0] + over, encoding="utf-8")
-    many = command("sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1")
+    words = ["sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1"]
+    many = subprocess.run([sys.executable, "-m", "nontwist", *words], capture_output=True, text=True, check=False)
     assert (many.returncode, "2, 0 failed" in many.stdout) == (0, True), many.stderr
 
 

@@ -126,13 +126,13 @@ def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
     draw = plot.path
     monkeypatch.setattr(plot, "path", lambda run: drawn.append(run) or draw(run))
     tolerance = BODY + "[time]\nt_end = 5\ntolerance = 1e-6\n[start]\nangular_velocity = { body = [0.1, 2, 0.1] }\n"
-    here(tolerance)
-    ended(0, "run", "run.toml", "--figures", "--quiet")
+    here(tolerance + '[output]\nfigures = ["path"]\n')
+    ended(0, "run", "run.toml", "--quiet")
     states, run = open_run("run.nc"), drawn[0]
     assert states.sizes["time"] < 40 < 100 < run.sizes["time"]
     assert run.sel(time=states.time).directors.values == pytest.approx(states.directors.values, abs=1e-12)
     assert run.kinetic_energy.values == pytest.approx(states.kinetic_energy.values[0], rel=1e-12)
-    ended(0, "run", "run.toml", "--figures", "--force", "--quiet", "--set", "time.step=0.01")
+    ended(0, "run", "run.toml", "--force", "--quiet", "--set", "time.step=0.01")
     assert drawn[1].sizes["time"] == open_run("run.nc").sizes["time"] == 501
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import BODIES, PAPER_J, compiled_load
+from conftest import BODIES, PAPER_J, compiled_load, thinned
 from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, Split, stack_march
@@ -56,8 +56,7 @@ def fine_end(name, load):
 @pytest.mark.parametrize(
     ("order", "steps"), [(2, (100, 200)), pytest.param(4, (40, 80), marks=pytest.mark.long), (6, (20, 40))]
 )
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("name", CONSTRAINED | FREE)
+@pytest.mark.parametrize(("name", "load"), thinned(3, CONSTRAINED | FREE, LOADS))
 def test_orders(name, load, order, steps):
     """Slopes above round-off; that of the reference is a few 1e-12. The top turns faster and wants smaller steps."""
     body = (CONSTRAINED | FREE)[name]()

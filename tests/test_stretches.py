@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import nontwist as nt
+from conftest import thinned
 from nontwist.driver.grid import automatic_grid, kinks, stretches_of
 from nontwist.driver.planning import planned
 from nontwist.driver.single_run import PreparedPlan, integrated
@@ -149,8 +150,7 @@ def test_a_propagator_takes_the_grid_of_each_start():
         assert_same(run(**start), nt.integrate(BODY, t_end=2, load=LOAD, store="end", **start))
 
 
-@pytest.mark.parametrize("name", STEPPING)
-@pytest.mark.parametrize("after", [2, 3, 4])
+@pytest.mark.parametrize(("after", "name"), thinned(3, [2, 3, 4], STEPPING))
 def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path):
     """Stopped inside a stretch and at the end of one, with the step left open; from a file to round-off."""
     how = {"t_end": 2, "load": LOAD, "integrator": name, "order": 2}

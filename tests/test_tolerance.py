@@ -74,9 +74,9 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
-def test_8_problems_are_solved_within_their_tolerance():
-    found = ratios(range(8))
-    assert len(found) > 6
+def test_4_problems_are_solved_within_their_tolerance():
+    found = ratios(range(4))
+    assert len(found) > 2
     assert max(found.values()) <= 1
 
 
@@ -92,7 +92,7 @@ def test_2000_problems_are_solved_within_their_tolerance():
 @pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.long)])
 def test_the_truth_is_that_of_34_digits(seed):
     task = generated(seed)
-    task = task._replace(t_end=0.1 * task.t_end, tolerance=1e-11)
+    task = task._replace(t_end=0.04 * task.t_end, tolerance=1e-11)
     with mpmath.workdps(34):
         many = truth(task, [task.t_end], mpmath.mpf, 1e-19)
     few = truth(task, [task.t_end])

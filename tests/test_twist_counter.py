@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conftest import thinned
 from nontwist import TwistCounter, twist
 from test_twist import smooth
 
@@ -24,9 +25,7 @@ def quietly(*arguments, **options):
         return twist(*arguments, scalar_first=False, **options)
 
 
-@pytest.mark.parametrize("axis_frame", ["body", "space"])
-@pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("seed", "order", "axis_frame"), thinned(3, range(4), [2, 4], ["body", "space"]))
 def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(seed, order, axis_frame):
     axis = np.random.default_rng(seed).normal(size=3)
     how = {"axis": axis, "order": order, "axis_frame": axis_frame}

@@ -16,7 +16,7 @@ MEANS, BETWEEN_MEANS = ("moment", "multipliers", "load_work"), 1e-6  # of moment
 ADAPTIVE = 1e-9  # of SciPy's solver: it chooses its steps by errors, which round-off changes
 HELD = ("nontwisting", "suslov", "spin")  # bodies with a constrained axis, which have no dissipation
 REDUCED = ("compiled potential", "long spring", "potential", "quadratic", "sum of all")  # since 0.3.0
-QUICK = 12  # every so manieth problem is in the quick suite
+QUICK = 17  # every so manieth problem is in the quick suite
 RECORDED = Recorded()
 
 

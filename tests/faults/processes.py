@@ -242,4 +242,4 @@ FAULTS = (
     hung_up,
     closed_terminal,
 )
-LONG = ()
+LONG = (killed_while_writing,)  # the other one runs the same lines, and more

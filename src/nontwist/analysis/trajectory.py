@@ -211,14 +211,14 @@ class Trajectory:
     @cached_property
     def directors(self) -> Array:
         """The directors at the stored times, rows d_i of (n+1, 3, 3)."""
-        carried = self.states.directors
-        return directors(self.quaternion) if carried is None else carried[:, 0]
+        own_directors = self.states.directors
+        return directors(self.quaternion) if own_directors is None else own_directors[:, 0]
 
     @cached_property
     def director_velocities(self) -> Array:
         """Their velocities, rows of (n+1, 3, 3), 1/s."""
-        carried = self.states.directors
-        return director_velocities(self.directors, *self.states[1:3]) if carried is None else carried[:, 1]
+        own_directors = self.states.directors
+        return director_velocities(self.directors, *self.states[1:3]) if own_directors is None else own_directors[:, 1]
 
     @property
     def rotor_momentum(self) -> Array | None:

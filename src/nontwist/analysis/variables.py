@@ -335,7 +335,7 @@ def observables(
 
     `rotors` is the momentum of rotors at the times of the states, (m or 1, k, 3); None: none.
     """
-    names, (p, W, N, carried) = tuple(names), states[:4]
+    names, (p, W, N, own_directors) = tuple(names), states[:4]
     made: dict[str, Callable[[], Array]] = {"quaternion": lambda: p, "material_angular_velocity": lambda: W}
     if set(names) <= set(made):
         return {name: made[name]() for name in names}
@@ -343,7 +343,7 @@ def observables(
     assert dead is not None
     rows = entries(p)
     q = np.moveaxis(rows, (1, 0), (-2, -1))
-    own = q if carried is None else carried[:, :, 0]
+    own = q if own_directors is None else own_directors[:, :, 0]
     w = [*np.moveaxis(W, -1, 0).copy()]
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
@@ -375,7 +375,9 @@ def observables(
 
     made |= {
         "directors": lambda: np.ascontiguousarray(own),
-        "director_velocities": lambda: director_velocities(q, W, N) if carried is None else carried[:, :, 1],
+        "director_velocities": lambda: (
+            director_velocities(q, W, N) if own_directors is None else own_directors[:, :, 1]
+        ),
         "angular_velocity": lambda: np.stack([_dot(row, w) for row in rows], axis=-1),
         "spatial_momentum": lambda: np.stack([_dot(row, Pi) for row in rows], axis=-1),
         "material_momentum": lambda: np.stack(Pi, axis=-1),

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from ..analysis.invariants import Invariant, invariants, quantities, scales
-from ..driver.grid import fits, inside, kinks, paced
+from ..driver.grid import fits, inside, kinks, with_spin_kinks
 from ..driver.problem import OfComparison, Problem, posed, takes
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
@@ -131,7 +131,7 @@ def compare(
         automatic = integrate(body, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
     known = {str(warning.message) for warning in caught}
     t0, t1 = (float(t) for t in automatic.time)
-    pace = paced(load, stacked(body))
+    pace = with_spin_kinks(load, stacked(body))
     found = grids(steps, t0, t1, automatic.step or t1 - t0, pace)
     numbers = {h: grid.steps for h, grid in found.items()}
     shared = shared_intervals(list(numbers.values()))

@@ -32,7 +32,7 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
 from ..driver import completion
 from ..driver.costs import COARSE_STEP
-from ..driver.grid import count_steps, kinks, paced, stretches_of
+from ..driver.grid import count_steps, kinks, stretches_of, with_spin_kinks
 from ..driver.planning import planned, resolve_integrator
 from ..driver.runs import integrate
 from ..driver.single_run import run_of, trajectory
@@ -284,7 +284,7 @@ def _moved(system: DirectorSystem, arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    jumps = kinks(paced(arguments["load"], stacked(system)), times[0], times[-1])
+    jumps = kinks(with_spin_kinks(arguments["load"], stacked(system)), times[0], times[-1])
     apart = abs(jumps[:, None] - times).min(axis=1) > SAME * (times[-1] - times[0])  # 0.3 and 3 × 0.1 are one time
     borders = np.union1d(times, jumps[apart])
     least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))

@@ -108,7 +108,7 @@ def _start_of(grid: Stretches) -> float:
     return grid.borders[0] - grid.numbers[0] * grid.sizes[0]
 
 
-def paced(load: Load, systems: SystemStack) -> Load:
+def with_spin_kinks(load: Load, systems: SystemStack) -> Load:
     """Return a load for time grids: with the kinks of a prescribed spin as breakpoints of its own."""
     if systems.spin is None or not (times := systems.spin.breakpoints):
         return load
@@ -291,7 +291,7 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
     """Return the warnings for a load and a spin on a grid: breakpoints off the nodes, tables that end too early."""
     messages = []
     if len(grid.sizes) == 1:
-        tables = {"load": load, "spin": paced(Load(), systems)}
+        tables = {"load": load, "spin": with_spin_kinks(Load(), systems)}
         messages = [off_grid_message(table, t_start, t_end, grid.steps, what) for what, table in tables.items()]
     for term in load.terms:
         if isinstance(term, (Table, ForceTable)) and term.times[-1] < t_end and term.values[-1].any():

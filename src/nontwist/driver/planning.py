@@ -20,7 +20,7 @@ from ..loads.base import of_body
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .grid import as_store, asked_times, automatic_grid, count_steps, joined, paced, stored_steps
+from .grid import as_store, asked_times, automatic_grid, count_steps, joined, stored_steps, with_spin_kinks
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
@@ -50,9 +50,9 @@ class Plan(NamedTuple):
         return self.tolerance or self.scheme.automatic or 0.0
 
     @property
-    def paced(self) -> Load:
+    def with_spin_kinks(self) -> Load:
         """The load for time grids, which have the kinks of a prescribed spin as well."""
-        return paced(self.load, self.systems)
+        return with_spin_kinks(self.load, self.systems)
 
     @property
     def is_controlled(self) -> bool:
@@ -82,7 +82,15 @@ class Plan(NamedTuple):
 
     def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
         """Return a grid for at most 0.05 rad a step, as `automatic_grid`."""
-        known = (self.systems, begin.velocity, self.paced, self.t_start, self.t_end, begin.load_scale, is_bound)
+        known = (
+            self.systems,
+            begin.velocity,
+            self.with_spin_kinks,
+            self.t_start,
+            self.t_end,
+            begin.load_scale,
+            is_bound,
+        )
         return automatic_grid(*known, is_a_stable=self.scheme.is_a_stable, longest=longest)
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:

@@ -30,7 +30,7 @@ from ..loads.kinds import load_of
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
-from .grid import kinks, paced
+from .grid import kinks, with_spin_kinks
 from .notices import failure_message
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
     groups = [(int(k), rest[of[rest] == k]) for k in np.unique(of[rest])]
     if scheme.any_times:
         groups = [(0, rest)] if len(rest) else []
-    pace = paced(load, body)
+    pace = with_spin_kinks(load, body)
     for k, here in groups:
         asked = wanted[here]
         grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])

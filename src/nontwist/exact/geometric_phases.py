@@ -8,7 +8,7 @@ T, the body has turned about the momentum, fixed in space, by
 Ω the solid angle of the closed curve Π/|Π|, counter-clockwise positive. In the closed solution of `free_bodies`, T = 4
 K(k)/|λ| and Δψ is what ψ gains in it; the periodic part of ψ drops out.
 
-**Non-twisting frames** (subs-non-twisting-frame) carried once around a closed curve on the sphere turn by its solid
+**Non-twisting frames** (subs-non-twisting-frame) transported once around a closed curve on the sphere turn by its solid
 angle: on the circle of colatitude θ by 2π (1 - cos θ); around a geodesic polygon by 2π less the sum of its exterior
 angles (Girard, Gauss–Bonnet).
 """
@@ -125,7 +125,7 @@ def latitude_turn(colatitude: ArrayLike) -> Array:
 
     Examples
     --------
-    Foucault's pendulum in Paris, at 48.85° north, carried around once a day:
+    Foucault's pendulum in Paris, at 48.85° north, transported around once a day:
 
     >>> import numpy as np
     >>> from nontwist import exact

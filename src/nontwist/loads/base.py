@@ -80,9 +80,8 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        if unknown := [
-            type(one).__name__ for one in self.terms if not isinstance(one, (*LOADS.values(), Driven, OnBodyAtRest))
-        ]:
+        known: tuple[type, ...] = (*LOADS.values(), Driven, OnBodyAtRest)
+        if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, known)]:
             raise ValueError(
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'

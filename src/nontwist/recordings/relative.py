@@ -426,10 +426,10 @@ def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most:
 
     x = _fitted(unlike, start, slopes)
     steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
-    bent = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
-    if abs(x[1]) > most or not np.linalg.eigvalsh(bent)[0] > 0:
+    hessian = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
+    if abs(x[1]) > most or not np.linalg.eigvalsh(hessian)[0] > 0:
         return start, float("inf")
-    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(bent / (2 * reach) ** 2)[1]) * unlike(x)
+    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(hessian / (2 * reach) ** 2)[1]) * unlike(x)
     counted = np.trim_zeros(moves)
     by_parts = [[part.sum() for part in np.array_split(counted, parts)] for parts in PARTS]
     return x, max(float(np.linalg.norm(sums)) for sums in by_parts)

@@ -94,14 +94,14 @@ def require_tangents(
     how |= {"load": load_of(0.0), "rotation": R0, "material_angular_velocity": across(W0, body[1])}
     d, *_ = require_transpose(system_of(body), wrt=fields(directions), **how)
     labels, rng = d.parameter.values.tolist(), np.random.default_rng(6)
-    for names, small, by in (({*directions} - {"duration"}, h, 1), ({*directions} & {"duration"}, 0.004, by_time)):
+    for names, small, by in (({*directions} - {"duration"}, h, 1), ({*directions} & {"duration"}, 0.002, by_time)):
         weights = rng.normal(size=len(names)) / np.sqrt(max(1, len(names)))
         change, column = {}, 0.0
         for weight, label in zip(weights, sorted(names), strict=True):
             column = column + weight * last(d, labels.index(label))
             for name, way in directions[label].items():
                 change[name] = change.get(name, 0) + weight * way
-        expected = derivative(partial(run_of, change=change), small)  # 0.004: no node crosses a kink
+        expected = derivative(partial(run_of, change=change), small)  # 0.002: no node crosses a kink
         assert abs(column - expected).max() <= bound * by * max(1.0, abs(expected).max()), change
 
 

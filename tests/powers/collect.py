@@ -249,6 +249,7 @@ def commanded(line):
     if done.stdout.startswith("{"):
         whole = done.stdout.replace("}\n{", "},{")
         parts[1] = "JSON " + told(json.loads(f"[{whole}]"))
+    before[Path("__pycache__")] = Path("__pycache__").stat().st_mtime_ns if Path("__pycache__").exists() else 0
     written = sorted(path for path in Path().iterdir() if path.stat().st_mtime_ns != before.get(path))
     return "; ".join([*parts, *(f"{path}: {told_file(path)}" for path in written)])
 

@@ -286,6 +286,11 @@ class Stepper:
         ------
         ValueError
             An argument is invalid; the message names it, and the state is unchanged.
+
+        Warns
+        -----
+        InputWarning
+            `start` is of another inertia: W is kept.
         """
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, time

@@ -192,6 +192,11 @@ class Propagator:
         ValueError, SimulationError, SimulationInterrupt
             As `nontwist.sensitivities`; a ValueError also if the propagator has `times`.
 
+        Warns
+        -----
+        InputWarning
+            `start` is of another inertia: W is kept.
+
         Examples
         --------
         Find the start from which a body reaches an attitude in 1 s:

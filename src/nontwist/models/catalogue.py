@@ -212,6 +212,11 @@ def with_gravity(
         The mass is not positive or not finite, or the inertia of a body made without ``physical=False`` is smaller than
         ``mass |centre_of_mass|²`` requires.
 
+    Warns
+    -----
+    UserWarning
+        The centre of mass is the fixed point: gravity has no moment about it.
+
     Examples
     --------
     A pendulum that cannot twist, released at 60° from the upright:

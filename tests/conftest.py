@@ -36,7 +36,7 @@ def no_figures_are_left():
 
 
 def thinned(every, *values):
-    """Return all combinations; the quick suite has every so manieth, the long one the others as well."""
+    """Return all combinations: every first of `every` for the quick suite, the others for the long one alone."""
     cases = enumerate(product(*values))
     return [pytest.param(*case, marks=[pytest.mark.long] * (k % every > 0)) for k, case in cases]
 

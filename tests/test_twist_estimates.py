@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import twist
 from nontwist.curves import frame_error_estimate, nontwisting_frame, solid_angle
-from nontwist.recordings.twisting import noise_level
+from nontwist.recordings.twist_noise import noise_level
 
 
 def axis_path(rng):

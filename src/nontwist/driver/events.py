@@ -18,15 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebroots, chebval, chebvander
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..analysis.trajectory import Events
-from ..geometry.arrays import Array, as_axis, as_number
+from ..geometry.arrays import Array, as_number
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole, shown
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
@@ -428,153 +427,3 @@ def march_to_events(scheme: Integrator, problem: IVP, events: tuple[Event, ...])
         np.array([state.velocity for state in found]).reshape(-1, 3),
     )
     return Ended(times, outcome, occurred, None if end is None else end.event)
-
-
-# Events that have names: an axis of the body crosses a plane, a spin falls below a value.
-
-
-class NamedEvent:
-    """An event function with a name, made by `axis_crosses` or `spin_below`; its kind and keys in run files."""
-
-    kind = ""
-    fields: tuple[str, ...] = ()
-
-    def __init__(self, name: str, terminal: bool | int, direction: float) -> None:
-        self.__name__, self.terminal, self.direction = name, terminal, direction
-
-    def __call__(self, t: float, state: BodyState) -> float:
-        """Return the value whose zeros are the events."""
-        raise NotImplementedError
-
-    def __repr__(self) -> str:
-        return f"<event {self.__name__}>"
-
-
-class _AxisCrosses(NamedEvent):
-    kind, fields = "axis-crosses", ("axis", "normal", "cosine")
-
-    def __init__(self, axis: Any, normal: Any, cosine: float, *rest: Any) -> None:
-        super().__init__(*rest)
-        self.axis, self.normal, self.cosine = axis, normal, cosine
-
-    def __call__(self, t: float, state: BodyState) -> float:
-        return float(self.normal @ (self.axis @ state.directors)) - self.cosine
-
-
-class _SpinBelow(NamedEvent):
-    kind, fields = "spin-below", ("value", "axis")
-
-    def __init__(self, value: float, axis: Any, *rest: Any) -> None:
-        super().__init__(*rest)
-        self.value, self.axis = value, axis
-
-    def __call__(self, t: float, state: BodyState) -> float:
-        x, y, z = state.material_angular_velocity
-        if self.axis is None:
-            return sqrt(x * x + y * y + z * z) - self.value
-        a, b, c = self.axis
-        return float(abs(a * x + b * y + c * z)) - self.value
-
-
-def axis_crosses(
-    axis: ArrayLike = (0, 0, 1),
-    normal: ArrayLike = (0, 0, 1),
-    *,
-    cosine: float = 0.0,
-    direction: float = 0.0,
-    terminal: bool | int = False,
-    name: str = "axis_crosses",
-) -> NamedEvent:
-    """Return the event that an axis of the body crosses a plane, or a cone about its normal.
-
-    Parameters
-    ----------
-    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
-        Components along the directors, of any length.
-    normal : (3,) array, or such a letter
-        Normal of the plane, in space, of any length.
-    cosine : float
-        Cosine of the angle between axis and normal: 0 for the plane, otherwise a cone.
-    direction : float
-        > 0: only towards the side of the normal; < 0: only away from it.
-    terminal : bool or int
-        Whether the first such event ends the run, or the number of the event that ends it.
-    name : str
-
-    Returns
-    -------
-    callable
-        For ``events=`` of `simulate`.
-
-    Raises
-    ------
-    ValueError
-        An axis or a normal has length 0, or the cosine is not between -1 and 1.
-
-    Examples
-    --------
-    >>> from nontwist import axis_crosses, nontwisting, simulate
-    >>> level = axis_crosses(terminal=True)
-    >>> run = simulate(nontwisting([3, 4, 5]), t_end=9, angular_velocity=(2, 0, 0), events=level, integrator="exact")
-    >>> run.message
-    'the event axis_crosses ended the run at t = 0.785398163397 s'
-    """
-    x = as_number(cosine, "cosine")
-    if not -1 < x < 1:
-        raise ValueError(f"cosine must be between -1 and 1, got {x:g}")
-    return _AxisCrosses(_unit(axis, "axis"), _unit(normal, "normal"), x, name, terminal, direction)
-
-
-def spin_below(
-    value: float,
-    axis: ArrayLike | None = None,
-    *,
-    direction: float = -1.0,
-    terminal: bool | int = False,
-    name: str = "spin_below",
-) -> NamedEvent:
-    """Return the event that the angular speed of the body falls below a value.
-
-    Parameters
-    ----------
-    value : float, rad/s
-    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
-        Components along the directors: the magnitude of the component of W along this axis counts. By default the
-        magnitude of W.
-    direction : float
-        < 0: when the speed falls below the value, the default; > 0: when it rises above it; 0: both.
-    terminal : bool or int
-        Whether the first such event ends the run, or the number of the event that ends it.
-    name : str
-
-    Returns
-    -------
-    callable
-        For ``events=`` of `simulate`.
-
-    Raises
-    ------
-    ValueError
-        `value` is not positive, or the axis has length 0.
-
-    Examples
-    --------
-    >>> from nontwist import damping, simulate, spin_below, standard
-    >>> slow, W = spin_below(0.5, terminal=True), (0, 0, 1)
-    >>> run = simulate(standard([2, 2, 2]), t_end=9, load=damping(1), material_angular_velocity=W, events=slow)
-    >>> run.t_events.values.round(3)  # 2 ln 2 s
-    array([1.386])
-    """
-    x = as_number(value, "value")
-    if not x > 0:
-        raise ValueError(f"value must be positive, got {x:g}")
-    along = None if axis is None else tuple(_unit(axis, "axis").tolist())
-    return _SpinBelow(x, along, name, terminal, direction)
-
-
-def _unit(value: ArrayLike, name: str) -> Any:
-    x = as_axis(value, name)
-    size = float(sqrt(x @ x))
-    if not size > 0:
-        raise ValueError(f"{name} must not be zero")
-    return x / size

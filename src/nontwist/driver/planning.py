@@ -50,7 +50,7 @@ class Plan(NamedTuple):
         return self.tolerance or self.scheme.automatic or 0.0
 
     @property
-    def with_spin_kinks(self) -> Load:
+    def grid_load(self) -> Load:
         """The load for time grids, which have the kinks of a prescribed spin as well."""
         return with_spin_kinks(self.load, self.systems)
 
@@ -82,15 +82,7 @@ class Plan(NamedTuple):
 
     def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
         """Return a grid for at most 0.05 rad a step, as `automatic_grid`."""
-        known = (
-            self.systems,
-            begin.velocity,
-            self.with_spin_kinks,
-            self.t_start,
-            self.t_end,
-            begin.load_scale,
-            is_bound,
-        )
+        known = (self.systems, begin.velocity, self.grid_load, self.t_start, self.t_end, begin.load_scale, is_bound)
         return automatic_grid(*known, is_a_stable=self.scheme.is_a_stable, longest=longest)
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:

@@ -79,7 +79,7 @@ class Prepared:
         assert grid is not None
         if len(grid.sizes) == 1:
             return grid.longest
-        return even_step(grid.longest, plan.with_spin_kinks, plan.t_start, plan.t_end)
+        return even_step(grid.longest, plan.grid_load, plan.t_start, plan.t_end)
 
     def run(self, progress: bool = False) -> Trajectory:
         """Integrate it; errors as `nontwist.simulate`."""

@@ -156,7 +156,7 @@ def run_of(
         return with_warning(plan, run, cached.prepared)
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
-    load, t0, t1 = plan.with_spin_kinks, plan.t_start, plan.t_end
+    load, t0, t1 = plan.grid_load, plan.t_start, plan.t_end
     grid = rest_of(begin.grid, load, t0, t1) or estimate
     grid = grid or plan.automatic(begin)
     check_cost(plan, begin, grid)
@@ -236,7 +236,7 @@ def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> A
     """Return the times at which states are stored that nobody has chosen: the body turns by 0.05 rad in between."""
     fastest = float(np.sqrt(np.nanmax(np.square(velocities).sum(axis=1))))
     longest = apart_shown(plan.t_end - plan.t_start, fastest, swing)
-    return plan.problem(begin, stretches_of(plan.with_spin_kinks, plan.t_start, plan.t_end, longest)).output
+    return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).output
 
 
 def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:

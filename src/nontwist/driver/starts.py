@@ -156,7 +156,7 @@ def start_of_one(
     if carried is not None and given:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     if carried is not None:
-        return _projected(carried, systems, None if _has_same_axes(start, systems) else systems.axis, project, t_start)
+        return _projected(carried, systems, _new_axis(start, systems), project, t_start)
     p, W = last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
     if angular_velocity is not None:
         W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
@@ -203,7 +203,7 @@ def starts(
     m = _common({"system": len(systems), name: len(p), velocity_name: len(W), "load_scale": len(scale)})
     if angular_velocity is not None:
         W = _in_body(p, W)
-    axis = None if start is not None and _has_same_axes(start, systems) else systems.axis
+    axis = systems.axis if start is None else _new_axis(start, systems)
     begin = _projected(begin._replace(velocity=W), systems, axis, project, t_start)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
@@ -371,16 +371,19 @@ def _bodies(start: Any) -> SystemStack | None:
     return stacked(own) if isinstance(own, DirectorSystem) else None
 
 
-def _has_same_axes(start: Any, systems: SystemStack) -> bool:
-    """Whether the run `start` had the same constraints: its states then need no projection; warn of other inertias."""
+def _new_axis(start: Any, systems: SystemStack) -> Array | None:
+    """Return the axes that constrain bodies as they did not in the run `start`, whose states obey its own constraints.
+
+    A body of another inertia is warned of.
+    """
     if (found := _bodies(start)) is None:
-        return False
-    gap, own, axis = abs(found.inertia - systems.inertia).max(axis=(1, 2)), abs(systems.inertia), systems.axis
-    if (gap > SAME * own.max(axis=(1, 2))).any():
+        return systems.axis
+    gap, size, axis = abs(found.inertia - systems.inertia).max(axis=(1, 2)), abs(systems.inertia), systems.axis
+    if (gap > SAME * size.max(axis=(1, 2))).any():
         warn(InputWarning("start-other-inertia", most=float(gap.max())))
     if axis is None or found.axis is None or found.axis.shape != axis.shape:
-        return False
-    return bool(abs(found.axis - axis).max() <= SAME)
+        return axis
+    return None if abs(found.axis - axis).max() <= SAME else axis
 
 
 def _of_run(start: Any) -> Starts:

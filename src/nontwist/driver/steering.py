@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 XTOL = 4 * float(np.finfo(np.float64).eps)
+MOST_AXES = 31  # of fractions: NumPy's vector product takes 32 with that of the vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ class Steering:
         Raises
         ------
         ValueError
-            A fraction is not from 0 to 1.
+            A fraction is not from 0 to 1; more than 31 axes.
         """
         from scipy.spatial.transform import Rotation
 
@@ -120,7 +121,7 @@ class Steering:
         Raises
         ------
         ValueError
-            A fraction is not from 0 to 1.
+            A fraction is not from 0 to 1; more than 31 axes.
         """
         t = _fraction(fraction)
         angle = t * self.length * self.curvature
@@ -169,6 +170,8 @@ def _fraction(value: ArrayLike) -> Array:
     t = as_floats(value, "fraction")
     if t.size and not (t.min() >= 0 and t.max() <= 1):
         raise ValueError(f"fraction must be from 0 to 1, got numbers from {t.min():g} to {t.max():g}")
+    if t.ndim > MOST_AXES:
+        raise ValueError(f"fraction has {t.ndim} axes, more than {MOST_AXES}")
     return t
 
 

@@ -246,7 +246,7 @@ def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stre
         )
     if scheme.is_a_stable:
         part = min(_resolving(plan, scheme, 1.0), 1.0)
-    return stretches_of(plan.with_spin_kinks, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
+    return stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
 
 
 def finer(grid: Stretches) -> Stretches:

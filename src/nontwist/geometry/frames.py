@@ -104,8 +104,9 @@ def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE
     lead = array.shape[:-2]
     u = array.reshape(-1, *array.shape[-2:])
     x, y, z = np.moveaxis(u, -1, 0)
-    size = np.sqrt(x * x + y * y + z * z)
-    is_wrong = ~(np.abs(size - 1.0) <= tolerance)  # not a number is wrong as well
+    with np.errstate(over="ignore"):  # infinite is wrong, as is what is not a number
+        size = np.sqrt(x * x + y * y + z * z)
+    is_wrong = ~(np.abs(size - 1.0) <= tolerance)
     if is_wrong.any():
         k, i = np.argwhere(is_wrong)[0].tolist()
         require_finite(array, name)

@@ -96,8 +96,9 @@ from ..loads import Load
 from ..models.stack import SystemStack
 from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table
+from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Memory, Stage, Stages, TurnEquations, iterated, rows_of
+from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, iterated, rows_of
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 

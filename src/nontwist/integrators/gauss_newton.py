@@ -35,7 +35,8 @@ from ..kernels.kernel import part, rare
 from ..kernels.memory import View, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Memory, Stage, Stages, pulled_back, rows_of
+from .gauss_memory import Memory
+from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, pulled_back, rows_of
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 

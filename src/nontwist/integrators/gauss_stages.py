@@ -22,37 +22,18 @@ way. What is one iteration away from an L that did not come about so has no such
 L of a body that was not done quickly is changed by some round-off, and iterated once or twice more. What is added is
 without a preference itself, and known to a run that resumes: what the compensated sums of the other components of P
 have left over. Needles are left alone, as what is added would be their spin.
-
-Loads with memory: their internal states z are unknowns of the stages, as P and the rows are. With M a moment along the
-moving frame and m one in space,
-
-    z' = f(t, z, Λ, w),        P' = P × W + M(t, z, Λ, W) + Λ⁻¹ m(t, z, Λ, w) + ...,
-
-and ``Z_i = z_n + h Σ a_ij f_j``, ``z_{n+1} = z_n + h Σ b_j f_j`` with the coefficients of P: collocation of the whole
-system, of order 2s. So a bilinear function of the rows, P and z does along a step what it does along the motion
-(`gauss`). A part that turns in the body with the momentum n z, on which the moment f acts, acts on the body by
-
-    M = n z × W - n f,    so    (c_k·(P + n z))' = (c_k × W)·(P + n z) + c_k·((P + n z) × W) = 0 :
-
-Λ (P + n z), of both together, is kept to round-off. This needs the W of the stage, which ``Λᵀ w`` is not where the rows
-are not orthonormal. So what acts along the moving frame gets W.
-
-The increments ``h b_j f_j`` follow by fixed points like those of the rows, where h |∂f/∂z| is below some 2s, otherwise
-by Newton's iteration together with P (`gauss_newton`). Changes count relative to the scale of z, or to z where it is
-larger.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from ..engine.newton import EPS
-from ..engine.sampling import DIFFERENCE, Nodes
+from ..engine.sampling import Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, sqrt, without
-from ..kernels.memory import View, call, put, scratch, size_of, vector_at
+from ..kernels.memory import View
 from ..kernels.vectors import AXES, Matrix, Vector, cross, sum_of, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 
@@ -510,97 +491,3 @@ def dither(stages: Stages, compensation: Vector, mask: Any) -> None:
     d = select(mask, DITHER * Vector(compensation[1], compensation[2], compensation[0]), 0.0 * compensation)
     for _, stage in stages.each():
         stage.dp = stage.dp + d
-
-
-STATE = 15  # numbers of the state that loads with memory get: directors, w, W
-MOMENTS = 6  # in space, along the moving frame; z' behind them
-
-
-class Memory:
-    """The internal states z at the stages of a step: increments, z, and z', behind all else that is known of a stage.
-
-    One body is marched at a time.
-    """
-
-    def __init__(self, acting: Nodes, stages: Stages) -> None:
-        self.acting, self.stages, self.count, block = acting, stages, acting.parts.memory, acting.block
-        self.start, self.scales, self.function = acting.internal, block.internal_scales, block.remembers
-        self.h, first = acting.h / acting.rate, size_of(Stage)
-        self._increment, self._z, self._rate = (first + k * self.count for k in range(3))
-
-    def increment(self, stage: View, c: Any) -> Any:
-        """Return the increment of the number c of z at a stage."""
-        return stage.number(self._increment + c)
-
-    def put_increment(self, stage: View, c: Any, x: Any) -> None:
-        """Set it."""
-        stage.set_number(self._increment + c, x)
-
-    def rate(self, stage: View, c: Any) -> Any:
-        """Return the last z' at a stage."""
-        return stage.number(self._rate + c)
-
-    def size(self, stage: View, c: Any) -> Any:
-        """Return what changes count relative to: z at a stage, at least its scale."""
-        return larger(abs(stage.number(self._z + c)), self.scales[c])
-
-    def change(self, stage: View, c: Any) -> Any:
-        """Return the difference of z of Newton's iteration."""
-        return DIFFERENCE * self.size(stage, c)
-
-    @contextmanager
-    def changed(self, stage: View, c: Any) -> Iterator[None]:
-        """Change the number c of z at a stage by its difference; none if c < 0."""
-        k = larger(c, 0)
-        z = stage.number(self._z + k)
-        stage.set_number(self._z + k, z + select(c >= 0, self.change(stage, k), 0.0))
-        yield
-        stage.set_number(self._z + k, z)
-
-    def clear(self) -> None:
-        """Begin with increments of zero."""
-        for _, stage in self.stages.each():
-            for c in loop(self.count):
-                self.put_increment(stage, c, 0.0 * stage.axial)
-
-    def place(self, matrix: Any = TABLE.mu) -> None:
-        """Set z at all stages from the increments."""
-        stages = self.stages
-        for i, stage in stages.each():
-            for c in loop(self.count):
-                sums = [0.0 * self.h, 0.0 * self.h]
-                for j in range(stages.number):
-                    a, dz = stages.coefficient(matrix + WIDTH * j, i), self.increment(stages.one(j), c)
-                    sums[j % 2] = fma(a, dz, sums[j % 2])
-                stage.set_number(self._z + c, self.start[c] + (sums[0] + sums[1]))
-
-    def evaluate(self, j: Any, t: Any, d: Matrix, w: Vector, W: Vector) -> tuple[Vector, Vector, Any]:
-        """Set z' at a stage; return the moments in space and along the frame, and 0, NaN where z' is not finite."""
-        stage, given, v = self.stages.one(j), scratch(STATE), Variables(zero=0.0 * t)
-        z, found = scratch(self.count), scratch(MOMENTS + self.count)
-        put(given, (*d, w, W))
-        for c in loop(self.count):
-            z[c] = stage.number(self._z + c)
-        call(self.function, t, given, z, found)
-        for c in loop(self.count):
-            rate = found[MOMENTS + c]
-            stage.set_number(self._rate + c, rate)
-            v.zero = v.zero + 0.0 * rate
-        return vector_at(found), vector_at(found, 3), v.zero
-
-    def follow(self, i: Any, stage: View) -> Any:
-        """Take the increments that follow from z'; return the largest change."""
-        b = self.h * self.stages.coefficient(TABLE.weights, i)
-        v = Variables(change=0.0 * b)
-        for c in loop(self.count):
-            after = b * self.rate(stage, c)
-            d = abs(after - self.increment(stage, c)) / self.size(stage, c)
-            v.change = larger(v.change, select(d <= OVERFLOW, d, INFINITE))
-            self.put_increment(stage, c, after)
-        return self.stages.largest(v.change)
-
-    def end(self) -> None:
-        """Set the change in the step."""
-        for c in loop(self.count):
-            dz = [self.increment(self.stages.one(j), c) for j in range(self.stages.number)]
-            self.start[2 * self.count + c] = sum(dz[1:], dz[0])

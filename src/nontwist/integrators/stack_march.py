@@ -67,8 +67,9 @@ class StackMarch:
         self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
         systems, self.load = as_marched(stack, director)
         assert not any(one.is_driven for one in self.load.wheels), "a body with wheels is marched as_gyrostat"
-        stands = self.needs.action != STAGE or known.get("space", False)  # a moment in space, beside the load
-        self.about = None if stands else orbit_of(systems, self.load, self.unit)
+        acts_alone = not known.get("space", False)  # without a moment in space that is added to the load
+        is_at_stages = self.needs.action == STAGE
+        self.about = orbit_of(systems, self.load, self.unit) if is_at_stages and acts_alone else None
         self.bodies = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation

@@ -491,9 +491,11 @@ def wheel(
     array([2., 2.])
     """
     is_table = isinstance(torque, (tuple, list))
-    if (is_table and len(torque) != 2) or (np.ndim(torque) > 0 and not is_table):
+    is_motor = callable(torque)
+    is_number = not (is_table or is_motor or torque is None)
+    if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
         raise ValueError(f"torque must be a number, (times, values) or a function, got {shown(torque)}")
-    number, motor = (0.0, torque) if callable(torque) else (torque, None)
+    number, motor = (0.0, torque) if is_motor else (torque, None)
     table = torque if is_table else ((), ())
     given = (
         axis,

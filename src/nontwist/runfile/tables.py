@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_type_hi
 import numpy as np
 from pydantic import Field, create_model
 
-from ..driver.events import NamedEvent, axis_crosses, spin_below
+from ..driver.named_events import NamedEvent, axis_crosses, spin_below
 from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import FIT

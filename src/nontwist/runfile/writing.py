@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..driver.events import NamedEvent
+from ..driver.named_events import NamedEvent
 from ..driver.problem import Problem, prepared
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS

@@ -196,7 +196,7 @@ def skew_wheels() -> Iterator[Check]:
     how: Arguments = {"load": wheels[0] + wheels[1], "material_angular_velocity": W0}
     run = integrate(standard(J), t_end=5, step=0.02, integrator="gauss", **how)
     gaps = np.append(run.material_angular_velocity[-1], run.wheel_momentum[-1]) - end
-    yield error("two skew wheels, one of them driven: W, h", gaps, 1e-11, BEARING, "independent")
+    yield error("two skew wheels, one of them driven: W, h", gaps, 1e-12, BEARING, "independent")
 
 
 def oil() -> Iterator[Check]:
@@ -214,7 +214,7 @@ def oil() -> Iterator[Check]:
     pendulum, tilted = heavy_top([inertia, inertia, 0.01], 1, (0, 0, 1)), Rotation.from_euler("x", np.pi - 1)
     run = integrate(pendulum, t_end=10 * c / weight, load=damping(c), rotation=tilted, store="end")
     angle = np.arctan2(-run.directors[-1, 2, 1], -run.directors[-1, 2, 2])
-    yield error("pendulum in thick oil: angle by default", angle / found.y[0, -1] - 1, 1e-7, OIL, "independent")
+    yield error("pendulum in thick oil: angle by default", angle / found.y[0, -1] - 1, 1e-11, OIL, "independent")
 
 
 CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction, bearing, skew_wheels, oil)

@@ -176,7 +176,7 @@ def _of_dataarray(motion: Any, scalar_first: bool | None) -> Array:
         if sorted(order) != sorted("xyzw"):
             raise ValueError(f"the coordinate quat must be x, y, z and w, got {', '.join(order)}")
         values = motion.transpose(..., "quat").values
-        return np.asarray(values[..., [order.index(x) for x in "xyzw"]])
+        return np.asarray(values if order == list("xyzw") else values[..., [order.index(x) for x in "xyzw"]])
     if {"director", "axis"} <= set(motion.dims):
         return np.asarray(in_order(motion).transpose(..., "axis", "director").values)
     raise ValueError(f"a DataArray needs the dims director and axis, or quat; got {', '.join(map(str, motion.dims))}")

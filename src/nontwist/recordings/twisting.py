@@ -178,7 +178,9 @@ def twist(
         raise ValueError(f"static must be two times, the earlier first, got {pose.tolist()}")
     beside = None if relative_to is None else given_motion(relative_to, relative_time, scalar_first, "relative_time")
     given = given_motion(motion, time, scalar_first, "time")
+    rounded = math.hypot(*(0.0 if one is None else rounding(one.values) for one in (given, beside)))
     data = relative_motion(given, beside, clocks, pairs, align == "static", pose, order)
+    del given, beside  # what is not needed below makes room
     for note in data.notes:
         warnings.warn(note, stacklevel=2)
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
@@ -186,8 +188,7 @@ def twist(
     length, turn = _steps(p, d3, data)
     swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
     angles(d1, frame, psi)
-    del p, d1  # what is not needed below makes room: of a million samples it is 56 MB
-    rounded = math.hypot(*(0.0 if one is None else rounding(one.values) for one in (given, beside)))
+    del p, d1
     sigma = max(noise_level(d3, data.time), rounded)
     noise = noise_of_twist(d3, sigma, order)
     if rounded:

@@ -296,7 +296,8 @@ class Problem:
         Raises
         ------
         ValueError
-            Functions in Python, many bodies and many starts have no place in a run file; the message names them.
+            `path` is none; functions in Python, many bodies and many starts have no place in a run file; the message
+            names them.
         FileExistsError
             The file exists, and `force` is False.
 

@@ -209,10 +209,17 @@ class Load:
         at = as_array(times, "times", (None,))
         return sum((term.scale * term.momentum(at) for term in self.rotors), np.zeros((at.size, 3)))
 
-    def rotor_torque(self, times: Array) -> Array:
-        """Return the rate of that momentum at (n,) times, (n, 3), N m."""
-        found = (term.scale * term.history(times)[1][:, None] * term.direction for term in self.rotors)
-        return sum(found, np.zeros((times.size, 3)))
+    def rotor_torque(self, times: ArrayLike) -> Array:
+        """Return the rate of that momentum at (n,) times, (n, 3), N m.
+
+        Raises
+        ------
+        ValueError
+            As `rotor_momentum`.
+        """
+        at = as_array(times, "times", (None,))
+        found = (term.scale * term.history(at)[1][:, None] * term.direction for term in self.rotors)
+        return sum(found, np.zeros((at.size, 3)))
 
     @property
     def is_compiled(self) -> bool:

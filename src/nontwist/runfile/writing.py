@@ -17,6 +17,7 @@ import numpy as np
 from ..driver.named_events import NamedEvent
 from ..driver.problem import Problem, prepared
 from ..geometry.arrays import Array
+from ..geometry.values import as_path
 from ..integrators import INTEGRATORS
 from ..io.whole import written
 from ..loads import LOADS, Term, as_load
@@ -37,7 +38,7 @@ FALL, RANK, LIGHT = 9.81, 1e-12, 1e-10
 
 def write(problem: Problem, path: str | os.PathLike[str], force: bool = False) -> None:
     """Write a problem as a run file; errors as `Problem.write`."""
-    place = Path(path)
+    place = as_path(path, "path")
     if place.suffix != ".toml":
         raise ValueError(f"a run file has the suffix .toml, got {place.name!r}")
     made = file_of(problem, place)

@@ -43,8 +43,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import fit_inertia, heavy_top, inertia, rotation, rotor, sensors, simulate, standard
 from nontwist.fitting.bodies import Model, Pivot, Wheel, symmetric
-from nontwist.fitting.estimating import whole
-from nontwist.fitting.linear import with_moments
+from nontwist.fitting.estimating import whole, with_moments
 from nontwist.fitting.measuring import as_speed, continuous, plain_gyroscope
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns, residuals
 from nontwist.fitting.solving import Solution

@@ -10,7 +10,7 @@ import pytest
 
 import nontwist as nt
 from conftest import nontwist, thinned
-from nontwist.driver import costs, grid
+from nontwist.driver import grid, notices
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import loaded_body
 from nontwist.integrators import INTEGRATORS, IVP, Continuous, continuous, exact_solution
@@ -138,14 +138,14 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
 
 
 def test_long_or_large_runs_are_announced():
-    assert costs.notice(Cost(10, "steps", 10.0, 10**9)) is None
-    said(costs.notice(Cost(12_800_000, "steps", 3700.0, 10**6)))
-    said(costs.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk"))
+    assert notices.notice(Cost(10, "steps", 10.0, 10**9)) is None
+    said(notices.notice(Cost(12_800_000, "steps", 3700.0, 10**6)))
+    said(notices.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk"))
 
 
 @pytest.fixture
 def slow(monkeypatch):
-    monkeypatch.setattr(costs, "LONG", 1e-9)
+    monkeypatch.setattr(notices, "LONG", 1e-9)
 
 
 def test_simulate_warns_where_it_was_called(slow):

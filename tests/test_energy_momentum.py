@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, PAPER_J
 from nontwist.models.constraints import constraint_matrices
-from nontwist.validation import reference_steps as reference
+from nontwist.validation import compiled_steps as reference
 
 EM = {"integrator": "energy-momentum", "order": 2}
 

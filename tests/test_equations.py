@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
 from nontwist import standard
-from nontwist.analysis import observables as obs
+from nontwist.analysis import variables as obs
 from nontwist.models.equations import split_momentum, split_rates, split_velocity
 
 

@@ -8,13 +8,13 @@ import pytest
 
 from conftest import PAPER_J
 from nontwist import integrate, nontwisting, pulse, rotation, rotations, simulate, standard
-from nontwist.analysis import observables as obs
+from nontwist.analysis import variables as obs
 from nontwist.comparison import second_quotient
 from nontwist.integrators import Continuous
 from nontwist.models.constraints import constraint_matrices
 from nontwist.paper.tables import CASES, printed_tables
 from nontwist.validation import GROUPS
-from nontwist.validation import reference_steps as reference
+from nontwist.validation import compiled_steps as reference
 
 ROOT = Path(__file__).parents[1]
 EM = {"integrator": "energy-momentum", "order": 2}

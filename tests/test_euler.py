@@ -12,7 +12,7 @@ from conftest import nontwist
 from nontwist import save_run, simulate, standard, sweep
 from nontwist.errors import InputError, InputWarning
 from nontwist.geometry.attitudes import euler_angles
-from nontwist.io.exports import with_euler
+from nontwist.io.results import with_euler
 from nontwist.runfile import read_run_file
 
 LETTERS = ["".join(x) for x in product("xyz", repeat=3) if x[0] != x[1] != x[2]]

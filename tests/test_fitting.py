@@ -26,11 +26,10 @@ from nontwist import (
 )
 from nontwist.cli import app
 from nontwist.fitting.bodies import FREE_BODY, TRACELESS, Model, entries
-from nontwist.fitting.estimating import estimate
-from nontwist.fitting.linear import pencil, turns, with_moments
+from nontwist.fitting.estimating import estimate, pencil, turns, with_moments
 from nontwist.fitting.measuring import plain_gyroscope, triangle
 from nontwist.fitting.motions import Motion, RunawayError, response
-from nontwist.fitting.quality import correlation, noise_of, scatter_of
+from nontwist.fitting.readings import correlation, noise_of, scatter_of
 from nontwist.fitting.shooting import Shooting, Stretch, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES

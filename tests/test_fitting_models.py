@@ -29,8 +29,7 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.fitting import solving
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
-from nontwist.fitting.estimating import short
-from nontwist.fitting.linear import with_moments
+from nontwist.fitting.estimating import short, with_moments
 from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed, constant
 from nontwist.fitting.motions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns, residuals

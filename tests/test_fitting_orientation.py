@@ -16,7 +16,7 @@ from nontwist.cli import app
 from nontwist.fitting.bodies import Model
 from nontwist.fitting.measuring import continuous, derived_rates
 from nontwist.fitting.motions import Motion, response
-from nontwist.fitting.quality import noise_of_attitudes, scatter_of_attitudes
+from nontwist.fitting.readings import noise_of_attitudes, scatter_of_attitudes
 from nontwist.fitting.telling import quantile
 from nontwist.runfile import read_run_file
 from refusals import refused_as

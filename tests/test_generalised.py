@@ -41,7 +41,7 @@ from nontwist.loads import LOADS as KINDS
 from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
 from nontwist.spec import Spec
-from nontwist.validation.reference_steps import ReferenceEnergyMomentum
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])

@@ -16,10 +16,10 @@ from rich.progress import Progress
 from conftest import BODIES
 from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import single_run
-from nontwist.driver.signals import shown_bar, sigterm_interrupts
+from nontwist.driver.notices import shown_bar, sigterm_interrupts
 from nontwist.errors import SimulationInterrupt, Status
 from nontwist.integrators import Continuous, split, stack_march
-from nontwist.validation.reference_steps import ReferenceEnergyMomentum
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}

@@ -24,13 +24,13 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.analysis import observables as obs
+from nontwist.analysis import variables as obs
 from nontwist.driver import starts
 from nontwist.engine import marching
 from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.validation.reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 from refusals import says
 
 EPS = np.finfo(float).eps

@@ -112,7 +112,7 @@ def test_csv_reads_back_bit_for_bit(files, tmp_path):
 def test_csv_in_blocks_is_the_same(files, monkeypatch):
     whole = nontwist("export", files / "top.nc").stdout
     for rows in (1, 2, 3, 11):
-        monkeypatch.setattr("nontwist.io.exports.ROWS", rows)
+        monkeypatch.setattr("nontwist.io.results.ROWS", rows)
         assert nontwist("export", files / "top.nc").stdout == whole
 
 

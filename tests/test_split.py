@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import BODIES, PAPER_J, compiled_load, thinned
-from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
+from nontwist.analysis.variables import angular_velocity, kinetic_energy, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, Split, stack_march
 from nontwist.integrators.problem import IVP

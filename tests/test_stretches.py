@@ -17,7 +17,7 @@ from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.integrators.problem import IVP
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
-from nontwist.validation.reference_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 from refusals import says
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])

@@ -17,17 +17,16 @@ from typer.testing import CliRunner
 
 from nontwist import Problem, exact, nontwisting, open_sweep, plot, save_run, simulate, suslov, sweep, sweep_member
 from nontwist.cli import app
-from nontwist.driver.costs import duration
+from nontwist.driver.notices import duration
 from nontwist.errors import RunFileError, Status, SweepError, SweepStoreError
 from nontwist.io.whole import locked
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep
-from nontwist.sweeps.draws import values
 from nontwist.sweeps.figure import draw
-from nontwist.sweeps.members import InvalidMembersError, Members, stack
-from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
+from nontwist.sweeps.members import InvalidMembersError, Members, stack, values
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
+from nontwist.sweeps.sweeping import LARGEST, LONGEST, MOST, _block, plan
 from refusals import said, says
 
 INERTIA = [[3.0, 0.2, 0.1], [0.2, 4.0, -0.3], [0.1, -0.3, 5.0]]
@@ -397,7 +396,7 @@ def test_a_plan_leaves_compilation_out(write, monkeypatch):
         return results
 
     monkeypatch.setattr(members, "run", timed)
-    monkeypatch.setattr("nontwist.sweeps.plan.perf_counter", lambda: now[0])
+    monkeypatch.setattr("nontwist.sweeps.sweeping.perf_counter", lambda: now[0])
     coming = plan(members, 2)
     assert compiled
     assert (coming.blocks, coming.seconds_each) == (1, pytest.approx(1e-5, rel=0.1))

@@ -27,7 +27,7 @@ from nontwist import (
 )
 from nontwist.errors import SimulationError, SimulationInterrupt, Status
 from nontwist.integrators import INTEGRATORS, Continuous, Gauss, Split
-from nontwist.validation.reference_steps import ReferenceEnergyMomentum
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import says
 
 TOP = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))

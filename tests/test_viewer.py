@@ -19,9 +19,8 @@ from conftest import nontwist as command
 from nontwist.cli.outcomes import smooth
 from nontwist.loads.kinds import load_in_words
 from nontwist.paper.tables import CASES
-from nontwist.viewer.content import STATES, content
+from nontwist.viewer.content import POINTS, STATES, content
 from nontwist.viewer.drawing import Motion, camera_of
-from nontwist.viewer.panels import POINTS
 from refusals import said, says
 
 

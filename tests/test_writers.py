@@ -69,7 +69,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         raise AssertionError("it worked first")
 
     for module, function in (
-        ("nontwist.paper.reproduction", "simulate"),
+        ("nontwist.paper.tables", "simulate"),
         ("nontwist.comparison", "compare"),
         ("nontwist.validation", "validate"),
         ("nontwist.viewer", "view"),

@@ -20,7 +20,7 @@ import numpy as np
 import nontwist
 from nontwist import nontwisting, open_run, save_run, simulate, sine, standard
 from nontwist.driver import single_run
-from nontwist.driver.signals import sigterm_interrupts
+from nontwist.driver.notices import sigterm_interrupts
 from nontwist.errors import SimulationInterrupt
 from nontwist.io import results, whole
 from nontwist.io.results import reserved

@@ -12,16 +12,7 @@ from typing import Annotated
 
 import typer
 
-from . import (
-    check_commands,
-    evidence_commands,
-    fit_commands,
-    result_commands,
-    run_commands,
-    sweep_commands,
-    twist_commands,
-    view_commands,
-)
+from . import check_commands, recording_commands, result_commands, run_commands, sweep_commands
 from .options import Command, command
 from .outcomes import Commands
 from .summaries import imported
@@ -82,22 +73,22 @@ def main(
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "play": view_commands.play_command,
+    "play": result_commands.play_command,
     "example": run_commands.example_command,
     "check": check_commands.check_command,
     "run": run_commands.run_command,
-    "view": view_commands.view_command,
+    "view": result_commands.view_command,
     "info": result_commands.info_command,
     "export": result_commands.export_command,
-    "twist": twist_commands.twist_command,
-    "fit": fit_commands.fit_command,
+    "twist": recording_commands.twist_command,
+    "fit": recording_commands.fit_command,
     "precision": check_commands.precision_command,
     "compare": check_commands.compare_command,
     "sweep": sweep_commands.sweep_command,
     "sweep-show": sweep_commands.show_command,
     "sweep-verify": sweep_commands.verify_command,
-    "reproduce": evidence_commands.reproduce_command,
-    "validate": evidence_commands.validate_command,
+    "reproduce": check_commands.reproduce_command,
+    "validate": check_commands.validate_command,
     "schema": run_commands.schema_command,
 }
 for _name, _function in COMMANDS.items():

@@ -43,7 +43,7 @@ def run_command(
     still run, and the command exits with status 4. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) save the completed
     part, too.
     """
-    from ..driver.signals import sigterm_interrupts
+    from ..driver.notices import sigterm_interrupts
     from ..io.results import reserved
     from ..io.whole import require_free
 

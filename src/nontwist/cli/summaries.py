@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from ..driver.prepared import Forecast
+    from ..driver.single_run import Forecast
     from ..runfile import RunFile
 
 ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes
@@ -28,7 +28,7 @@ RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 def print_json(data: dict[str, Any]) -> None:
     """Print an object on one line; numbers that are not finite are null."""
-    from ..io.exports import finite
+    from ..io.results import finite
 
     print(json.dumps(finite(data), allow_nan=False))
 
@@ -188,7 +188,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
     from dataclasses import asdict
 
-    from ..driver.costs import amount, duration
+    from ..driver.notices import amount, duration
 
     scheme = run_file.prepared.scheme
     rows = {

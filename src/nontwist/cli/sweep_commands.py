@@ -28,7 +28,7 @@ from .summaries import (
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
-    from ..sweeps.plan import Plan
+    from ..sweeps.sweeping import Plan
     from ..sweeps.workers import Progress
 
 # What the commands on sweeps print.
@@ -39,7 +39,7 @@ NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 def plan_rows(run_file: RunFile, plan: Plan) -> dict[str, str]:
     """Return what a sweep will take, in words."""
-    from ..driver.costs import amount, duration
+    from ..driver.notices import amount, duration
 
     assert run_file.sweep is not None
     rows = {f"over {one.key}": _over(one.model_dump()) for one in run_file.sweep.over}
@@ -169,7 +169,7 @@ def sweep_command(
     are counted and do not stop the others. Completed blocks remain saved after Ctrl-C, SIGTERM or a closed terminal
     (SIGHUP). Exits with status 4 if a block cannot be computed.
     """
-    from ..driver.signals import sigterm_interrupts
+    from ..driver.notices import sigterm_interrupts
 
     store = Path(f"{file.stem}.zarr") if out is None else out
     if looks_like_a_file(store):
@@ -263,9 +263,9 @@ def _print_plan(
     dask: str | None,
     again: list[str],
 ) -> None:
-    from ..driver.costs import cores
+    from ..driver.notices import cores
     from ..sweeps.members import Members
-    from ..sweeps.plan import plan
+    from ..sweeps.sweeping import plan
 
     with about(str(file), ValueError):
         forecast = plan(Members(run_file), workers or cores(), block)

@@ -1,6 +1,6 @@
 """Comparison of integrators on one problem: `compare`, and its tables `summary` and `table`."""
 
-from ..analysis.precision import observed_order, second_quotient
+from ..analysis.statistics import observed_order, second_quotient
 from .comparing import compare
 from .tables import summary, table
 

@@ -31,8 +31,8 @@ from ..analysis.invariants import Invariant, drift, quantities
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
 from ..driver import completion
-from ..driver.costs import COARSE_STEP
 from ..driver.grid import count_steps, kinks, stretches_of, with_spin_kinks
+from ..driver.notices import COARSE_STEP
 from ..driver.planning import planned, resolve_integrator
 from ..driver.runs import integrate
 from ..driver.single_run import run_of, trajectory

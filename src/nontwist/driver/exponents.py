@@ -22,10 +22,9 @@ from ..integrators.tangents import Growth
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
-from .costs import cores, members_cost
 from .derivatives import differentiable, solved_with
 from .ensembles import with_messages
-from .notices import announce, progress_bar, warn_of_grid, warn_of_step
+from .notices import announce, cores, members_cost, progress_bar, warn_of_grid, warn_of_step
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
 from .tolerance import controlled

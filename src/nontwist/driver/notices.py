@@ -1,11 +1,24 @@
-"""Warnings before a run, its progress, and the messages of failures."""
+"""Warnings before a run, its progress, and the messages of failures.
+
+The time and memory of runs, forecast, and how far off they are: what is announced, refused, or said of a step.
+
+Long or large runs are announced, those beyond the free memory refused. Of a step it is said that it is too coarse.
+
+SIGTERM and SIGHUP interrupt a run as Ctrl-C does, so that the completed part is kept.
+"""
 
 from __future__ import annotations
 
+import math
+import os
+import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import TYPE_CHECKING
 
 from ..errors import warn
+from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
@@ -13,10 +26,129 @@ from ..integrators.time_grid import Stretches
 from ..loads import Load
 from ..loads.calls import name_of
 from ..models.stack import SystemStack
-from . import costs
+from . import grid
 from .contacts import refusal
 from .grid import load_messages
-from .signals import shown_bar
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
+STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
+COARSE_STEP = "the step is coarse"
+COARSE, FINE = 0.1, 0.002  # rad at the end: that is reported, and that of the step that is advised
+
+
+def run_cost(scheme: Integrator, problem: IVP, states: int) -> Cost:
+    """Return the estimated cost of a run that stores `states`; `problem.stored` is ignored."""
+    cost = scheme.cost(problem, states)
+    return cost._replace(seconds=cost.seconds + states * STATE_NS * 1e-9, size=cost.size + states * grid.STATE)
+
+
+def members_cost(scheme: Integrator, problem: IVP, members: int, states: int, size: int = 0, threads: int = 1) -> Cost:
+    """Return the estimated cost of `members` like `problem`, whose states need `size` bytes."""
+    one, threads = scheme.cost(problem, states), min(threads, members)
+    together = scheme.together > 0 and problem.load.is_compiled
+    each = one.seconds / scheme.together if together else one.seconds + MEMBER_NS * 1e-9
+    seconds = members * each / (threads if problem.load.is_compiled else 1)
+    return Cost(members * one.parts, one.unit, seconds, size + threads * one.size)
+
+
+def excess(cost: Cost) -> str | None:
+    """Return the message for a run that exceeds the free memory, with what fits; None where it fits."""
+    if cost.size <= grid.SMALL or cost.size <= (free := grid.free_memory()):
+        return None
+    fits = float(f"{0.95 * cost.parts * free / cost.size:.1e}")
+    return (
+        f"{cost.parts:.3g} {cost.unit} need {amount(cost.size)}, {amount(free)} are free; {fits:g} {cost.unit} fit: "
+        "store fewer states, shorten the run, or use the integrator split"
+    )
+
+
+def notice(cost: Cost, what: str = "run", where: str = "of memory") -> str | None:
+    """Return the announcement of what will take more than 10 s or 1 GB, None for less."""
+    if cost.seconds <= LONG and cost.size <= LARGE:
+        return None
+    return (
+        f"the {what} will take about {duration(cost.seconds)} and {amount(cost.size)} {where}, for {cost.parts:.3g} "
+        f"{cost.unit}"
+    )
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def amount(size: float) -> str:
+    """Return a number of bytes in the unit that suits it."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} TB"
+
+
+def duration(seconds: float) -> str:
+    """Return a time span in two units at most: 70 µs, 1.2 s, 42 s, 3 min 5 s, 2 h 7 min, 3 d 4 h."""
+    for size, unit in ((1e-3, "µs"), (1.0, "ms")):
+        if 0 < seconds < size:
+            return f"{float(f'{seconds / size * 1000:.2g}'):g} {unit}"
+    if seconds < 59.5:
+        return f"{seconds:.2g} s" if seconds < 9.5 else f"{seconds:.0f} s"
+    s = round(seconds)
+    for size, unit, smaller, name in ((86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")):
+        if s >= size:
+            return f"{s // size} {unit} {s % size // smaller} {name}"
+    return f"{s} s"
+
+
+# ---- whether a step is too coarse, in one sentence for `check`, which has a bound of |w|, and for a run that is done
+#
+# A step of a midpoint scheme turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation, by 2
+# atan(θ/2), one of Gauss collocation by the argument of a Padé approximation. The difference (`Integrator.lag`) times
+# the number of steps is the phase error of the whole run, h² |w|³ t / 12 for order 2. It is the size to expect of
+# other motions as well. A scheme that turns by exponentials has none (`Integrator.turns_exactly`). Above
+# `Integrator.largest_turn` equations are not solved as they should be.
+
+
+def phase_error(scheme: Integrator, problem: IVP, fastest: float) -> float:
+    """Return by how much a steady rotation at `fastest` rad/s is off at the end, rad."""
+    if scheme.turns_exactly(problem):
+        return 0.0
+    grid = problem.grid
+    turn = fastest * grid.longest
+    rotation = turn * (problem.t_end - problem.t_start) / grid.longest
+    if turn * turn * rotation < COARSE * 1e-3:  # of order 2 it is at most θ² / 12 of the whole rotation
+        return turn * turn * rotation / 12
+    return (problem.t_end - problem.t_start) / grid.longest * scheme.lag(turn)
+
+
+def unremarkable(scheme: Integrator, step: float, span: float) -> float:
+    """Return the angular velocity up to which there is nothing to say, as far as that is quick to decide, rad/s."""
+    return min(scheme.largest_turn / step, math.cbrt(12 * COARSE / span) / math.cbrt(step) ** 2)
+
+
+def coarseness(scheme: Integrator, problem: IVP, fastest: float) -> str | None:
+    """Return what to say of a step in which a body that turns at up to `fastest` rad/s turns too far; else None."""
+    if scheme.any_times or problem.asked is not None or (scheme.is_exact_without_load and problem.is_free):
+        return None
+    h = problem.grid.longest
+    turn, off = fastest * h, phase_error(scheme, problem, fastest)
+    if turn <= scheme.largest_turn * (1 + 1e-9) and off <= COARSE:
+        return None
+    order = getattr(scheme, "order", 2)
+    fine = h * min(scheme.largest_turn / 2 / turn, (FINE / max(off, FINE)) ** (1 / order), 0.5)
+    higher = ", the integrator gauss" if order < 4 else ""
+    if scheme.orders and order < scheme.orders[-1]:
+        higher = f", an order above {order}"
+    phase = f", and a steady rotation as fast would be {number_text(math.degrees(off), '.2g')} degrees off at the end"
+    if off == 0 and not scheme.turns_exactly(problem):  # its lag is unknown
+        phase = ""
+    return (
+        f"{COARSE_STEP}: the body may turn by {number_text(math.degrees(turn), '.3g')} degrees in it{phase} "
+        f"({scheme.name}, order {order}); try step <= {fine:.1g}{higher}, or tolerance = 1e-6"
+    )
 
 
 def failure_message(problem: IVP, failure: Failure) -> str:
@@ -75,9 +207,9 @@ def warn_of_cost(load: Load) -> bool:
 
 def announce(cost: Cost, scheme: Integrator, problem: IVP) -> bool:
     """Refuse runs that exceed the free memory; warn of more than 10 s or 1 GB; return whether it is neither."""
-    if (reason := costs.excess(cost)) is not None:
+    if (reason := excess(cost)) is not None:
         raise ValueError(reason)
-    text = costs.notice(cost)
+    text = notice(cost)
     return text is None or refusal(scheme, problem) is not None or say([text])
 
 
@@ -94,3 +226,44 @@ def progress_bar(total: int, what: str = "steps") -> Iterator[Callable[[float], 
     with shown_bar(Progress(console=console, transient=console.is_terminal)) as bar:
         task = bar.add_task(what, total=total)
         yield lambda part: bar.update(task, completed=part * total)
+
+
+@contextmanager
+def sigterm_interrupts() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise a KeyboardInterrupt in the block, in the main thread, so that partial runs are kept.
+
+    The first signal counts; later ones are ignored until the block ends, because a terminal that closes and a service
+    manager that stops a service send several. A signal that is ignored already, as under ``nohup``, stays ignored.
+
+    Raises
+    ------
+    ValueError
+        Outside of the main thread, where Python takes no signals.
+    """
+    known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    handlers = {number: signal.getsignal(number) for number in known}
+    before = {number: handler for number, handler in handlers.items() if handler not in (signal.SIG_IGN, None)}
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        for one in before:
+            signal.signal(one, signal.SIG_IGN)
+        raise KeyboardInterrupt(f"interrupted ({signal.Signals(number).name})")
+
+    try:
+        for number in before:
+            signal.signal(number, interrupt)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def shown_bar(bar: Progress) -> Iterator[Progress]:
+    """Show a bar; a terminal that closes meanwhile raises no error."""
+    bar.start()
+    try:
+        yield bar
+    finally:
+        with suppress(OSError):
+            bar.stop()

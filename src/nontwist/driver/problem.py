@@ -17,11 +17,11 @@ from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords
 from .events import as_events
 from .planning import Plan, planned
-from .prepared import Prepared
+from .single_run import Prepared
 from .starts import Starts, start_of_one, starts
 
 if TYPE_CHECKING:
-    from .prepared import Forecast
+    from .single_run import Forecast
     from .starts import BodyState
 
     Event = Callable[[float, BodyState], float]
@@ -322,7 +322,7 @@ class Problem:
         ValueError
             As `simulate`.
         """
-        from .prepared import forecast
+        from .single_run import forecast
 
         return forecast(prepared(self))
 

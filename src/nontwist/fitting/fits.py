@@ -21,8 +21,7 @@ from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
 from .measuring import Gyroscope, as_gyroscope, plain_gyroscope
 from .motions import RunawayError
-from .quality import noise_of, noise_of_attitudes, require_turning, require_unsaturated
-from .readings import as_readings, speed_of
+from .readings import as_readings, noise_of, noise_of_attitudes, require_turning, require_unsaturated, speed_of
 from .result import Fit, Part
 from .shooting import Loss, Shooting, Stretch
 from .telling import beyond_the_wall

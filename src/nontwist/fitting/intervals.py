@@ -2,7 +2,7 @@ r"""The interval of a recording in which a body moves as its model does: from re
 
 Where an accelerometer reads almost nothing the body falls freely. Far from the centre of mass it reads the centripetal
 acceleration as well, so this is only a first guess. Without it, or about a pivot, windows in which the body turns by
-some rad (`SEED`, more where more is fitted) are ranked by the residual of the weak form (`linear`): a hand exerts
+some rad (`SEED`, more where more is fitted) are ranked by the residual of the weak form (`estimating`): a hand exerts
 moments, the air hardly. A recording of a body on which something acts may well be one motion from end to end, so its
 beginning and, where that is one, the whole of it are tried before its windows. Guesses that noise explains count first.
 
@@ -26,12 +26,10 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
-from .estimating import estimate
-from .linear import Guess, turns, with_moments
+from .estimating import Guess, estimate, turns, with_moments
 from .measuring import Gyroscope
 from .motions import Motion, RunawayError, response
-from .quality import haste_of, noise_of
-from .readings import speed_of
+from .readings import haste_of, noise_of, speed_of
 from .shooting import Shooting, Stretch
 from .solving import Solution, inverse
 

@@ -14,7 +14,7 @@ from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
 from .estimating import whole
 from .measuring import PLACES
-from .quality import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
+from .readings import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
 from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 

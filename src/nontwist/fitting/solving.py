@@ -15,7 +15,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from .motions import RunawayError
-from .quality import correlation
+from .readings import correlation
 from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
 
 FINE = 1e-8  # of cost and unknowns, relative

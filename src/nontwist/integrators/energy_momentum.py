@@ -1,6 +1,6 @@
 """The paper's energy-momentum step in two unknowns, three where the body may twist (eq-discrete-nonholonomic).
 
-`nontwist.validation.reference_steps` holds the same step in 16 unknowns, with the reason why it keeps energy,
+`nontwist.validation.compiled_steps` holds the same step in 16 unknowns, with the reason why it keeps energy,
 momenta and orthonormality. Here it is solved for the increment y of one angular velocity; no constraint is left among
 the equations.
 

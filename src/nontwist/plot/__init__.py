@@ -6,11 +6,18 @@ the type of other journals, `save` writes files.
 """
 
 from .comparisons import work_precision
-from .conservation import energy_drift, orthonormality, second_quotient
-from .histories import directors, energy, momenta, multipliers, reaction_moment
+from .histories import (
+    directors,
+    energy,
+    energy_drift,
+    momenta,
+    multipliers,
+    orthonormality,
+    reaction_moment,
+    second_quotient,
+)
 from .journals import new_axes, save, style
-from .paths import path
-from .polhodes import polhode
+from .spheres import path, polhode
 from .timelines import twist_angle
 from .tubes import ribbon, tube
 

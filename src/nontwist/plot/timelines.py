@@ -11,8 +11,7 @@ import numpy as np
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..recordings.twisting import twist_of_run
-from ..viewer.content import FAR, turns_between
-from ..viewer.panels import extremes
+from ..viewer.content import FAR, extremes, turns_between
 from .journals import axes_for, style
 from .looks import Look, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
 

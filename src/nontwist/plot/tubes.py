@@ -12,9 +12,9 @@ from ..analysis.curve_reports import curve_report
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.linking import polygon, ribbon_twist
 from ..geometry.stacks import norm
-from .globe import view
 from .journals import axes_for, style
 from .looks import Look, cycle, given_look
+from .spheres import view
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,7 +30,7 @@ from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
 from .toml_data import Fault, shown
 
 if TYPE_CHECKING:
-    from ..driver.prepared import Prepared
+    from ..driver.single_run import Prepared
 
 KEPT = (*NODES, *ROTORS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000

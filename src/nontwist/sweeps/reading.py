@@ -18,8 +18,7 @@ from ..integrators import SimulationError
 from ..runfile import RunFile
 from ..runfile.document import checked, unit_of
 from ..runfile.sweep_table import Sweep
-from .draws import values
-from .members import signs
+from .members import signs, values
 from .store import Blocks, SweepStore, open_store
 
 if TYPE_CHECKING:

@@ -33,8 +33,7 @@ from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
 from ..io.whole import atomic_file, atomic_folder
-from .draws import values
-from .members import REFUSED, Members, Results
+from .members import REFUSED, Members, Results, values
 
 FORMAT, ABSENT = 3, -2
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays

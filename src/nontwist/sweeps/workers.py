@@ -14,13 +14,12 @@ from functools import lru_cache
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from ..driver.costs import cores, duration
-from ..driver.signals import shown_bar
+from ..driver.notices import cores, duration, shown_bar
 from ..geometry.values import as_whole, shown
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
 from ..models.bodies import BODIES
-from .draws import spread
+from .members import spread
 from .store import MISSING, Done, SweepStore, open_store
 
 _opening = threading.Lock()

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .. import loads
-from ..analysis import observables as obs
+from ..analysis import variables as obs
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, EnergyMomentum, Gauss

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..analysis import observables as obs
+from ..analysis import variables as obs
 from ..driver.runs import integrate
 from ..geometry import rotations
 from ..geometry.arrays import Array

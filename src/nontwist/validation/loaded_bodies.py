@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from .. import exact
-from ..analysis import observables as obs
+from ..analysis import variables as obs
 from ..analysis.trajectory import Trajectory
 from ..driver.runs import integrate
 from ..geometry.arrays import Array

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..analysis import observables as obs
+from ..analysis import variables as obs
 from ..driver.runs import integrate
 from ..geometry.rotations import hat
 from ..loads import Load, damping, sine

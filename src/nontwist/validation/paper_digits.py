@@ -12,14 +12,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from .. import exact
-from ..analysis.precision import second_quotient
+from ..analysis.statistics import second_quotient
 from ..driver.runs import integrate, simulate
 from ..models.catalogue import D3
 from ..models.constraints import constraint_matrices
 from ..paper.tables import CASES, MISPRINT, QUOTIENT_TOLERANCE, STEP, T_END, invariants_table, quotient_table
 from .checks import Check
+from .compiled_steps import MidpointLoad, director_step
 from .problems import FINE, PAPER_J, SAMPLES, Arguments, attitude, error, furthest
-from .reference_steps import MidpointLoad, director_step
 
 BODY = SAMPLES["nontwisting"]
 SCHEME: Arguments = {"integrator": "energy-momentum", "order": 2}

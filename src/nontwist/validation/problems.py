@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..analysis import observables as obs
+from ..analysis import variables as obs
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array
 from ..integrators import Continuous

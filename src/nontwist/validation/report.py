@@ -195,7 +195,7 @@ def notes_on(groups: Iterable[str]) -> tuple[str, ...]:
 
 def checks_of(group: str) -> tuple[list[Check], float]:
     """Return all checks of a group, and the seconds that they took."""
-    from ..driver.costs import COARSE_STEP
+    from ..driver.notices import COARSE_STEP
 
     module, start = module_of(group), perf_counter()
     with warnings.catch_warnings():  # orders are measured with coarse steps

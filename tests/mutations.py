@@ -138,7 +138,7 @@ class Places(ast.NodeVisitor):
         if isinstance(node, ast.If) and self.of(node.test) == "TYPE_CHECKING":
             return []
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) and type(node.value.value) is float:
-            self.add("bound", node.value, repr(10 * node.value.value))
+            self.add("bound", node.value, repr(10 * node.value.value or 0.1))
         elif isinstance(node, (ast.If, ast.While)):
             self.add("condition", node.test, f"(not ({self.of(node.test)}))")
             self.visit(node.test)

@@ -351,3 +351,17 @@ def test_wrong_tables_are_named(tmp_path, old, new):
     (tmp_path / "run.toml").write_text(FILE.replace(old, new), encoding="utf-8")
     with says(RunFileError):
         read_run_file(tmp_path / "run.toml")
+
+
+def test_a_zero_at_a_node_counts_in_the_direction_from_which_it_is_reached():
+    def falling(t, state):
+        return max(0.5 - t, 0.0)
+
+    def rising(t, state):
+        return min(t - 0.5, 0.0)
+
+    run = nt.integrate(BODY, t_end=1, step=0.125, events=[falling, rising], integrator="gauss", **TURNING)
+    assert [times.tolist() for times in run.t_events] == [[0.5], [0.5]]
+    falling.direction, rising.direction = 1, -1
+    run = nt.integrate(BODY, t_end=1, step=0.125, events=[falling, rising], integrator="gauss", **TURNING)
+    assert [times.tolist() for times in run.t_events] == [[], []]

@@ -30,6 +30,7 @@ from nontwist.fitting.estimating import estimate, pencil, turns, with_moments
 from nontwist.fitting.measuring import plain_gyroscope, triangle
 from nontwist.fitting.motions import Motion, RunawayError, response
 from nontwist.fitting.readings import correlation, noise_of, scatter_of
+from nontwist.fitting.reports import _number as number_in_words
 from nontwist.fitting.shooting import Shooting, Stretch, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
@@ -617,3 +618,19 @@ test_wrong_sensors = refused_as(
         ),
     }
 )
+
+
+def test_values_are_written_to_the_digits_that_their_intervals_have():
+    assert number_in_words(0.2, (0.1, 0.3)) == "0.20 (0.10 to 0.30)"
+    assert number_in_words(12.3456, (12.343, 12.347), " s") == "12.3456 (12.3430 to 12.3470) s"
+    assert number_in_words(1.25e-5, (1.2e-5, 1.3e-5)) == "1.25e-05 (1.20e-05 to 1.30e-05)"
+    assert number_in_words(0.0, (-1e-5, 1e-5)) == "0.0e+00 (-1.0e-05 to 1.0e-05)"
+    assert number_in_words(np.nan, (0.0, 1.0)) == "undetermined"
+    assert number_in_words(2.0, (1.0, np.inf)) == "2, without an interval"
+
+
+def test_a_run_of_one_interval_of_the_sensor_has_two_samples():
+    run = simulate(standard([1, 2, 2.5]), t_end=0.01, step=0.005, material_angular_velocity=(3, 8, 1))
+    assert sensors.gyroscope(run, rate=100).time.values == pytest.approx([0, 0.01], abs=1e-15)
+    with pytest.raises(ValueError, match="less than two samples"):
+        sensors.gyroscope(run, rate=99)

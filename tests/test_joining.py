@@ -173,3 +173,11 @@ def test_runs_are_taken_in_the_order_of_their_labels():
     ):
         assert np.array_equal(function(other), function(run))
     assert nt.drifts(other) == nt.drifts(run)
+
+
+def test_the_run_that_does_not_continue_is_named_by_its_place():
+    runs = [nt.simulate(BODY, t_end=1, step=0.25, **START)]
+    runs.append(nt.simulate(BODY, t_end=2, step=0.25, start=runs[0]))
+    for k, late in ((1, [runs[0], runs[0]]), (2, [*runs, runs[0]])):
+        with pytest.raises(ValueError, match=rf"^run {k} begins at t = 0 s, but run {k - 1} ends at t = {k} s"):
+            nt.join_runs(*late)

@@ -22,6 +22,7 @@ from conftest import nontwist
 from nontwist import read_motion, rotation, twist
 from nontwist.recordings.formats import READERS
 from nontwist.recordings.formats.apart import read_apart
+from nontwist.recordings.headers import markers
 from nontwist.recordings.reading import read_rates
 from nontwist.recordings.times import BITS, counted_on
 from recordings.makers import (
@@ -902,3 +903,18 @@ def test_counters_of_so_many_bits_are_counted_on(bits):
     assert np.array_equal(found, ticks)
     assert words.endswith(f" {2**bits}")
     assert counted_on(ticks, BITS) == (pytest.approx(ticks, rel=0), "")
+
+
+def test_markers_are_called_what_they_look_like_but_no_sensors():
+    names = ("ELB", "left acc", "wrist gyr", "euler", "acc")
+    assert markers([f"{name}_{axis}" for name in names for axis in "xyz"]) == ["ELB"]
+    assert markers(["KNE.X", "KNE.Y"]) == []
+
+
+def test_units_stand_in_a_line_of_their_own_below_a_title_and_headers(tmp_path):
+    rows = "".join(f"{k / 10},{k},0,1\n" for k in range(40))
+    path = tmp_path / "titled.csv"
+    path.write_text(f"Trial 7\ntime,gx,gy,gz\n(s),(deg/s),(deg/s),(deg/s)\n{rows}", encoding="utf-8")
+    found = read_rates(path)
+    assert found.time[-1] == pytest.approx(3.9)
+    assert found.rates[-1] == pytest.approx(np.radians([39, 0, 1]), rel=1e-12)

@@ -274,11 +274,11 @@ def test_the_page_for_contributors_names_every_line():
 
 def test_a_load_knows_when_it_may_act():
     table = body_moment([0, 1, 2, 3, 5, 6, 7], np.outer([0, 0, 1, 0, 0, 0, 2], [0, 1, 0]))
-    assert table.acting.tolist() == [[1, 3], [6, 7]]
-    assert (table + pulse([1, 0, 0], 2.5, 4)).acting.tolist() == [[1, 4], [6, 7]]
-    assert (table + pulse([1, 0, 0], 3, 6)).acting.tolist() == [[1, 7]]
-    assert (table + sine([1, 0, 0], 2)).acting.tolist() == [[-np.inf, np.inf]]
-    assert (Load().acting.size, Load().end, table.end) == (0, -np.inf, 7)
+    assert table.support.tolist() == [[1, 3], [6, 7]]
+    assert (table + pulse([1, 0, 0], 2.5, 4)).support.tolist() == [[1, 4], [6, 7]]
+    assert (table + pulse([1, 0, 0], 3, 6)).support.tolist() == [[1, 7]]
+    assert (table + sine([1, 0, 0], 2)).support.tolist() == [[-np.inf, np.inf]]
+    assert (Load().support.size, Load().end, table.end) == (0, -np.inf, 7)
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ class MarchedStep:
         t, h, load = start + number * self.step, self.step, self._load
         own, torques = wheels or ((), np.zeros(0))
         z = [x for one, torque in zip(own, torques.tolist(), strict=True) for x in (*one, torque)]
-        z += numbers[NUMBERS.carried : (NUMBERS.carried + len(numbers)) // 2]
+        z += numbers[NUMBERS.march_state : (NUMBERS.march_state + len(numbers)) // 2]
         around, frames = np.array([t - h, t + 2 * h]), ("body", "space")
         for frame, moment in zip(frames, (body, space), strict=True):
             if any(moment):

@@ -157,7 +157,7 @@ def stretches_of(
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
     for term in load.terms if resolves else ():  # a table is linear between its kinks
         if not isinstance(term, (Table, ForceTable)) and term.resolution < np.inf:
-            acts = (term.acting[0, 0] < middles) & (middles < term.acting[-1, 1])
+            acts = (term.support[0, 0] < middles) & (middles < term.support[-1, 1])
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(each, higher * resolution)
     if not least.sum() <= MOST:

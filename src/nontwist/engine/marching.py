@@ -255,7 +255,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         for _ in when(begin == 0):
             begin_observing(x)
     end, unloaded_from = begin + b.steps, b.unloaded_from
-    last_of_steps = smaller(end, unloaded_from) if parts.coasts else end
+    last_of_steps = smaller(end, unloaded_from) if parts.skips_unloaded else end
     for number in loop(begin, last_of_steps, whilst=lambda: any_of(v.alive)) if parts.acts else ():
         nodes.begin((number - begin) * parts.nodes, v.state.p)
         found = text.step(nodes, v.state, v.alive)
@@ -278,7 +278,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
                 extend(x, h)
             for _ in when(number + 1 == stored[v.done + 1]):
                 store(v.state)
-    if parts.coasts:
+    if parts.skips_unloaded:
         for _ in when(any_of(v.alive) & (end > unloaded_from)):
             coast(text, nodes, v, see, store)
     show(v.state)

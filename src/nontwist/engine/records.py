@@ -285,12 +285,12 @@ class Parts(NamedTuple):
     forces: bool = False  # tables of director forces
     is_exact: bool = False
     orbit: bool = False  # `gauss` sees the body from there
-    coasts: bool = False  # moves exactly over steps without moments
+    skips_unloaded: bool = False  # moves exactly over steps without moments
     reports: bool = False  # means and sums over intervals
     observes: bool = False
 
     def velocity(self, body: Body, s: Vector) -> Vector:
-        """Return W of what is carried."""
+        """Return W of a state of the march."""
         return s if self.is_director_scheme else body.velocity_of(s)
 
     @property
@@ -306,7 +306,7 @@ class Parts(NamedTuple):
     @property
     def acts(self) -> bool:
         """Whether anything acts, or the body is moved by steps all the same."""
-        return not self.coasts or self.moving or self.space or self.damping or self.dead or self.calls
+        return not self.skips_unloaded or self.moving or self.space or self.damping or self.dead or self.calls
 
     @property
     def calls(self) -> bool:

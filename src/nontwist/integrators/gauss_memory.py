@@ -43,10 +43,10 @@ class Memory:
     One body is marched at a time.
     """
 
-    def __init__(self, acting: Nodes, stages: Stages) -> None:
-        self.acting, self.stages, self.count, block = acting, stages, acting.parts.memory, acting.block
-        self.start, self.scales, self.function = acting.internal, block.internal_scales, block.remembers
-        self.h, first = acting.h / acting.rate, size_of(Stage)
+    def __init__(self, nodes: Nodes, stages: Stages) -> None:
+        self.nodes, self.stages, self.count, block = nodes, stages, nodes.parts.memory, nodes.block
+        self.start, self.scales, self.function = nodes.internal, block.internal_scales, block.remembers
+        self.h, first = nodes.h / nodes.rate, size_of(Stage)
         self._increment, self._z, self._rate = (first + k * self.count for k in range(3))
 
     def increment(self, stage: View, c: Any) -> Any:

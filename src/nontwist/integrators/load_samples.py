@@ -16,7 +16,7 @@ with them the schemes keep the total momentum π + Λc exactly: with the mean mo
 of constant momentum is drag with a skew matrix, ``c × W``, and does no work; as it spins up its work is ``-h c'·W``, W
 of the step.
 
-Steps in which no moment acts (`Coasting`): a scheme that is exact without load covers each stretch of them at once. In
+Steps in which no moment acts (`Unloaded`): a scheme that is exact without load covers each stretch of them at once. In
 such a stretch the march carries the state in which the stretch began; the states that are stored in it are evaluated
 from there, and so is the state at its end. So what a stretch gives does not depend on where the march pauses.
 """
@@ -192,7 +192,7 @@ def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
     return found[:-1], found[-1]
 
 
-class Coasting:
+class Unloaded:
     """Stretches of equal steps in which a load is known to be zero, in a grid.
 
     Attributes
@@ -206,8 +206,8 @@ class Coasting:
         self.begin: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self.end = self.begin
         if load is not None:
-            begin = problem.steps_until(np.concatenate([[-np.inf], load.acting[:, 1]]))
-            end = problem.steps_ended(np.concatenate([load.acting[:, 0], [np.inf]]))
+            begin = problem.steps_until(np.concatenate([[-np.inf], load.support[:, 1]]))
+            end = problem.steps_ended(np.concatenate([load.support[:, 0], [np.inf]]))
             begin, end, numbers = begin[end > begin], end[end > begin], np.array(problem.grid.numbers[1:-1])
             is_inside = np.searchsorted(begin, numbers) > np.searchsorted(end, numbers, side="right")
             self.begin, self.end = np.union1d(begin, numbers[is_inside]), np.union1d(end, numbers[is_inside])

@@ -92,8 +92,8 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
             return march(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
-    observed, carried = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, carried, end, todo)
+    observed, march_state = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
+    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, march_state, end, todo)
 
 
 def tangent(problem: IVP) -> IVP:
@@ -205,7 +205,7 @@ Vector = tuple[float, float, float]
 Wheels = tuple[tuple[float, ...], ...]  # of each its momentum, the work of its motor, and what friction has taken
 
 # What a step gives: the quaternion, scalar last; W; means μ and sum of the work over the step; the state as carried.
-NUMBERS = layout(quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
+NUMBERS = layout(quaternion=4, velocity=3, mu=1, work=1, march_state=STATE.size, status=1)
 ENDS = np.array([0, 1])
 
 
@@ -246,8 +246,8 @@ class SingleStep:
         self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
         self._constant = Struct(f"{6 * self._count}d")
         at = {name: part.start for name, (part, _) in march.spans.items()}
-        means, carried = at["intervals"], (at["states"], march.shapes["states"][1])
-        rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), carried, (at["failures"], 1)
+        means, march_state = at["intervals"], (at["states"], march.shapes["states"][1])
+        rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), march_state, (at["failures"], 1)
         self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
         self._turned = slice(means + SUMS.turned, means + SUMS.twist)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
@@ -265,8 +265,8 @@ class SingleStep:
         march.begin(problem if director else tangent(problem))
         if problem.memory is not None:
             march.remember(problem.memory)
-        p, W, carried = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))
-        return (*p[:4], *W[:3], 0.0, 0.0, *carried, 0.0)
+        p, W, march_state = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))
+        return (*p[:4], *W[:3], 0.0, 0.0, *march_state, 0.0)
 
     def __call__(
         self,
@@ -328,7 +328,7 @@ class SingleStep:
         ended, ends = self._read.unpack_from(self._memory), list(begin)
         W, V = np.array(numbers[4:7]), np.array(ended[4:7])
         more = float((V - W) @ self._locked @ (V + W)) / 2  # what the wheels take, turning with the body
-        ended = (*ended[: NUMBERS.work], ended[NUMBERS.work] + more, *ended[NUMBERS.carried :])
+        ended = (*ended[: NUMBERS.work], ended[NUMBERS.work] + more, *ended[NUMBERS.march_state :])
         for i, k in enumerate(self._own):
             ends[k] = ended[states + COMMANDED * i :][:3]
         if own:

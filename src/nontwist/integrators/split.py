@@ -82,7 +82,7 @@ from ..models.stack import is_principal, transverse_momentum
 from .base import IVP, SPIN
 from .compiled import ONCE, Compiled
 from .costs import Cost, steps_cost
-from .load_samples import Coasting
+from .load_samples import Unloaded
 
 _SUZUKI = 1 / (4 - 4 ** (1 / 3))
 
@@ -223,9 +223,9 @@ class Split(Compiled):
     def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`: that of the steps while moments act."""
         system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
-        coasting = None if system.dead_force.any() else problem.load
-        steps = problem.steps - int(Coasting(problem, coasting).before(np.array([problem.steps]))[0])
-        is_quadrature = coasting is not None and self.turns_exactly(problem) and problem.system.axis is not None
+        unloaded = None if system.dead_force.any() else problem.load
+        steps = problem.steps - int(Unloaded(problem, unloaded).before(np.array([problem.steps]))[0])
+        is_quadrature = unloaded is not None and self.turns_exactly(problem) and problem.system.axis is not None
         return steps_cost(problem, steps, 1 if is_quadrature else self.nodes, ns)
 
 

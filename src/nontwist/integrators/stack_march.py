@@ -31,7 +31,7 @@ from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
 from .compiled import Compiled
-from .load_samples import NOTHING, Coasting, Samples, addresses, as_marched, orbit_of, parts_of, sampled
+from .load_samples import NOTHING, Samples, Unloaded, addresses, as_marched, orbit_of, parts_of, sampled
 from .members import in_threads, progress
 from .problem import IVP, Failure, Status
 
@@ -85,7 +85,7 @@ class StackMarch:
         self.sequence = FIRST if m == 1 else np.argsort(self.group, kind="stable")
         self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
         self.stages = {parts: scheme.stages(parts) for parts in self.groups}
-        self.coasting = Coasting(stack, self.load if scheme.is_exact_without_load else None)
+        self.unloaded = Unloaded(stack, self.load if scheme.is_exact_without_load else None)
         size, none = STATE.size + self.needs.beside + 2 * z.size, (0,)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
@@ -117,8 +117,8 @@ class StackMarch:
         put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
-        coasts = scheme.is_exact_without_load and not self.parts.dead
-        self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
+        skips_unloaded = scheme.is_exact_without_load and not self.parts.dead
+        self.sampled = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
         self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
         self.loads, self.count = NOTHING, 1
         self.begin(stack)
@@ -129,8 +129,9 @@ class StackMarch:
 
     def made_for(self, parts: Parts, width: int, **changes: Any) -> tuple[Text, Parts]:
         """Return the text that marches a group, so many at a time, and the parts that it is for."""
-        nodes, coasts = len(self.stages[parts][1]), len(self.coasting) > 0 and not parts.dead
-        return self.scheme.text(parts.motion), parts._replace(coasts=coasts, lanes=width, nodes=nodes, **changes)
+        changes |= {"nodes": len(self.stages[parts][1]), "lanes": width}
+        changes["skips_unloaded"] = len(self.unloaded) > 0 and not parts.dead
+        return self.scheme.text(parts.motion), parts._replace(**changes)
 
     def addresses(self, parts: Parts, width: int, has_outputs: bool) -> dict[str, int]:
         """Return the addresses of what carries out a list of calls: of what marches a group and, to outputs, apart."""
@@ -159,8 +160,8 @@ class StackMarch:
 
     def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
         """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""
-        coasted = 0 if self.parts.dead else self.coasting.before(steps) - self.coasting.before(np.array([first]))
-        return steps - first - coasted
+        skipped = 0 if self.parts.dead else self.unloaded.before(steps) - self.unloaded.before(np.array([first]))
+        return steps - first - skipped
 
     @property
     def factors(self) -> Array:
@@ -261,8 +262,8 @@ class StackMarch:
         rest = [by_steps] if 0 < by_steps < steps else []
         if self.outputs is not None:  # a stretch without moments is one call
             ends = np.array([*marched, *rest])
-            within = self.coasting.stretch_of(ends)
-            ends = np.unique(np.where(within >= 0, self.coasting.end[within], ends)) if len(self.coasting) else ends
+            within = self.unloaded.stretch_of(ends)
+            ends = np.unique(np.where(within >= 0, self.unloaded.end[within], ends)) if len(self.unloaded) else ends
             return chain(ends[ends < steps].tolist(), [steps]), int(np.sum(ends < steps)) + 1
         rest += stored[int(np.searchsorted(stored, by_steps, side="right")) + NODES - 1 : -1 : NODES].tolist()
         return chain(marched, rest, [steps]), len(marched) + len(rest) + 1
@@ -274,8 +275,8 @@ class StackMarch:
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
         self.part, steps = part, np.arange(*part[:2])
-        if len(self.coasting) and not self.parts.dead:
-            steps = steps[self.coasting.stretch_of(steps) < 0]
+        if len(self.unloaded) and not self.parts.dead:
+            steps = steps[self.unloaded.stretch_of(steps) < 0]
         stack, self.count = self.stack, len(middles)
 
         def ends() -> tuple[Array, Array, Array]:
@@ -317,7 +318,7 @@ class StackMarch:
     def _leave(self, parts: Parts, span: tuple[int, int], step: int, done: int) -> None:
         """Write the states of members of a group as if they were those of the node after `done`."""
         part = max(step - 1, 0), max(step, 1)
-        row, self.block[BLOCK.writes_end] = legs(self, *part, self.coasting)[-1:], 1
+        row, self.block[BLOCK.writes_end] = legs(self, *part, self.unloaded)[-1:], 1
         put(row[0], CALL, first=step, steps=0, done=done, begins=0)
         self._run(listed(self, parts, 1, *part, row), 1, *span)
         self.block[BLOCK.writes_end] = 0
@@ -437,33 +438,33 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
 
     `width` members of a group are marched at a time.
     """
-    coasting = Coasting(march.stack, None) if parts.dead and len(march.coasting) else march.coasting
+    unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        rows, rates, alive = _with_outputs(march, parts, first, last, coasting)
+        rows, rates, alive = _with_outputs(march, parts, first, last, unloaded)
         put(head, CALLS, rates=rates)
         alive = rates, alive
     elif rows is None:
-        rows = legs(march, first, last, coasting)
+        rows = legs(march, first, last, unloaded)
     put(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
     put(head, CALLS, **march.addresses(parts, width, has_outputs))
     return Listed(head, (rows, alive), has_outputs, parts)
 
 
-def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: Any) -> Rows:
+def legs(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
     """Return the calls for steps of the grid, one for each stretch and from stop to stop."""
     numbers = np.array(march.stack.grid.numbers)
-    stop = distinct(np.concatenate([[first, last], numbers, coasting.begin, coasting.end, *stops]))
+    stop = distinct(np.concatenate([[first, last], numbers, unloaded.begin, unloaded.end, *stops]))
     stop = stop[(stop >= first) & (stop <= last)]
     begin, end = stop[:-1], stop[1:]
-    stretch, within = np.searchsorted(numbers[1:-1], begin, side="right"), coasting.stretch_of(begin)
+    stretch, within = np.searchsorted(numbers[1:-1], begin, side="right"), unloaded.stretch_of(begin)
     free = np.flatnonzero(within >= 0)
     done = np.searchsorted(march.stored, begin, side="right") - 1
     rows = _rows(march, begin, end - begin, done, march.sizes, stretch)
     rows[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
-    rows[free, CALL.unloaded_from] = coasting.begin[within[free]]
-    rows[free, CALL.loaded_from] = coasting.end[within[free]]
+    rows[free, CALL.unloaded_from] = unloaded.begin[within[free]]
+    rows[free, CALL.loaded_from] = unloaded.end[within[free]]
     if march.loads is not NOTHING:
         rows[:, CALL.times : CALL.place] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
@@ -479,23 +480,23 @@ def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, w
 
 
 def _with_outputs(
-    march: StackMarch, parts: Parts, first: int, last: int, coasting: Coasting
+    march: StackMarch, parts: Parts, first: int, last: int, unloaded: Unloaded
 ) -> tuple[Rows, Array, Any]:
     """Return the calls of steps and outputs in order, and the arrays that belong to them."""
     stack, outputs, middles = march.stack, march.outputs, march.stages[parts][1]
     assert outputs is not None
     here = np.flatnonzero((outputs.node >= first) & ((outputs.node < last) | (last == stack.steps)))
     node, since, inside, n = outputs.node[here], outputs.since[here], outputs.since[here] > 0, len(here)
-    stretch = coasting.stretch_of(node)
-    stretch[(stretch >= 0) & ~inside & np.isin(node, coasting.begin)] = -1  # there nothing has moved yet
+    stretch = unloaded.stretch_of(node)
+    stretch[(stretch >= 0) & ~inside & np.isin(node, unloaded.begin)] = -1  # there nothing has moved yet
     free = stretch >= 0
-    origin, is_step = coasting.begin[stretch[free]], inside & ~free
-    steps = legs(march, first, last, coasting, node[~free])
+    origin, is_step = unloaded.begin[stretch[free]], inside & ~free
+    steps = legs(march, first, last, unloaded, node[~free])
     sizes = march.sizes[np.searchsorted(stack.grid.numbers[1:-1], node, side="right"), 0]
     length = since / march.unit
     length[free] = (stack.times(node[free]) - stack.times(origin) + since[free]) / march.unit
     nodes = free & ~inside
-    length[nodes] = sizes[nodes] * (node - coasting.begin[stretch])[nodes] if nodes.any() else 0.0
+    length[nodes] = sizes[nodes] * (node - unloaded.begin[stretch])[nodes] if nodes.any() else 0.0
     lengths, begin = np.stack([length, np.full(n, 1.0 / march.unit)], axis=1), node.copy()
     begin[free] = origin
     own = _rows(march, begin, (inside | free).astype(np.int64), 0, lengths, np.arange(n))

@@ -123,9 +123,9 @@ class Load:
         return min((term.resolution for term in self.terms), default=np.inf)
 
     @cached_property
-    def acting(self) -> Array:
+    def support(self) -> Array:
         """Disjoint intervals outside which the load is known to be zero, sorted, (k, 2), s."""
-        each = np.concatenate([np.empty((0, 2)), *(term.acting for term in self.terms)])
+        each = np.concatenate([np.empty((0, 2)), *(term.support for term in self.terms)])
         each = each[np.argsort(each[:, 0])]
         reached = np.maximum.accumulate(each[:, 1])
         is_apart = each[1:, 0] > reached[:-1]
@@ -137,7 +137,7 @@ class Load:
     @property
     def end(self) -> float:
         """The time from which on the load is known to be zero, s; -inf without terms."""
-        return float(self.acting[-1, 1]) if len(self.acting) else -inf
+        return float(self.support[-1, 1]) if len(self.support) else -inf
 
     @property
     def depends_on_state(self) -> bool:

@@ -55,7 +55,7 @@ class ForceTable(DirectorForces):
         return self.forces_of
 
     @cached_property
-    def acting(self) -> Array:
+    def support(self) -> Array:
         """Between times at one of which a force is not zero."""
         return spans(self.times, self.forces_of)
 

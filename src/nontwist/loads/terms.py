@@ -152,7 +152,7 @@ class Term(ABC):
     # ---- when it acts, and what it does then
 
     @cached_property
-    def acting(self) -> Array:
+    def support(self) -> Array:
         """Disjoint intervals of time outside which the term is known to be zero, (k, 2), s, sorted."""
         return np.array([[-inf, inf]])
 
@@ -309,7 +309,7 @@ class Pulse(OfTime):
         return self.shape != "half-sine"
 
     @cached_property
-    def acting(self) -> Array:
+    def support(self) -> Array:
         """From its start to its end."""
         return np.array([[self.start, self.end]])
 
@@ -371,7 +371,7 @@ class Table(OfTime):
         self._set(**smoothness(self.times))
 
     @cached_property
-    def acting(self) -> Array:
+    def support(self) -> Array:
         """Between times at one of which the moment is not zero."""
         return spans(self.times, self.values)
 

@@ -159,7 +159,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, place
     )
     begun = np.tile([0.1, 0.2, -0.4, 0.7], (len(time), 1)) if model.oriented else None
     stretch = Stretch(time, rates, speed, begun, attitudes != "only")
-    lanes = short([stretch])
+    lanes = short(model, [stretch])
     assert [one.joined for one in lanes] == [True] * (len(lanes) - 1) + [False]
     deviation = np.full(11, 0.02)
     deviation[4:] = np.isin(range(4, 11), places) * 0.1
@@ -527,6 +527,23 @@ def test_a_constant_speed_is_a_number():
     fit = fit_inertia(recording, rotor={"axis": (0, 0, 2), "inertia": WHEEL, "speed": 150})
     assert abs(off(fit, SAT)).max() < 4
     assert len(fit.parts[0].speed[0]) == 2
+
+
+def test_a_rotor_nutates_a_body_that_hardly_turns():
+    """A satellite with a momentum wheel, h = 60 |J W|: SciPy's motion goes on by 60 rad while it turns by one."""
+    J = np.array([[20.0, 1.0, -0.5], [1.0, 25.0, 0.8], [-0.5, 0.8, 18.0]])
+    axis, time = np.array([0.6, 0.0, 0.8]), np.arange(0, 60, 0.1)
+
+    def slope(t, w):
+        return np.linalg.solve(J, np.cross(J @ w + 25.0 * axis, w))
+
+    W = solve_ivp(slope, (0, 60), (0.012, -0.016, 0.004), "DOP853", time, rtol=1e-12, atol=1e-14).y.T
+    rates = W + 2e-5 * np.random.default_rng(3).normal(size=W.shape)
+    for known in (axis, "fit"):
+        fit = fit_inertia((time, rates), rotor={"axis": known, "inertia": 0.05, "speed": 500})
+        assert fit.untold == ()
+        assert fit.is_explained
+        assert abs(off(fit, J)).max() < 4
 
 
 @pytest.mark.parametrize("make", [lambda: nontwisting(PLAIN), lambda: suslov(J, "z")])

@@ -61,13 +61,14 @@ def sensitivities(
     wrt : str or list of str
         With respect to what to differentiate: "material_angular_velocity" and "rotation" of the start, the latter as a
         rotation vector in the body, with the velocity in the body unchanged; "inertia", the entries 11, 22, 33, 23, 13,
-        12 of J, or "principal_inertia", the principal moments with their axes held fixed, in ascending order, or in
-        that of a diagonal J; "axis", the constrained one; "dead_force"; "spin"; "duration", for which the last stretch
-        of the grid is lengthened with the same number of steps; "load_scale"; and the parameters of the terms of the
-        load: "pulse" and "sine", their peaks; "frequency"; "phase"; "values" of tables and of momenta of rotors;
-        "rotor", the axis of one; "damping", the entries of its matrix; "linear" and "quadratic", the coefficients of a
-        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient; "speed", "torque",
-        "viscous" and "wheel", the axis, of wheels, and ``"load[1].inertia"``; fields of loads of your own.
+        12 of J, where one off the diagonal stands for both, or "principal_inertia", the principal moments with their
+        axes held fixed, in ascending order, or in that of a diagonal J; "axis", the constrained one; "dead_force";
+        "spin"; "duration", for which the last stretch of the grid is lengthened with the same number of steps;
+        "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks; "frequency";
+        "phase"; "values" of tables and of momenta of rotors; "rotor", the axis of one; "damping", the entries of its
+        matrix; "linear" and "quadratic", the coefficients of a potential; "stiffness" and "rest_length" of a spring;
+        "mean_motion" of a gravity gradient; "speed", "torque" (of a table, a constant added to it), "viscous" and
+        "wheel", the axis, of wheels, and ``"load[1].inertia"``; fields of loads of your own.
         ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. For a body with a
         constrained axis only the admissible part of a change counts: the part of a velocity orthogonal to the axis, and
         the part of a change of the axis orthogonal to the axis.

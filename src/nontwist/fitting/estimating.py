@@ -21,7 +21,7 @@ from .bodies import Model
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, with_moments
 from .measuring import finite_rows
 from .motions import RunawayError
-from .quality import WHITE, correlation
+from .quality import WHITE, correlation, haste_of
 from .shooting import Lane, Shooting, Stretch, Unknowns
 from .solving import CALLS, PATIENT, Solution, solve
 
@@ -41,10 +41,11 @@ def whole(stretches: Sequence[Stretch]) -> list[Lane]:
     return [Lane(k, 0, len(one.time)) for k, one in enumerate(stretches)]
 
 
-def short(stretches: Sequence[Stretch]) -> list[Lane]:
-    """Return lanes in which the body turns by about `LANE`."""
+def short(model: Model, stretches: Sequence[Stretch]) -> list[Lane]:
+    """Return lanes in which the motion goes on by about `LANE`."""
     lanes = []
-    turned = [float(np.linalg.norm(one.rates, axis=1).mean() * np.ptp(one.time)) for one in stretches]
+    speeds = [np.linalg.norm(one.rates, axis=1).mean() * haste_of(model, one.time, one.rates) for one in stretches]
+    turned = [float(speed * np.ptp(one.time)) for speed, one in zip(speeds, stretches, strict=True)]
     size = max(LANE, sum(turned) / MOST_LANES)
     for k, one in enumerate(stretches):
         count = int(np.clip(np.ceil(turned[k] / size), 1, max(1, len(one.time) // 6)))
@@ -60,7 +61,7 @@ def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], guess: Guess) -> 
     for lane in lanes:
         one = stretches[lane.stretch]
         t, W = (a[lane.first : lane.last] for a in (one.time, one.rates))
-        speed = max(float(np.linalg.norm(W, axis=1).mean()), 1e-300)
+        speed = max(float(np.linalg.norm(W, axis=1).mean()), 1e-300) * haste_of(guess.model, t, W)
         count = int(np.clip((t - t[0] <= 0.5 / speed).sum(), min(6, len(t)), 30))
         start = np.polynomial.polynomial.polyfit(t[:count] - t[0], W[:count], min(2, count - 1))[0]
         parts = [start if n is None else start - n * (n @ start)]  # steps keep a constraint, as it is linear
@@ -97,7 +98,7 @@ def estimate(
         No start leads to a motion.
     """
     gyroscope, model, stretches = problem.gyroscope, problem.model, problem.stretches
-    lanes, begin = short(stretches), gyroscope.mean[gyroscope.free]
+    lanes, begin = short(model, stretches), gyroscope.mean[gyroscope.free]
     seen = [replace(one, rates=gyroscope.undone(one.rates)) for one in stretches]
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
     tried, stage = list[Solution](), min(calls, CALLS)

@@ -250,7 +250,7 @@ class Task:
     def stretch(self, one: Rates, rows: slice, model: Model) -> Stretch:
         """Return some samples of a recording; a ValueError where they cannot be fitted."""
         t, y = one.time[rows], one.rates[rows]
-        require_turning(t, y, one.name)
+        require_turning(model, t, y, one.name)
         if one.has_gyroscope:
             require_unsaturated(t, y, one.name)
         self.gyroscope.require_short(y)
@@ -293,7 +293,7 @@ class Task:
                 f"{one.name}: attitudes alone do not show where free motion begins and ends: --from and --to "
                 "(interval=) name the interval between release and catch, --all (interval='all') uses every sample"
             )
-        require_turning(one.time, one.rates, one.name)
+        require_turning(model, one.time, one.rates, one.name)
         seen = replace(one, rates=self.gyroscope.undone(one.rates))
         try:
             return Search(seen, self.spin, replace(model, oriented=False), self.plain).found()

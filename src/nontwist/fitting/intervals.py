@@ -30,7 +30,7 @@ from .estimating import estimate
 from .linear import Guess, turns, with_moments
 from .measuring import Gyroscope
 from .motions import Motion, RunawayError, response
-from .quality import noise_of
+from .quality import haste_of, noise_of
 from .readings import speed_of
 from .shooting import Shooting, Stretch
 from .solving import Solution, inverse
@@ -82,7 +82,7 @@ class Search:
             Nothing in the recording looks like a motion of the model.
         """
         one = self.recording
-        fastest = float(np.linalg.norm(one.rates, axis=1).max() * np.median(np.diff(one.time)))
+        fastest = self.haste * float(np.linalg.norm(one.rates, axis=1).max() * np.median(np.diff(one.time)))
         m = int(np.clip(THIN / fastest, 1, max(len(one.time) // FEWEST, 1)))
         columns: dict[str, Any] = {
             name: _means(getattr(one, name), m) for name in ("time", "rates", "acceleration", "speed")
@@ -101,9 +101,14 @@ class Search:
         return self.recording.rates
 
     @cached_property
+    def haste(self) -> float:
+        """How many times as fast as the body turns W changes."""
+        return haste_of(self.model, self.time, self.rates)
+
+    @cached_property
     def angle(self) -> Array:
-        """How far the body has turned at the samples, rad."""
-        speed = np.linalg.norm(self.rates[1:] + self.rates[:-1], axis=1) / 2
+        """How far the motion has gone at the samples, rad: the body has turned, or a rotor has turned W."""
+        speed = self.haste * np.linalg.norm(self.rates[1:] + self.rates[:-1], axis=1) / 2
         return np.concatenate([[0.0], np.cumsum(speed * np.diff(self.time))])
 
     @cached_property

@@ -34,6 +34,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES, LEVI
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
+from .quality import haste_of
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere
@@ -44,18 +45,24 @@ CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
 
 def weak_rows(
-    time: Array, rates: Array, width: float, moments: Array | None = None, momenta: Array | None = None
+    time: Array,
+    rates: Array,
+    width: float,
+    moments: Array | None = None,
+    momenta: Array | None = None,
+    haste: float = 1.0,
 ) -> Array:
     """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q).
 
-    `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors.
+    `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors;
+    W changes `haste` times as fast as the body turns.
     """
     n = len(time)
     acting = np.zeros((n, 3, 0)) if moments is None else moments
     speed = np.sqrt((rates**2).sum(axis=1).mean())
     steps = np.diff(time)
     interval = np.median(steps)
-    half = min(max(width / max(speed, 1e-300), FEWEST * interval), time[-1] - time[0]) / 2
+    half = min(max(width / max(speed * haste, 1e-300), FEWEST * interval), time[-1] - time[0]) / 2
     centres = np.arange(time[0] + half, time[-1] - half * (1 - 1e-9), half / 2)
     centres = centres if len(centres) else np.array([(time[0] + time[-1]) / 2])
     first, last = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half, "right")
@@ -77,7 +84,7 @@ def weak_rows(
         more = np.einsum("mn,niq->miq", bump, acting[inside])
         if momenta is not None:
             more += np.einsum("mn,niq->miq", slope, momenta[inside])
-        rows.append(np.concatenate([turning, more], axis=2) / (half * speed**2 + 1e-300))
+        rows.append(np.concatenate([turning, more], axis=2) / (half * speed**2 * haste + 1e-300))
     return np.concatenate(rows)
 
 
@@ -166,7 +173,7 @@ def with_moments(
         if wheel is not None and speed is not None:
             momenta[:, :, spun:] = wheel.inertia * np.multiply.outer(speed, axes)
             acting[:, :, spun:] = np.cross(momenta[:, :, spun:], rates[:, :, None], axis=1)
-        weak = weak_rows(time, rates, width, acting, momenta)
+        weak = weak_rows(time, rates, width, acting, momenta, haste_of(model, time, rates))
         if model.constraint is not None:  # whose moment is along n
             weak = weak - np.einsum("i,j,mjq->miq", model.constraint, model.constraint, weak)
         rows.append(weak.reshape(-1, 6 + acting.shape[2]))

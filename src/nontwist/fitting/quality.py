@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.arrays import Array
+from .bodies import Model
 from .measuring import finite_rows
 
 FEWEST, LEAST_TURN, MOST_TURN = 12, 1.0, 1.5  # samples; rad over all; rad from sample to sample
@@ -45,6 +46,20 @@ def scatter_of(time: Array, samples: Array, rates: Array | None = None) -> float
     return float(np.sqrt(squares / free))
 
 
+def haste_of(model: Model, time: Array, rates: Array) -> float:
+    """Return how many times as fast as the body turns W changes, 1 at least: a rotor turns W at about |h|/J.
+
+    The change is ``√(mean |W(t + d) - W(t)|² - 6 σ²)/d`` with the shortest delay d at which noise is the smaller part.
+    """
+    square, noise = float((rates**2).sum(axis=1).mean()), 6 * noise_of(rates) ** 2
+    for lag in () if model.wheel is None else (1, 2, 4, 8, 16):
+        change = float(((rates[lag:] - rates[:-lag]) ** 2).sum(axis=1).mean()) if lag < len(rates) else 0.0
+        if change > 2 * noise:
+            delay = lag * float(np.median(np.diff(time)))
+            return max(1.0, float(np.sqrt(change - noise)) / max(delay * square, 1e-300))
+    return 1.0
+
+
 def noise_of_attitudes(quaternions: Array) -> float:
     """Return the standard deviation of the noise of attitudes, rad: of a quaternion it is half as large."""
     return max(2 * noise_of(quaternions[finite_rows(quaternions)]), FINE)
@@ -58,11 +73,11 @@ def scatter_of_attitudes(time: Array, quaternions: Array | None, rates: Array) -
     return 2 * scatter_of(time[good], quaternions[good], rates[good])
 
 
-def require_turning(time: Array, rates: Array, where: str) -> None:
+def require_turning(model: Model, time: Array, rates: Array, where: str) -> None:
     """Raise a ValueError where a body turns too little, or too much from sample to sample."""
     if len(time) < FEWEST:
         raise ValueError(f"{where}: {len(time)} samples are too few, a fit needs {FEWEST}; use a longer interval")
-    speed = np.linalg.norm(rates, axis=1)
+    speed = haste_of(model, time, rates) * np.linalg.norm(rates, axis=1)
     turned = float(np.trapezoid(speed, time))
     if turned < LEAST_TURN:
         raise ValueError(

@@ -1,7 +1,9 @@
 """Bodies in thick oil: modes that decay up to 1e18 times in a run cost steps like the logarithm of that."""
 
+import re
 import warnings
 from functools import cache
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -180,3 +182,21 @@ def test_a_step_that_is_too_long_is_told_with_what_works():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         nt.simulate(OIL, **how(1e4))
+
+
+@pytest.mark.parametrize("extra", [{}, {"tolerance": 1e-6}])
+def test_more_decays_than_round_off_allows_are_refused_with_what_works(extra):
+    c = 1e12
+    begin = perf_counter()
+    with pytest.raises(ValueError, match=r"at most 1e\+21 are resolved") as refused:
+        nt.simulate(OIL, **how(c), **extra)
+    assert perf_counter() - begin < 1
+    longest, step = (float(x) for x in re.findall(r"(?:t_end <=|step =) (\S+) s", str(refused.value)))
+    short = nt.integrate(OIL, **how(c) | {"t_end": longest}, **extra)
+    rate = WEIGHT * np.sin(1) / c
+    assert 1 - angles(short)[-1] == pytest.approx(rate * longest, rel=1e-3)
+    with pytest.warns(UserWarning, match="does not resolve"):
+        crept = nt.integrate(OIL, **how(c), step=step, integrator="lie-midpoint")
+    assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-3)
+    with pytest.raises(ValueError, match=r"use t_end <= 9e\+06 s$"):
+        nt.simulate(OIL, **how(c), material_angular_velocity=(1, 0, 0), **extra)

@@ -41,6 +41,15 @@ def test_motor_slows_the_hub_by_its_impulse(scheme):
     assert gained == pytest.approx(0.2 * 5 * (speed[0] + speed[1]) / 2, rel=near)  # torque times what the wheel turns
 
 
+def test_three_wheels_turn_a_satellite_as_a_published_simulator_finds():
+    """Basilisk's test_reactionWheelStateEffector_integrated, BalancedWheels: σ after 1 s; motors give up to 0.2 N m."""
+    inertia, load = 100 / (6000 * RPM), nt.Load()
+    for axis, speed, torque in (("x", 500, 0.2), ("y", 200, 0.1), ("z", -150, -0.2)):
+        load += nt.wheel(axis, inertia, speed=speed * RPM, torque=([0, 0.5], [torque, torque]))
+    run = nt.simulate(nt.standard([900, 800, 600]), t_end=1, material_angular_velocity=(0.08, 0.01, 0), load=load)
+    assert nt.rotation(run)[-1].as_mrp() == pytest.approx([1.99853994e-2, 2.45647716e-3, 8.45356279e-6], rel=5e-8)
+
+
 def reference(times):
     """Return W, attitude, momenta of the wheels of `SKEW` and works of motors by SciPy, as the carrier moves."""
     carrier = J - sum(i * np.outer(n, n) for i, n in zip(INERTIAS, AXES, strict=True))

@@ -388,3 +388,29 @@ def test_a_step_that_meets_breakpoints_to_round_off_has_a_reference():
     )
     assert data.attrs["meets_kinks"] == 1
     assert data.attitude_error.sel(integrator="gauss 8").max() < 1e-9
+
+
+def lags(t, z, directors, w):
+    return (directors[0] - z) / 0.4
+
+
+def follows(t, z, directors, w):
+    return 0.1 * z[1], -0.2 * z[0], 0.1 * z[2]
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        nt.memory_load(lags, follows, [0.0, 0.0, 0.0], compiled=True),
+        nt.wheel("z", 0.1, 3, viscous=0.1),
+        nt.wheel("z", 0.1, 3, coulomb=0.02),
+    ],
+)
+def test_loads_that_gauss_alone_takes(load):
+    """By default the integrators that take them; the reference is gauss, and no solver of SciPy."""
+    how = {"t_end": 1, "material_angular_velocity": (0.5, 1.2, -0.4), "load": load, "repeats": 1}
+    found = nt.compare(nt.standard([3, 4, 5]), **how)
+    assert {name.split()[0] for name in found.integrator.values} == {"gauss"}
+    assert found.attitude_order.sel(integrator="gauss 2")[-1] == pytest.approx(2, abs=0.1)
+    assert found.attitude_error.sel(integrator="gauss 8")[-1] < 1e-12
+    assert "DOP853" not in found.attrs["reference"]

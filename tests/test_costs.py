@@ -149,13 +149,14 @@ def slow(monkeypatch):
 
 
 def test_simulate_warns_where_it_was_called(slow):
+    body = nt.nontwisting([3, 4, 5.25])  # of no other test: a run of which nothing was to say is not looked at again
     with pytest.warns(UserWarning, match=r"^the run will take about .* and 8\.8 kB of memory, for 10 steps$") as seen:
-        nt.simulate(FREE, t_end=1, step=0.1)
+        nt.simulate(body, t_end=1, step=0.1)
     assert [one.filename for one in seen] == [__file__]
     with pytest.warns(UserWarning, match=r"about .* and 80\.8 kB of memory, for 3 steps"):
-        nt.simulate(FREE, t_end=1)
+        nt.simulate(body, t_end=1)
     with pytest.warns(UserWarning, match="for 3 states"):
-        nt.simulate(FREE, times=[0, 0.5, 1], integrator="continuous")
+        nt.simulate(body, times=[0, 0.5, 1], integrator="continuous")
 
 
 def test_ensembles_and_sweeps_warn(slow, written):

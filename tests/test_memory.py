@@ -292,3 +292,18 @@ def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit):
     assert np.array_equal(other.newton_iterations, one.newton_iterations)
     assert other.states.internal / unit == pytest.approx(one.states.internal, abs=2e-15)
     assert other.material_angular_velocity == pytest.approx(one.material_angular_velocity, abs=2e-15)
+
+
+@pytest.mark.parametrize(
+    ("derivative", "moment", "words"),
+    [
+        (lambda t, z, d, w: -np.sign(z), lambda t, z, d, w: (-z[0], 0, 0), "in z' from (−1) to (1),"),
+        (lambda t, z, d, w: -z, lambda t, z, d, w: (-np.sign(w[0]), 0, 0), "from (1, 0, 0) to (−1, 0, 0) N m"),
+    ],
+)
+def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
+    made = memory_load(derivative, moment, 1.0, compiled=True)
+    with pytest.raises(nt.errors.SimulationError) as found:
+        simulate(standard(J), t_end=6, material_angular_velocity=(-1, 0, 0), load=made)
+    assert found.value.status == nt.errors.Status.JUMP
+    assert words in str(found.value)

@@ -1,7 +1,9 @@
 """Bodies in thick oil: modes that decay up to 1e18 times in a run cost steps like the logarithm of that."""
 
+import re
 import warnings
 from functools import cache
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import cross, thinned
 from nontwist.driver.grid import automatic_grid, graded, stretches_of
-from nontwist.integrators.costs import largest_velocity, slowest_damping, swing_rate
+from nontwist.integrators.costs import damping_rate, largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
 
@@ -180,3 +182,44 @@ def test_a_step_that_is_too_long_is_told_with_what_works():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         nt.simulate(OIL, **how(1e4))
+
+
+@pytest.mark.parametrize("extra", [{}, {"tolerance": 1e-6}])
+def test_more_decays_than_round_off_allows_are_refused_with_what_works(extra):
+    c = 1e12
+    begin = perf_counter()
+    with pytest.raises(ValueError, match=r"at most 1e\+21 are resolved") as refused:
+        nt.simulate(OIL, **how(c), **extra)
+    assert perf_counter() - begin < 1
+    longest, step = (float(x) for x in re.findall(r"(?:t_end <=|step =) (\S+) s", str(refused.value)))
+    short = nt.integrate(OIL, **how(c) | {"t_end": longest}, **extra)
+    rate = WEIGHT * np.sin(1) / c
+    assert 1 - angles(short)[-1] == pytest.approx(rate * longest, rel=1e-3)
+    with pytest.warns(UserWarning, match="does not resolve"):
+        crept = nt.integrate(OIL, **how(c), step=step, integrator="lie-midpoint")
+    assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-3)
+    with pytest.raises(ValueError, match=r"use t_end <= 9e\+06 s$"):
+        nt.simulate(OIL, **how(c), material_angular_velocity=(1, 0, 0), **extra)
+
+
+@pytest.mark.parametrize("viscous", [1.0, 1e3])
+def test_a_wheel_that_its_bearing_stops_at_once(viscous):
+    """``Ω' = -b (1/I + 1/(J - I)) Ω``, at rates of 200 and 2e5 1/s in a run of 10 s."""
+    inertia = 0.005
+    load = nt.wheel("z", inertia, speed=100, viscous=viscous)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = nt.simulate(nt.standard([3, 4, 5]), t_end=10, angular_velocity=(0, 0, 0.3), load=load)
+    rate = viscous * (1 / inertia + 1 / (5 - inertia))
+    assert run.sizes["time"] < 1500
+    assert run.wheel_speed.values[:, 0] == pytest.approx(100 * np.exp(-rate * run.time.values), abs=1e-8)
+    assert run.wheel_loss.values[-1, 0] == pytest.approx(100**2 / 2 * viscous / rate, rel=1e-8)
+    skew = nt.wheel("x", 0.2, viscous=3.0) + nt.wheel((1, 2, 2), 0.1, 5, viscous=2.0) + nt.wheel("y", 0.3)
+    n, carrier = np.array([[1, 0, 0], [1 / 3, 2 / 3, 2 / 3]]), np.diag([3.0, 4, 5])
+    for axis, own in zip([*n, (0, 1, 0)], [0.2, 0.1, 0.3], strict=True):
+        carrier -= own * np.outer(axis, axis)
+    b = np.diag([3.0, 2.0])
+    slopes = np.block([[np.zeros((3, 3)), np.linalg.solve(carrier, n.T @ b)], [np.zeros((2, 3)), np.zeros((2, 2))]])
+    slopes[3:, 3:] = -np.diag([1 / 0.2, 1 / 0.1]) @ b - n @ slopes[:3, 3:]  # of W and of the speeds of both
+    fastest = abs(np.linalg.eigvals(slopes)).max()
+    assert damping_rate(stacked(nt.standard([3, 4, 5])), skew) == pytest.approx(fastest)

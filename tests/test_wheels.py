@@ -41,6 +41,15 @@ def test_motor_slows_the_hub_by_its_impulse(scheme):
     assert gained == pytest.approx(0.2 * 5 * (speed[0] + speed[1]) / 2, rel=near)  # torque times what the wheel turns
 
 
+def test_three_wheels_turn_a_satellite_as_a_published_simulator_finds():
+    """Basilisk's test_reactionWheelStateEffector_integrated, BalancedWheels: σ after 1 s; motors give up to 0.2 N m."""
+    inertia, load = 100 / (6000 * RPM), nt.Load()
+    for axis, speed, torque in (("x", 500, 0.2), ("y", 200, 0.1), ("z", -150, -0.2)):
+        load += nt.wheel(axis, inertia, speed=speed * RPM, torque=([0, 0.5], [torque, torque]))
+    run = nt.simulate(nt.standard([900, 800, 600]), t_end=1, material_angular_velocity=(0.08, 0.01, 0), load=load)
+    assert nt.rotation(run)[-1].as_mrp() == pytest.approx([1.99853994e-2, 2.45647716e-3, 8.45356279e-6], rel=5e-8)
+
+
 def reference(times):
     """Return W, attitude, momenta of the wheels of `SKEW` and works of motors by SciPy, as the carrier moves."""
     carrier = J - sum(i * np.outer(n, n) for i, n in zip(INERTIAS, AXES, strict=True))
@@ -317,11 +326,23 @@ def test_friction_and_a_motor_that_sees_the_speed_move_the_body_as_scipy_finds()
     assert np.ptp(balance.values) < 1e-9
 
 
-def test_a_stall_beside_a_wheel_is_said():
-    def relay(t, directors, w):
-        return -np.sign(w[0]), 0.0, 0.0
+def relay(t, directors, w):
+    return -np.sign(w[0]), 0.0, 0.0
 
-    load = nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1)
-    with np.errstate(all="ignore"), pytest.raises(SimulationError) as failed:
-        nt.simulate(BODIES["top"], t_end=20, step=0.01, angular_velocity=(0.5, 0, 0), load=load)
-    assert failed.value.status == Status.STALLED
+
+JUMPING = {
+    "relay": nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1),
+    "rubbed relay": nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1, viscous=0.01),
+    "friction": nt.wheel("z", 0.2, 5, friction=lambda speed: 0.1 * np.sign(speed)),
+    "motor": nt.wheel("z", 0.2, 5, lambda t, speed: np.where(speed > 3, -0.1, 0.1)),
+}
+
+
+@pytest.mark.parametrize(("name", "how"), thinned(2, JUMPING, [{}, {"step": 0.01}]))
+def test_a_jump_beside_or_of_a_wheel_is_named(name, how):
+    called, x, y = ("relay", "(1, 0, 0)", "(−1, 0, 0)") if "relay" in name else ("wheel", "(0.1)", "(−0.1)")
+    own = {"angular_velocity": (0.5, 0, 0)} | how
+    with np.errstate(all="ignore"), pytest.raises(SimulationError, match=f"the load {called} jumps") as failed:
+        nt.simulate(BODIES["top"] if "relay" in name else BODIES["standard"], t_end=20, load=JUMPING[name], **own)
+    assert failed.value.status == Status.JUMP
+    assert all(said in str(failed.value) for said in (x, y, "dry_friction" if "relay" in name else "use coulomb="))

@@ -27,10 +27,9 @@ import numpy as np
 from ..analysis.invariants import Invariant, invariants, quantities, scales
 from ..driver.grid import fits, inside, kinks, with_spin_kinks
 from ..driver.problem import OfComparison, Problem, posed, takes
-from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..geometry.values import as_whole
-from ..integrators import Integrator, LieMidpoint, Status
+from ..integrators import Integrator, Status
 from ..loads import as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
@@ -40,6 +39,7 @@ from .reference import (
     Choice,
     Outcome,
     Reference,
+    automatic_run,
     chosen,
     compared,
     grids,
@@ -128,7 +128,7 @@ def compare(
     arguments["load"] = load
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        automatic = integrate(body, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
+        automatic = automatic_run(body, arguments, t_end)
     known = {str(warning.message) for warning in caught}
     t0, t1 = (float(t) for t in automatic.time)
     pace = with_spin_kinks(load, stacked(body))

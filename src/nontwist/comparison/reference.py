@@ -40,7 +40,7 @@ from ..driver.starts import start_of_one
 from ..driver.tolerance import CHANGE, EPS, LARGER, moved
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, shown
-from ..integrators import INTEGRATORS, Continuous, Exact, Gauss, Integrator, SimulationError
+from ..integrators import INTEGRATORS, Continuous, Exact, Gauss, Integrator, LieMidpoint, SimulationError
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.stack import stacked
@@ -253,6 +253,16 @@ class Reference(NamedTuple):
     growth: tuple[float, float]  # of attitude and momentum, under a change of the start, relative to that; at least 1
 
 
+def automatic_run(system: DirectorSystem, arguments: dict[str, Any], t_end: float | None) -> Trajectory:
+    """Return a run to the end at the automatic step, of 0.05 rad, by an integrator of order 2 that takes the load."""
+    load, t_start = arguments["load"], arguments["t_start"]
+    if not load.memories:
+        return integrate(system, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
+    begin = start_of_one(system, **{name: arguments[name] for name in STARTS}, t_start=t_start)
+    plan = planned(system, load, Gauss(order=2), None, t_start, t_end, None, None, "end", begin.time)
+    return run_of(plan._replace(grid=plan.automatic(begin)), begin)
+
+
 def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
     """Return the reference at increasing times, from the start to the end.
 
@@ -295,7 +305,7 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     moves = bars(coarse, run_on(system, pair[0], stored[0], Gauss(order=8), _moved(system, arguments)))
     lags = bars(coarse, run_on(system, late, stored[0], Gauss(order=8), arguments))
     name, beside = "gauss 8 at h/8, beside h/4", [run, run]
-    if not arguments["load"].is_dry:
+    if not (arguments["load"].is_dry or arguments["load"].memories):
         name += " and continuous DOP853"
         beside = [
             integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)

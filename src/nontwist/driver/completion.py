@@ -67,11 +67,11 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         )
     reasons = dict(outcome.reasons)
     for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
-        from . import contacts
+        from . import jumps
 
         stall = outcome.failure(i)
         assert stall is not None
-        failure = contacts.named_jump(scheme, problem.member(i), stall)
+        failure = jumps.named_jump(scheme, problem.member(i), stall)
         if failure is not stall:
             outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):

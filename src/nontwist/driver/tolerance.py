@@ -69,6 +69,7 @@ OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
+DECAYS = 1e21  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
 PHASE = 0.2  # rad, of a swing in a step that is shown
 LEVEL = 0.3  # slope of what no longer falls
 UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
@@ -233,6 +234,8 @@ def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stre
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
     higher, steps = 1 if plan.is_shown else HIGHER, (plan.t_end - plan.t_start) / longest
     rate, part = damping_rate(plan.systems, plan.load, begin.load_scale), 1.0
+    if scheme.is_a_stable and rate * (plan.t_end - plan.t_start) > DECAYS:
+        raise ValueError(_too_fast(plan, begin, rate))
     if plan.tolerance is not None and not steps <= MOST:
         is_damped = rate > 0 and not scheme.is_a_stable
         other = (
@@ -247,6 +250,16 @@ def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stre
     if scheme.is_a_stable:
         part = min(_resolving(plan, scheme, 1.0), 1.0)
     return stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
+
+
+def _too_fast(plan: Plan, begin: Starts, rate: float) -> str:
+    span, longest = plan.t_end - plan.t_start, 0.9 * DECAYS / rate
+    step = f", or the integrator lie-midpoint with step = {span / FEWEST / 10:.12g} s, as the body begins at rest"
+    return (
+        f"damping slows the body down at a rate of up to {rate:.2g} 1/s: that is {rate * span:.1g} decays in the run, "
+        f"of which at most {DECAYS:.0e} are resolved; use t_end <= {plan.t_start + longest:.2g} s"
+        f"{'' if begin.velocity.any() else step}"
+    )
 
 
 def finer(grid: Stretches) -> Stretches:

@@ -46,15 +46,27 @@ def steps_cost(problem: IVP, steps: int, substeps: int, substep_ns: float) -> Co
 
 
 def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
-    """Return the largest rate at which damping slows a member down, 1/s: an eigenvalue of J⁻¹ C, across an axis."""
+    """Return the largest rate at which damping slows a member or a wheel down, 1/s, or a bound of it.
+
+    Of the body alone an eigenvalue of J⁻¹ C, across an axis; of wheels with viscous friction b of (1/I + n·J_c⁻¹n) b.
+    """
     C, J, axis = load.damping, systems.convected_inertia, systems.axis
-    if not C.any():
+    rubbed = [one for one in load.wheels if one.viscous]
+    if not (C.any() or rubbed):
         return 0.0
+    of_wheels = np.zeros(len(J))
+    if rubbed:
+        n = np.array([one.direction for one in rubbed])
+        J = J - sum(one.locked for one in load.wheels)
+        S = n @ np.linalg.solve(J, np.broadcast_to(n.T, (len(J), 3, len(n)))) + np.diag(
+            [1 / one.inertia for one in rubbed]
+        )
+        of_wheels = abs(np.linalg.eigvals(S * [one.viscous for one in rubbed])).max(axis=1)
     if axis is not None:
         plane = bases_of(axis)[:, :, :2]
         C, J = plane.mT @ C @ plane, plane.mT @ J @ plane
     rates = abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(C, J.shape)))).max(axis=1)
-    return float((abs(scale) * rates).max())
+    return float((abs(scale) * rates + of_wheels).max())
 
 
 def unresolved(problem: IVP, order: int) -> str | None:

@@ -18,19 +18,22 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from .. import exact
 from ..driver.runs import integrate
+from ..fitting import fit_inertia
 from ..geometry import rotations
 from ..integrators import Split
+from ..io.exports import with_euler
 from ..loads import rotor, wheel
 from ..models.catalogue import standard
 from .checks import Check
 from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, error, turns_apart, velocity
 
 RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
-GYROSTAT = "Wittenburg 1977"
+GYROSTAT, FIT = "Wittenburg 1977", "nontwist.fitting.shooting"
 
 
 def many_digits() -> Any:
@@ -163,4 +166,33 @@ def montgomery() -> Iterator[Check]:
         yield error(f"after one period of the momentum, {name}: Λ, W", gaps, 1e-12, "Montgomery 1991", "closed form")
 
 
-CHECKS = (nontwisting_body, digits, continuous, symmetric, gyrostat, driven_wheel, montgomery)
+def euler_angles() -> Iterator[Check]:
+    """Turn a symmetric body about its momentum, along z: by Euler angles ZXZ, φ and ψ at constant rates and θ not."""
+    J1, J3, theta, size, t = 2.0, 3.0, 0.7, 5.0, np.linspace(0, 3, 31)
+    rates = np.array([size / J1, 0, size * np.cos(theta) * (1 / J3 - 1 / J1)])
+    W = size * np.array([0, np.sin(theta) / J1, np.cos(theta) / J3])
+    tilted = Rotation.from_euler("ZXZ", [0, theta, 0])
+    body = standard([J1, J1, J3])
+    run = integrate(body, times=t, tolerance=1e-13, rotation=tilted, material_angular_velocity=W).to_dataset()
+    found = with_euler(run, "ZXZ")
+    gap = np.unwrap(found.euler_angles.values, axis=0) - [0, theta, 0] - np.outer(t, rates)
+    yield error("symmetric body: Euler angles", gap, 1e-13, SYMMETRIC, "closed form")
+    gap = found.euler_rates.values - rates
+    yield error("symmetric body: rates of Euler angles, rad/s", gap, 1e-13, SYMMETRIC, "closed form")
+
+
+def fitted() -> Iterator[Check]:
+    """Fit moments to angular velocities that DOP853 finds, alone and with a rotor that gives the scale."""
+    J, W0, t, axis = np.array([1.0, 1.6, 2.1]), [3.0, 2.0, 4.0], np.linspace(0, 2, 801), np.array([0.0, 0.6, 0.8])
+
+    def rates(t: float, W: Any, h: float) -> Any:
+        return np.cross(J * W + h * axis, W) / J
+
+    for name, h in {"of a throw": 0.0, "of a throw with a rotor, kg m²": 0.8}.items():
+        W = solve_ivp(rates, (0, 2), W0, method="DOP853", rtol=1e-13, atol=1e-14, t_eval=t, args=(h,)).y.T
+        how: dict[str, Any] = {"rotor": {"axis": axis, "inertia": 0.1, "speed": h / 0.1}} if h else {}
+        found = fit_inertia((t, W), interval="all", noise=1e-6, bias=1e-9, scale=1e-9, **how).principal.moments
+        yield error(f"moments {name}, fitted", found - (J if h else J / J.sum()), 1e-9, FIT, "independent")
+
+
+CHECKS = (nontwisting_body, digits, continuous, symmetric, gyrostat, driven_wheel, montgomery, euler_angles, fitted)

@@ -15,6 +15,7 @@ mean of two steps is compared. In the paper's cases, where W or W' is 0 at the s
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -27,7 +28,7 @@ from ..analysis.trajectory import Trajectory
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
-from ..loads import Load, body_moment, damping, dry_friction, gravity_gradient, pulse, sine, wheel
+from ..loads import Load, body_moment, damping, dry_friction, gravity_gradient, memory_load, pulse, sine, wheel
 from ..models.catalogue import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import CASES
@@ -37,6 +38,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.potentials"
 FRICTION, BEARING, OIL = "nontwist.driver.rubbing", "nontwist.driver.contacts", "nontwist.driver.grid"
+LAG = "nontwist.loads.memory"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -217,4 +219,42 @@ def oil() -> Iterator[Check]:
     yield error("pendulum in thick oil: angle by default", angle / found.y[0, -1] - 1, 1e-11, OIL, "independent")
 
 
-CHECKS = (fixed_axis, quadratures, integrators, multipliers, orbit, friction, bearing, skew_wheels, oil)
+def lagging_magnets() -> Iterator[Check]:
+    """Let two magnets follow a field with a lag and saturation, z' = f(t, z, Λ, W), beside Euler's equations."""
+    J, field, W0 = np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.2, 1.0]), np.array([0.5, 1.2, -0.4])
+
+    def derivative(t: float, z: Array, directors: Array, W: Array) -> Any:
+        b = directors @ field
+        rate = b[1] * W[2] - b[2] * W[1]
+        return (1.2 * b[0] - z[0]) / 0.4 + 0.3 * rate, np.tanh(3 * b[1] + z[0]) - z[1] * np.cos(t)
+
+    def moment(t: float, z: Array, directors: Array, W: Array) -> Any:
+        b = directors @ field
+        return z[1] * b[2] - 0.1 * z[1] * W[0], -z[0] * b[2] - 0.1 * z[1] * W[1], z[0] * b[1] - z[1] * b[0]
+
+    def rates(t: float, y: Array) -> Array:
+        q, W, z = y[:9].reshape(3, 3), y[9:12], y[12:]
+        turned = np.cross(W @ q, q).ravel()
+        return np.concatenate([turned, (moment(t, z, q, W) + np.cross(J * W, W)) / J, derivative(t, z, q, W)])
+
+    z0 = [0.1, -0.2]
+    end = solve_ivp(rates, (0, 4), [*np.eye(3).ravel(), *W0, *z0], method="DOP853", rtol=1e-13, atol=1e-14).y[9:, -1]
+    load = memory_load(derivative, moment, z0, frame="body", compiled=True)
+    run = integrate(standard(J), t_end=4, step=0.02, integrator="gauss", material_angular_velocity=W0, load=load)
+    assert run.states.internal is not None
+    gaps = np.append(run.material_angular_velocity[-1], run.states.internal[-1]) - end
+    yield error("magnets that follow a field with a lag: W, z", gaps, 1e-12, LAG, "independent")
+
+
+CHECKS = (
+    fixed_axis,
+    quadratures,
+    integrators,
+    multipliers,
+    orbit,
+    friction,
+    bearing,
+    skew_wheels,
+    oil,
+    lagging_magnets,
+)

@@ -26,7 +26,7 @@ from ..driver.runs import integrate
 from ..fitting import fit_inertia
 from ..geometry import rotations
 from ..integrators import Split
-from ..io.exports import with_euler
+from ..io.results import with_euler
 from ..loads import rotor, wheel
 from ..models.catalogue import standard
 from .checks import Check

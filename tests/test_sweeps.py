@@ -15,7 +15,21 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from nontwist import Problem, exact, nontwisting, open_sweep, plot, save_run, simulate, suslov, sweep, sweep_member
+from nontwist import (
+    Problem,
+    exact,
+    moment,
+    nontwisting,
+    open_sweep,
+    plot,
+    save_run,
+    simulate,
+    standard,
+    suslov,
+    sweep,
+    sweep_member,
+    wheel,
+)
 from nontwist.cli import app
 from nontwist.driver.notices import duration
 from nontwist.errors import RunFileError, Status, SweepError, SweepStoreError
@@ -622,3 +636,43 @@ def test_the_example_of_a_sweep_ends_where_the_closed_form_says(tmp_path, monkey
     for axis, W in zip(many["body.axis"].values, many.material_angular_velocity.values, strict=True):
         ends = exact.suslov_velocity(J, axis, start - axis * (axis @ start), [200.0])[0]
         assert np.abs(W - ends).max() < 2e-5
+
+
+def test_torques_of_two_wheels_vary_together(tmp_path):
+    """Members are runs of their own, and both wheels take the body's momentum with them: |π| is that of the start."""
+
+    def wheels(one, other):
+        return wheel((1, 0, 0), 0.2, speed=3, torque=one) + wheel((0, 0.6, 0.8), 0.2, speed=3, torque=other)
+
+    problem = Problem(standard([3, 4, 5]), t_end=2, step=0.05, integrator="gauss", order=4, load=wheels(0.1, 0.1))
+    torques = [0.1, 0.2, -0.3], np.array([-0.1, 0.05, 0.4])
+    over = {f"load.{k}.torque": values for k, values in enumerate(torques)}
+    table = {"combine": "together", "variables": ["material_angular_velocity", "total_momentum"]}
+    many = sweep(problem, tmp_path / "store", over=over, **table)
+    for k, pair in enumerate(zip(*torques, strict=True)):
+        run = simulate(problem.replace(load=wheels(*pair))).isel(time=-1)
+        assert np.array_equal(many.material_angular_velocity[k], run.material_angular_velocity)
+    at_start = np.linalg.norm([0.6, 0.36, 0.48])  # of the wheels alone
+    np.testing.assert_allclose(np.linalg.norm(many.total_momentum, axis=1), at_start, rtol=1e-12)
+    assert np.array_equal(sweep(problem, tmp_path / "store", over=over, **table).status, [0, 0, 0])
+
+
+def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
+    problem = Problem(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
+    for over, table, words in (
+        ({"body.inertai": [1]}, {}, "body.inertia"),
+        ({"time.t_end": 2.0}, {}, "a list of numbers"),
+        ({"time.t_end": [2.0]}, {"variable": ["mu"]}, "did you mean variables"),
+        ({}, {}, "1 to 100"),
+    ):
+        with pytest.raises(RunFileError, match=words):
+            sweep(problem, tmp_path / "none", over=over, **table)
+    with pytest.raises(ValueError, match="over must be a mapping"):
+        sweep(problem, tmp_path / "none", over=["time.t_end"])
+    with pytest.raises(ValueError, match="give over="):
+        sweep(problem, tmp_path / "none")
+    with pytest.raises(TypeError, match="'reduce' without over="):
+        sweep(problem, tmp_path / "none", reduce=["mean"])
+    with pytest.raises(ValueError, match="a function has no place"):
+        sweep(problem.replace(load=moment(lambda t, d, w: 0 * w)), tmp_path / "none", over={"time.t_end": [1, 2]})
+    assert not (tmp_path / "none").exists()

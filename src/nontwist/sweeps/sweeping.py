@@ -14,7 +14,7 @@ exceeds its work.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import nullcontext
 from pathlib import Path
@@ -22,15 +22,18 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..driver.notices import cores, notice
 from ..driver.problem import Problem
 from ..errors import SweepError, SweepStoreError, warn
-from ..geometry.values import as_function, as_path, as_whole
+from ..geometry.values import as_function, as_path, as_whole, shown
 from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
-from ..runfile.document import forecast
+from ..runfile.document import checked, forecast
+from ..runfile.toml_data import Folder, parsed, plain
+from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
 from .reading import dataset
 from .store import Done, SweepStore, create, open_store
@@ -117,21 +120,26 @@ def sweep(
     run_file: Problem | RunFile | str | os.PathLike[str],
     store: str | os.PathLike[str],
     *,
+    over: Mapping[str, ArrayLike | Mapping[str, Any]] | None = None,
     workers: int | None = None,
     dask: Any = None,
     block: int | None = None,
     progress: bool | Report = False,
+    **table: Any,
 ) -> xarray.Dataset:
-    """Run all members of a sweep file and store their results; complete blocks are not run again.
+    """Run all members of a sweep and store their results; complete blocks are not run again.
 
     Parameters
     ----------
     run_file : Problem or path
-        A run file with a table ``[sweep]``; see the page of run files.
+        A run file with a table ``[sweep]``, see the page of run files; with `over` any problem that has no functions.
     store : path
         A folder (Zarr), created if it does not exist. An existing store of the same file is completed: every byte is
         read and compared with its hash, and blocks that are missing, damaged, exchanged or from another store are
         computed.
+    over : mapping, optional
+        What varies, by keys of run files: values, one for each member, or a table with a `kind` as in
+        ``[[sweep.over]]``.
     workers : int, optional
         Number of threads, or, with ``dask="local"``, of processes; by default one per processor.
     dask : "local", address, Client or Cluster, optional
@@ -140,6 +148,8 @@ def sweep(
         Number of members per block of a new store. By default as many as require at most 10 s and 64 MiB, as measured.
     progress : bool or callable
         Show a progress bar on stderr; or a function to call with a `Progress` after every block.
+    **table
+        With `over`: other keys of ``[sweep]``, as ``variables=["kinetic_energy"]`` or ``combine="together"``.
 
     Returns
     -------
@@ -149,7 +159,8 @@ def sweep(
     Raises
     ------
     ValueError
-        The file has no ``[sweep]``, or all members that were tried are refused.
+        There is no table ``[sweep]``, or a wrong one; the problem has functions; or all members that were tried are
+        refused.
     SweepStoreError
         The store belongs to another file, or has damaged metadata.
     BlockingIOError
@@ -171,21 +182,14 @@ def sweep(
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from nontwist import sweep
-    >>> text = '''
-    ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
-    ... start.angular_velocity.body = [0, 1, 0]
-    ... time = { t_end = 1, step = 0.1 }
-    ... sweep.over = [{ key = "start.angular_velocity.body.1", kind = "grid", start = 1, end = 4, count = 4 }]
-    ... sweep.variables = ["kinetic_energy"]
-    ... '''
-    >>> _ = Path("sweep.toml").write_text(text)
-    >>> sweep("sweep.toml", "energies", workers=1).kinetic_energy.values.round(9)
+    >>> from nontwist import Problem, nontwisting, sweep
+    >>> problem = Problem(nontwisting([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(0, 1, 0))
+    >>> over = {"start.angular_velocity.body.1": [1, 2, 3, 4]}
+    >>> sweep(problem, "energies", over=over, variables=["kinetic_energy"]).kinetic_energy.values.round(9)
     array([ 2.,  8., 18., 32.])
     """
     report: Report = as_function(progress, "progress") if not isinstance(progress, bool) else lambda now: None
-    file = run_file if isinstance(run_file, RunFile) else as_file(run_file)
+    file = run_file if isinstance(run_file, RunFile) else as_file(run_file, over, table)
     members, place = Members(file), Path(os.path.realpath(as_path(store, "store")))
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
@@ -199,14 +203,33 @@ def sweep(
     return dataset(open_store(place, members=kept.members))
 
 
-def as_file(given: Problem | str | os.PathLike[str]) -> RunFile:
-    """Return the run file that a problem was read from, or that of a path; a ValueError where there is none."""
-    if not isinstance(given, Problem):
-        return read_run_file(given)
-    if given.file is None:
-        raise ValueError("a sweep is that of a problem as it was read: Problem.read(path, overrides), with [sweep]")
-    file: RunFile = given.file
-    return file
+def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]) -> RunFile:
+    """Return the run file of a problem or of a path, with the table [sweep] where `over` says what varies.
+
+    Raises
+    ------
+    TypeError
+        Keys of the table are given without `over`.
+    ValueError
+        There is no file and nothing varies; keys or values are wrong; the problem has what no run file can say.
+    """
+    if over is None:
+        if table:
+            raise TypeError(f"sweep() got an unexpected keyword argument {next(iter(table))!r} without over=")
+        if not isinstance(given, Problem):
+            return read_run_file(given)
+        if given.file is None:
+            raise ValueError("give over= with what varies, or the problem of a run file with [sweep]")
+        file: RunFile = given.file
+        return file
+    if not isinstance(over, Mapping):
+        raise ValueError(f"over must be a mapping of keys to values, got {shown(over)}")
+    problem = given if isinstance(given, Problem) else Problem.read(given)
+    whole = file_of(problem, Path("problem.toml") if problem.file is None else problem.file.folder / "problem.toml")
+    each = {key: one if isinstance(one, Mapping) else {"kind": "list", "values": one} for key, one in over.items()}
+    rows = [{"key": key, **{name: plain(value) for name, value in one.items()}} for key, one in each.items()]
+    varied = {"over": rows, **{name: plain(value) for name, value in table.items()}}
+    return checked("over=", parsed("over=", whole.text(sweep=False)) | {"sweep": varied}, Folder(whole.folder))
 
 
 def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:

@@ -159,7 +159,7 @@ def sweep(
     Raises
     ------
     ValueError
-        There is no table ``[sweep]``, or a wrong one; the problem has functions; or all members that were tried are
+        The table ``[sweep]`` is missing or wrong; the problem has functions; or all members that were tried are
         refused.
     SweepStoreError
         The store belongs to another file, or has damaged metadata.

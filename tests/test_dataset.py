@@ -151,3 +151,11 @@ def test_observed_order_is_the_logarithm_of_the_quotient():
     short = [runs[0], runs[1].isel(time=slice(0, 50)), runs[2]]
     with pytest.raises(ValueError, match=r"the run with step 0.005 s does not contain the time 0\."):
         second_quotient(*short)
+
+
+def test_quotients_are_taken_at_the_nearest_times_whatever_their_round_off():
+    how = {"t_end": 0.5, "angular_velocity": [1, 2, 3], "order": 2}
+    runs = [simulate(BODIES["standard"](), step=0.01 / k, **how) for k in (1, 2, 4)]
+    for off in (1e-12, -1e-12):
+        others = [run.assign_coords(time=run.time + off) for run in runs[1:]]
+        assert np.array_equal(second_quotient(runs[0], *others), second_quotient(*runs))

@@ -365,3 +365,14 @@ def test_a_zero_at_a_node_counts_in_the_direction_from_which_it_is_reached():
     falling.direction, rising.direction = 1, -1
     run = nt.integrate(BODY, t_end=1, step=0.125, events=[falling, rising], integrator="gauss", **TURNING)
     assert [times.tolist() for times in run.t_events] == [[], []]
+
+
+def test_a_spin_about_an_oblique_axis_falls_below_a_value():
+    axis, how = np.array([0.6, -0.48, 0.64]), {"t_end": 12, "material_angular_velocity": (0.5, -2.0, 1.0)}
+
+    def slower(t, state):
+        return abs(axis @ state.material_angular_velocity) - 1.2
+
+    found = nt.integrate(BODY, events=[nt.spin_below(1.2, axis), with_attributes(slower, direction=-1)], **how)
+    assert found.t_events[0].size > 0
+    assert found.t_events[0] == pytest.approx(found.t_events[1], abs=1e-12)

@@ -542,3 +542,8 @@ def test_a_tolerance_below_round_off_is_not_tried():
     with pytest.raises(RuntimeError, match=r"cannot meet rtol = 1\.0e-200"):
         frame_along(lambda t: calls.append(t) or path(t), [0.0, 1.0], rtol=1e-200)
     assert len(calls) < 1000
+
+
+def test_the_first_vector_of_a_function_that_is_no_unit_vector_is_named():
+    with pytest.raises(ValueError, match=r"function\(0\.5\) must be a unit vector, got \[0\.0, 0\.0, 1\.5\]"):
+        frame_along(lambda t: [0, 0, 1 if t < 0.5 else 1 + t], [0, 0.25, 0.5, 1.0])

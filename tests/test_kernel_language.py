@@ -631,3 +631,9 @@ def test_series_on_floats_are_those_of_the_machine():
     kernel("f8[:]")(exponential)(by_machine)
     exponential(by_floats)
     np.testing.assert_array_equal(by_machine, by_floats)
+
+
+@pytest.mark.parametrize("x", [-3.0, -1e-3, 0.05, 2.0])
+def test_the_derivative_of_an_absolute_value_is_the_sign(x):
+    found = abs(Dual(x, [1.0, -2.0]))
+    assert (found.value, found.tangents) == (abs(x), [np.sign(x), -2.0 * np.sign(x)])

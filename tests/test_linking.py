@@ -182,3 +182,11 @@ test_refusals = refused_as(
         "d1 of other points": lambda: ribbon_twist(RING, np.ones((3, 3))),
     }
 )
+
+
+def test_angles_of_a_report_are_in_radians_and_lengths_in_the_unit_of_the_points():
+    report = curve_report(torus(2, 3, 60)[0])
+    units = {name: variable.attrs.get("units") for name, variable in report.data_vars.items()}
+    assert {name for name, unit in units.items() if unit == "rad"} == {"turning_angle", "total_curvature", "holonomy"}
+    assert {name for name, unit in units.items() if unit is None} >= {"position", "length"}
+    assert units["writhe"] == units["linking_number"] == "1"

@@ -283,6 +283,7 @@ GARBAGE, TURNS = "garbage\x00" * 100, {"fore arm": MOVED, "Upper": MOVED.inv()}
 PAIR = quaternion("fore_qw fore_qx fore_qy fore_qz") | quaternion("up_qw up_qx up_qy up_qz", Q)
 BOTH, TWO = partial(npz, arrays={"arm": Q, "leg": Q, "t": T}), table({"time": T, **PAIR}).getvalue()
 SCALED = table({"time": T, **quaternion(values=np.round(WXYZ * 2**14).astype(int))}).getvalue()
+ROUNDED = table({"time": T, **quaternion(values=np.round(WXYZ, 1))}).getvalue()
 MIXED = mt_manager("\t", ("Acc", "Gyr", "Quat", "Euler", "Mat"))  # a matrix beside another quaternion
 MIXED = MIXED.replace("Quat_q1", "Quat_qa").replace("Quat_q2", "Quat_q1").replace("Quat_qa", "Quat_q2")
 
@@ -382,6 +383,7 @@ FILES = {  # content, file, options; code and fields
     "a spreadsheet": ("PK\x03\x04\x00", "a.xlsx", {}, "unknown-format", {}),
     "CSV, counts": (SCALED, "a.csv", {}, "scaled", {"rows": "90 rows", "place": "line 2", "what": "quaternion",
                                                     "looks": "scaled by 16383.9"}),
+    "CSV, rounded": (ROUNDED, "a.csv", {}, "scaled", {"what": "quaternion", "looks": "rounded"}),
 }  # fmt: skip
 
 

@@ -9,9 +9,11 @@ import pytest
 from numpydoc.docscrape import NumpyDocString
 
 import nontwist
-from nontwist.errors import InputWarning, SweepError
+from nontwist.errors import InputWarning, PythonOptions, SweepError
 from nontwist.inertia import MassProperties
+from nontwist.recordings.options import ReadOptions
 from nontwist.results import Fit, LeastEffort, Propagator, Steering, Stepper, StepperState
+from nontwist.spec import specs
 
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "See Also", "Notes", "References", "Examples"]
@@ -82,3 +84,14 @@ def test_every_parameter_is_described(name):
     lines = [entry.name for section in ("Parameters", "Attributes") for entry in text[section]]
     described = [one.strip(" *") for line in lines for one in line.split(",")]
     assert sorted(described) == sorted(inspect.signature(thing).parameters)
+
+
+@pytest.mark.parametrize(
+    ("function", "names"), [(nontwist.read_motion, None), (nontwist.fit_inertia, ["body", "rate"])]
+)
+def test_options_that_functions_share_are_described_in_each(function, names):
+    words = " ".join(function.__doc__.split())
+    for name in names or specs(ReadOptions):
+        text = specs(ReadOptions)[name][2].text.format(option=PythonOptions())
+        assert re.search(rf"\b{name} : ", words)
+        assert " ".join(text.split()) in words

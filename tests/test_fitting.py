@@ -634,3 +634,10 @@ def test_a_run_of_one_interval_of_the_sensor_has_two_samples():
     assert sensors.gyroscope(run, rate=100).time.values == pytest.approx([0, 0.01], abs=1e-15)
     with pytest.raises(ValueError, match="less than two samples"):
         sensors.gyroscope(run, rate=99)
+
+
+def test_a_search_without_result_says_which_motion_it_looked_for():
+    with pytest.raises(
+        ValueError, match="no free motion found: nowhere does the angular velocity follow J W' = J W × W"
+    ):
+        fit_inertia(wandering())

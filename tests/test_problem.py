@@ -248,3 +248,20 @@ def test_files_beside_a_run_file_go_with_it(tmp_path):
     problem.write(tmp_path / "sub" / "again.toml")
     again = Problem.read(tmp_path / "sub" / "again.toml")
     assert np.array_equal(nt.integrate(again).quaternion, nt.integrate(problem).quaternion)
+
+
+def test_a_call_may_not_name_what_its_function_does_not_take():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'store'"):
+        nt.lyapunov(PROBLEM, store=3)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'times'"):
+        nt.lyapunov(PROBLEM, times=[1.0])
+
+
+def test_a_body_too_light_for_a_kilogram_is_written_with_more(tmp_path):
+    """J of 1e-4 kg m² about the pivot leaves no room for 1 kg at 8 mm: only mass times centre acts."""
+    top = nt.heavy_top([1e-4, 1e-4, 1e-4], mass=2.0, centre_of_mass=(0, 0, 0.004))
+    how = {"t_end": 0.2, "material_angular_velocity": (1, 2, 30)}
+    Problem(top, **how).write(tmp_path / "top.toml")
+    again = Problem.read(tmp_path / "top.toml")
+    np.testing.assert_allclose(again.system.dead_force, top.dead_force, rtol=1e-12)
+    np.testing.assert_allclose(again.system.inertia, top.inertia, rtol=1e-9)

@@ -637,5 +637,5 @@ def test_a_run_of_one_interval_of_the_sensor_has_two_samples():
 
 
 def test_a_search_without_result_says_which_motion_it_looked_for():
-    with pytest.raises(ValueError, match="no free motion found: nowhere .* follow J W' = J W × W"):
+    with pytest.raises(ValueError, match=r"no free motion found: nowhere .* follow J W' = J W × W"):
         fit_inertia(wandering())

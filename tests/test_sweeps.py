@@ -647,11 +647,12 @@ def test_torques_of_two_wheels_vary_together(tmp_path):
     problem = Problem(standard([3, 4, 5]), t_end=2, step=0.05, integrator="gauss", order=4, load=wheels(0.1, 0.1))
     torques = [0.1, 0.2, -0.3], np.array([-0.1, 0.05, 0.4])
     over = {f"load.{k}.torque": values for k, values in enumerate(torques)}
-    table = {"combine": "together", "variables": ["material_angular_velocity", "total_momentum"]}
+    table = {"combine": "together", "variables": ["material_angular_velocity", "total_momentum", "wheel_speed"]}
     many = sweep(problem, tmp_path / "store", over=over, **table)
     for k, pair in enumerate(zip(*torques, strict=True)):
         run = simulate(problem.replace(load=wheels(*pair))).isel(time=-1)
         assert np.array_equal(many.material_angular_velocity[k], run.material_angular_velocity)
+        assert np.array_equal(many.wheel_speed[k], run.wheel_speed)
     at_start = np.linalg.norm([0.6, 0.36, 0.48])  # of the wheels alone
     np.testing.assert_allclose(np.linalg.norm(many.total_momentum, axis=1), at_start, rtol=1e-12)
     assert np.array_equal(sweep(problem, tmp_path / "store", over=over, **table).status, [0, 0, 0])
@@ -663,6 +664,7 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
         ({"body.inertai": [1]}, {}, "body.inertia"),
         ({"time.t_end": 2.0}, {}, "a list of numbers"),
         ({"time.t_end": [2.0]}, {"variable": ["mu"]}, "did you mean variables"),
+        ({"time.t_end": [2.0]}, {"variables": ["wheel_speed"]}, "the load has no wheels"),
         ({}, {}, "1 to 100"),
     ):
         with pytest.raises(RunFileError, match=words):

@@ -218,6 +218,12 @@ def nodal() -> tuple[str, ...]:
     return (*NODES, *OBSERVABLES)
 
 
+def require_no_wheels(names: Iterable[str]) -> None:
+    """Raise a ValueError where one of the variables is that of wheels."""
+    if absent := [name for name in names if WHEELS.get(name, ((),))[0][1:] == ("wheel",)]:
+        raise ValueError(f"there is no variable {absent[0]!r}, as the load has no wheels")
+
+
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
 Described = tuple[Any, Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
 Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
@@ -412,8 +418,8 @@ def observables(
     if wheels is not None and states.internal is not None:
         of_wheels, momentum, energy = wheels.states(W, states.internal)
         h, T = h + momentum, K + energy
-    elif absent := [name for name in names if WHEELS.get(name, ((),))[0][1:] == ("wheel",)]:
-        raise ValueError(f"there is no variable {absent[0]!r}, as the load has no wheels")
+    else:
+        require_no_wheels(names)
     whole = [Pi[i] + h[..., i] for i in range(3)]
 
     def potential_energy() -> Array:

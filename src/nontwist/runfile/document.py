@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
 
+from ..analysis.variables import require_no_wheels
 from ..driver.planning import known_body, planned, require_observed
 from ..driver.problem import Problem, prepared, problem_with
 from ..driver.single_run import Forecast, Prepared
@@ -327,6 +328,9 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
             further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
         if file is not None and sweep is not None and not any(fault.key.startswith("sweep") for fault in further):
             further += key_problems(sweep, file.model_dump(exclude_none=True))
+        if ready is not None and sweep is not None and not ready.plan.load.wheels:
+            with further.of("sweep", sweep, "variables"):
+                require_no_wheels(sweep.variables)
         if ready is not None and sweep is not None and sweep.reduce:
             with further.of("sweep", sweep, "reduce"):
                 require_observed(ready.plan.scheme, ready.plan.load)

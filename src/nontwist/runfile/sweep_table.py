@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from ..analysis.statistics import STATISTICS
-from ..analysis.variables import NODES, OBSERVABLES, ROTORS, STATE
+from ..analysis.variables import NODES, OBSERVABLES, ROTORS, STATE, WHEELS
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import Integrator
@@ -32,7 +32,7 @@ from .toml_data import Fault, shown
 if TYPE_CHECKING:
     from ..driver.single_run import Prepared
 
-KEPT = (*NODES, *ROTORS)
+KEPT = (*NODES, *ROTORS, *WHEELS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
 NUMBERS = "a number, or a list of numbers of the form that the key has"
 Numbers = Annotated[float | list[float], BY_FORM]

@@ -288,9 +288,15 @@ class Members:
         return found
 
     @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the variables of a member."""
+        sizes = SIZES | {"wheel": len(self.file.prepared.plan.load.wheels)}
+        return {name: tuple(sizes[dim] for dim in one.dims) for name, one in self.kept.items()}
+
+    @property
     def bytes_each(self) -> int:
         """Stored bytes of a member."""
-        return 1 + sum(8 * int(np.prod([SIZES[dim] for dim in one.dims])) for one in self.kept.values())
+        return 1 + sum(8 * int(np.prod(shape)) for shape in self.shapes.values())
 
     def _reduced(self, observed: Array, span: float) -> statistics.Described:
         plan = self.file.prepared.plan
@@ -300,8 +306,8 @@ class Members:
     def run(self, values: Values) -> Results:
         """Integrate the members with these numbers."""
         m = len(next(iter(values.values())))
-        shapes = {name: (m, *(SIZES[dim] for dim in one.dims)) for name, one in self.kept.items()}
-        results = Results({k: np.full(shape, np.nan) for k, shape in shapes.items()}, np.zeros(m, np.int8), {})
+        arrays = {name: np.full((m, *shape), np.nan) for name, shape in self.shapes.items()}
+        results = Results(arrays, np.zeros(m, np.int8), {})
         for file, places, inner in self._groups(values):
             self._run(file, places, inner, results)
         return results

@@ -27,7 +27,6 @@ import numpy as np
 
 from ..analysis.ensemble_dataset import status_attributes
 from ..analysis.trajectory import versions
-from ..analysis.variables import SIZES
 from ..errors import SweepStoreError
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
@@ -344,7 +343,7 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
             )
 
         for name, kept in members.kept.items():
-            add(name, tuple(SIZES[dim] for dim in kept.dims), np.float64(np.nan), kept.dims, kept.attributes)
+            add(name, members.shapes[name], np.float64(np.nan), kept.dims, kept.attributes)
         add("status", (), np.int8(ABSENT), (), status_attributes(statuses))
         group.create_group("blocks")
         with warnings.catch_warnings():

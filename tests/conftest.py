@@ -15,9 +15,16 @@ from typer.testing import CliRunner
 
 from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
 from nontwist.cli import app
+from nontwist.kernels import machine_code
 from nontwist.models.bodies import BODIES as KINDS
 
 typer.testing._get_command = cache(typer.testing._get_command)  # makes all commands anew, for every one that is called
+
+
+def pytest_configure(config):
+    """Compile for the quick suite in a third of the time: other registers, the same bits (`test_machine_code`)."""
+    if config.option.markexpr == "not long":
+        machine_code.LEVEL = 0
 
 
 def pytest_collection_finish():

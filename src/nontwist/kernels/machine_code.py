@@ -17,6 +17,7 @@ from functools import lru_cache
 from typing import Any
 
 PASSES = ("sroa", "simplify_cfg", "aggressive_dce")
+LEVEL = 1  # of what LLVM does for speed when it chooses instructions and registers; bits are the same at every one
 LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
 KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 _numbers = itertools.count()
@@ -81,7 +82,7 @@ def lanes() -> int:
 def _target(features: str | None) -> Any:
     llvm, (name, known) = binding(), processor()
     return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
-        cpu=name, features=known if features is None else features, opt=1, codemodel="jitdefault", jit=True
+        cpu=name, features=known if features is None else features, opt=LEVEL, codemodel="jitdefault", jit=True
     )
 
 

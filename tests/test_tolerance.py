@@ -296,6 +296,19 @@ def test_steps_that_miss_a_swing_are_refined():
     assert (nt.rotation(run)[-1].inv() * expected).magnitude() < 1e-8
 
 
+@pytest.mark.parametrize("load", [nt.rotor((1, 2, 2), 25.0), nt.wheel((1, 2, 2), 0.05, speed=500)])
+def test_a_small_gyration_behind_many_kinks_is_refined(load):
+    """Kinks that are 0.5 s apart, then 60 s that begin with steps in which the rotor turns W by some rad."""
+    body, rng = nt.standard([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]]), np.random.default_rng(3)
+    times, moments = np.arange(0, 30.5, 0.5), 0.02 * rng.normal(size=(61, 3))
+    moments[[0, -1]] = 0
+    how = {"load": load + nt.body_moment(times, moments), "material_angular_velocity": (0.012, -0.015, 0.018)}
+    run = nt.simulate(body, t_end=90, tolerance=1e-8, **how)
+    exact = nt.simulate(body, t_end=90, step=0.05, integrator="gauss", order=8, **how)
+    ends = (nt.rotation(one)[-1] for one in (run, exact))
+    assert (next(ends).inv() * next(ends)).magnitude() < 1e-8
+
+
 def test_a_swing_is_shown_by_thirty_steps():
     body = nt.heavy_top([4, 6, 4], mass=4 * 2.7**2 / 9.81, centre_of_mass=(0, 0, -1))
     run = nt.simulate(body, t_end=20, rotation=Rotation.from_euler("x", 1e-3))

@@ -676,6 +676,9 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
         sweep(problem, tmp_path / "none", over=["time.t_end"])
     with pytest.raises(ValueError, match=r"over\['time.t_end'\] has a key of its own, 'time.step'; leave it out"):
         sweep(problem, tmp_path / "none", over={"time.t_end": {"key": "time.step", "kind": "list", "values": [0.5]}})
+    for over in (None, {"time.t_end": [1, 2]}):
+        with pytest.raises(ValueError, match="run_file must be a path, a string or"):
+            sweep(problem.system, tmp_path / "none", over=over)
     with pytest.raises(ValueError, match="give over="):
         sweep(problem, tmp_path / "none")
     with pytest.raises(TypeError, match="'reduce' without over="):

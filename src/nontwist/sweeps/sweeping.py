@@ -218,14 +218,14 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
         if table:
             raise TypeError(f"sweep() got an unexpected keyword argument {next(iter(table))!r} without over=")
         if not isinstance(given, Problem):
-            return read_run_file(given)
+            return read_run_file(as_path(given, "run_file"))
         if given.file is None:
             raise ValueError("give over= with what varies, or the problem of a run file with [sweep]")
         file: RunFile = given.file
         return file
     if not isinstance(over, Mapping):
         raise ValueError(f"over must be a mapping of keys to values, got {shown(over)}")
-    problem = given if isinstance(given, Problem) else Problem.read(given)
+    problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "run_file"))
     whole = file_of(problem, Path("problem.toml") if problem.file is None else problem.file.folder / "problem.toml")
     for key, one in over.items():
         if isinstance(one, Mapping) and "key" in one:

@@ -17,7 +17,7 @@ from nontwist.driver.starts import Starts
 from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
-from nontwist.integrators.costs import largest_velocity
+from nontwist.integrators.costs import gyration_rate, largest_velocity
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 from refusals import says
@@ -307,6 +307,17 @@ def test_a_small_gyration_behind_many_kinks_is_refined(load):
     exact = nt.simulate(body, t_end=90, step=0.05, integrator="gauss", order=8, **how)
     ends = (nt.rotation(one)[-1] for one in (run, exact))
     assert (next(ends).inv() * next(ends)).magnitude() < 1e-8
+
+
+def test_the_rate_of_a_gyration_is_that_of_the_linear_motion():
+    """Of ``J W' = H × W``; a body that may not turn about its third axis sees H along that alone."""
+    J, h = np.array([3.0, 4.0, 5.0]), np.array([1.0, -2.0, 2.0])
+    load = nt.rotor(h, [0, 1], [1.0, 3.0]) + nt.wheel(h, 0.5, speed=6, viscous=0.1)  # at most 6 kg m² s⁻¹ together
+    free = gyration_rate(stacked(nt.standard(J)), load, 0, 2)
+    assert free == pytest.approx(2 * np.sqrt(h @ (J * h) / J.prod()), rel=1e-12)
+    held = gyration_rate(stacked(nt.nontwisting(J)), load, 0, 2)
+    assert held == pytest.approx(2 * 2 / np.sqrt(J[0] * J[1]), rel=1e-12)
+    assert gyration_rate(stacked(nt.standard(J)), nt.damping(1), 0, 2) == 0
 
 
 def test_a_swing_is_shown_by_thirty_steps():

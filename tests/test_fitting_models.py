@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from fit_errors import csv, differences, model_of, off
 from nontwist import (
+    body_moment,
     damping,
     fit_inertia,
     heavy_top,
@@ -24,6 +25,7 @@ from nontwist import (
     simulate,
     standard,
     suslov,
+    wheel,
     with_gravity,
 )
 from nontwist.cli import app
@@ -680,3 +682,21 @@ def test_a_rotor_of_constant_speed_whose_valley_is_long(noise):
     recording = sensors.gyroscope(simulate(standard(own), load=rotor((0, 0, 1), 0.24), **how), noise=noise, rate=200)
     fit = fit_inertia(recording, rotor={"axis": "z", "inertia": 4e-3, "speed": 60}, interval="all")
     assert abs(off(fit, own)).max() < 4
+
+
+@pytest.mark.parametrize("size", [0.02, 0.2])
+def test_a_satellite_with_a_wheel_is_found_behind_its_thrusters(size):
+    """In short windows J along the wheel is open, and with it the sign of its momentum."""
+    J = np.array([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]])
+    axis, rng, time = np.array([1, 2, 2]) / 3, np.random.default_rng(3), np.arange(901) / 10
+    times, moments = np.arange(0, 30.5, 0.5), size * rng.normal(size=(61, 3))
+    moments[[0, -1]] = 0
+    load = wheel(axis, 0.05, speed=500) + body_moment(times, moments)
+    run = simulate(standard(J), times=time, load=load, material_angular_velocity=(0.012, -0.015, 0.018))
+    recording = sensors.gyroscope(run, noise=2e-5 / np.sqrt(5), seed=1)
+    fit = fit_inertia(recording, rotor={"axis": axis, "inertia": 0.05, "speed": 500})
+    first, last = fit.parts[0].time[[0, -1]]
+    assert 30 <= first < 31
+    assert last == 90
+    assert fit.is_explained
+    assert abs(off(fit, J)).max() < 4

@@ -255,8 +255,15 @@ def test_a_stall_names_the_jump(how, compiled, monkeypatch):
     assert failed.value.status == Status.JUMP
     assert "(1, 0, 0)" in str(failed.value)
     assert "(−1, 0, 0)" in str(failed.value)
-    assert all(way in str(failed.value) for way in ("events=", "stepper", "dry_friction", "np.tanh"))
+    assert all(way in str(failed.value) for way in ("before with events=", "stepper", "dry_friction", "np.tanh"))
     assert len(marched) == 2  # the run, and once more to the jump: nothing is refined
+
+    def slow(t, state):
+        return abs(state.angular_velocity[0]) - 0.1
+
+    slow.terminal, slow.direction = True, -1
+    run = nt.simulate(PENDULUM, t_end=6, load=nt.moment(relay, compiled=compiled), events=slow, **TILTED, **how)
+    assert abs(run.angular_velocity.values[-1, 0]) == pytest.approx(0.1)
 
 
 def test_a_steep_law_that_is_smooth_is_no_jump():

@@ -665,16 +665,45 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
         ({"time.t_end": 2.0}, {}, "a list of numbers"),
         ({"time.t_end": [2.0]}, {"variable": ["mu"]}, "did you mean variables"),
         ({"time.t_end": [2.0]}, {"variables": ["wheel_speed"]}, "the load has no wheels"),
+        ({"start.angular_velocity.body.0": [2.0, 1e70]}, {}, r"values\.1: 1e\+70 -> "),  # no store of it could be read
+        ({"start.angular_velocity.body.0": [10**5000]}, {}, r"values\.0: 1e4000 -> "),
+        ({"start.angular_velocity.body.0": [-np.inf]}, {}, r"values\.0: -inf -> "),
         ({}, {}, "1 to 100"),
     ):
         with pytest.raises(RunFileError, match=words):
             sweep(problem, tmp_path / "none", over=over, **table)
     with pytest.raises(ValueError, match="over must be a mapping"):
         sweep(problem, tmp_path / "none", over=["time.t_end"])
+    with pytest.raises(ValueError, match=r"over\['time.t_end'\] has a key of its own, 'time.step'; leave it out"):
+        sweep(problem, tmp_path / "none", over={"time.t_end": {"key": "time.step", "kind": "list", "values": [0.5]}})
+    for over in (None, {"time.t_end": [1, 2]}):
+        with pytest.raises(ValueError, match="run_file must be a path, a string or"):
+            sweep(problem.system, tmp_path / "none", over=over)
     with pytest.raises(ValueError, match="give over="):
         sweep(problem, tmp_path / "none")
     with pytest.raises(TypeError, match="'reduce' without over="):
         sweep(problem, tmp_path / "none", reduce=["mean"])
     with pytest.raises(ValueError, match="a function has no place"):
         sweep(problem.replace(load=moment(lambda t, d, w: 0 * w)), tmp_path / "none", over={"time.t_end": [1, 2]})
+    turned = problem.replace(load=wheel("x", 0.2, torque=lambda t, speed: 0.1))
+    with pytest.raises(ValueError, match="a load that is a wheel with a function has no place in a run file"):
+        sweep(turned, tmp_path / "none", over={"load.0.speed": [1, 2]})
     assert not (tmp_path / "none").exists()
+
+
+def test_values_are_what_numpy_takes_as_an_array(tmp_path):
+    problem = Problem(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
+    for column in (range(1, 4), np.arange(1, 4), xarray.DataArray([1, 2, 3])):
+        over = {"start.angular_velocity.body.0": column}
+        many = sweep(problem, tmp_path / "store", over=over, variables=["kinetic_energy"])
+        np.testing.assert_allclose(many.kinetic_energy, [32, 36.5, 44], rtol=1e-12)
+
+
+def test_a_store_of_other_values_is_told_by_those_that_differ(tmp_path):
+    problem, key = Problem(standard([3, 4, 5]), t_end=1, step=0.5), "start.angular_velocity.body.0"
+    numbers = np.linspace(0, 1, 500)
+    sweep(problem, tmp_path / "store", over={key: numbers}, variables=["kinetic_energy"])
+    words = r"it was made with over = \.\.\..* 1\.0\] }\], the file now has over = \.\.\..* 7\.5\] }\]; choose"
+    with pytest.raises(SweepStoreError, match=words) as caught:
+        sweep(problem, tmp_path / "store", over={key: [*numbers[:-1], 7.5]}, variables=["kinetic_energy"])
+    assert len(str(caught.value)) < 400 + len(str(tmp_path))

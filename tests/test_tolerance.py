@@ -17,7 +17,7 @@ from nontwist.driver.starts import Starts
 from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
-from nontwist.integrators.costs import largest_velocity
+from nontwist.integrators.costs import gyration_rate, largest_velocity
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 from refusals import says
@@ -294,6 +294,30 @@ def test_steps_that_miss_a_swing_are_refined():
     sn = ellipj(ellipk(np.sin(angle / 2) ** 2) - omega * t, np.sin(angle / 2) ** 2)[0]
     expected = Rotation.from_euler("x", 2 * np.arcsin(np.sin(angle / 2) * sn))
     assert (nt.rotation(run)[-1].inv() * expected).magnitude() < 1e-8
+
+
+@pytest.mark.parametrize("load", [nt.rotor((1, 2, 2), 25.0), nt.wheel((1, 2, 2), 0.05, speed=500)])
+def test_a_small_gyration_behind_many_kinks_is_refined(load):
+    """Kinks that are 0.5 s apart, then 60 s that begin with steps in which the rotor turns W by some rad."""
+    body, rng = nt.standard([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]]), np.random.default_rng(3)
+    times, moments = np.arange(0, 30.5, 0.5), 0.02 * rng.normal(size=(61, 3))
+    moments[[0, -1]] = 0
+    how = {"load": load + nt.body_moment(times, moments), "material_angular_velocity": (0.012, -0.015, 0.018)}
+    run = nt.simulate(body, t_end=90, tolerance=1e-8, **how)
+    exact = nt.simulate(body, t_end=90, step=0.05, integrator="gauss", order=8, **how)
+    ends = (nt.rotation(one)[-1] for one in (run, exact))
+    assert (next(ends).inv() * next(ends)).magnitude() < 1e-8
+
+
+def test_the_rate_of_a_gyration_is_that_of_the_linear_motion():
+    """Of ``J W' = H × W``; a body that may not turn about its third axis sees H along that alone."""
+    J, h = np.array([3.0, 4.0, 5.0]), np.array([1.0, -2.0, 2.0])
+    load = nt.rotor(h, [0, 1], [1.0, 3.0]) + nt.wheel(h, 0.5, speed=6, viscous=0.1)  # at most 6 kg m² s⁻¹ together
+    free = gyration_rate(stacked(nt.standard(J)), load, 0, 2)
+    assert free == pytest.approx(2 * np.sqrt(h @ (J * h) / J.prod()), rel=1e-12)
+    held = gyration_rate(stacked(nt.nontwisting(J)), load, 0, 2)
+    assert held == pytest.approx(2 * 2 / np.sqrt(J[0] * J[1]), rel=1e-12)
+    assert gyration_rate(stacked(nt.standard(J)), nt.damping(1), 0, 2) == 0
 
 
 def test_a_swing_is_shown_by_thirty_steps():

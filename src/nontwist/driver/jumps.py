@@ -31,8 +31,8 @@ GLANCES, HALVINGS = 64, 40
 LEFT = 0.4  # of the change between two of the times: what a jump leaves of it, half of it beside a sign of exactly 0
 WAYS = (
     "the load {} jumps with the state, at about t = {} s {}, so that a step there may have no solution at any length; "
-    "end the run there with events= and continue it on the other side, choose the moment of each step with stepper, "
-    "use {} for friction, or make the law smooth over a scale of your choice, as with np.tanh(x / scale)"
+    "end the run a few steps before with events= and continue it on the other side, choose the moment of each step "
+    "with stepper, use {} for friction, or make the law smooth over a scale of your choice, as with np.tanh(x / scale)"
 )
 BESIDE = 1e-6  # of the span: so far from a jump are values that are told, as a sign of exactly 0 is 0
 RATES = "in z' "  # of internal states

@@ -20,7 +20,7 @@ tolerance bounds it.
 3. d is accepted where it is below a tenth of the tolerance; or below the tolerance, if it falls from one pair of runs
    to the next at least as an order of p/2 does. Else the steps are refined. Steps that miss an oscillation, under
    a moment whose rate is not known, give distances of the size of the motion, which do not fall: that is no reason to
-   stop.
+   stop. Nor is it where steps miss the gyration that rotors and wheels cause, be it ever so small.
 4. No run is more accurate than its start. The floor is the motion of the end under a change of the start and of the
    load by two units of round-off, measured with a change 32 times larger. A tolerance below ten floors is refused.
    A body that rests, or swings by less than its attitude resolves, has a W of round-off: then an error of W counts
@@ -48,7 +48,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import damping_rate, highest_frequency, swing_rate
+from ..integrators.costs import damping_rate, gyration_rate, highest_frequency, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
@@ -64,7 +64,7 @@ VAGUE = 1e-3  # rad, the least error that is possible from which on this is told
 ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6  # refinements; the largest at a time; up to which the finer run is the next
 SAMPLES = 64  # states of a coarse run that show the size of W
 HARMONICS = 1.5  # rates in a motion over the largest |w|
-STEADY = 2.0  # rad, at which c is measured: of every order above round-off
+STEADY = 2.0  # rad, at which c is measured: of every order above round-off; a gyration in a step that is resolved
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
@@ -141,6 +141,7 @@ def controlled(
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
+    gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
@@ -172,7 +173,7 @@ def controlled(
             if amplified and plan.tolerance is None:
                 warn(amplified)
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
-        is_seen = gap < UNSEEN or fine.grid.steps > MANY
+        is_seen = (gap < UNSEEN and fine.grid.longest * gyration <= STEADY) or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
         whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))

@@ -43,6 +43,7 @@ FREE, NOISY = 0.02, 0.05  # of the speed: larger residuals are no motion of the 
 EXPLAINED = 2.0  # times the noise: residuals that it explains
 LIKELY = 0.05  # residual of the weak form: larger ones need no fit
 FEWEST, CALLS = 20, 20  # samples of a window; trials of a fit
+ROUNDER = 0.03  # weight of a sphere, where a window leaves J along a rotor open, and so the sign of its momentum
 FALL, SHORTEST = 0.3, 0.1  # g; s
 
 
@@ -169,8 +170,11 @@ class Search:
     def weak(self, a: int, b: int, width: float) -> float:
         """Return the residual of the weak form in samples `a` to before `b`; infinite where it does not tell."""
         speeds = [None if self.speed is None else self.speed[a:b]]
-        made = with_moments([(self.time[a:b], self.rates[a:b])], self.model, width, 0.0, speeds)
-        return np.inf if made is None else made.misfit
+        for round_by in (0.0, *([] if self.model.wheel is None else [ROUNDER])):
+            made = with_moments([(self.time[a:b], self.rates[a:b])], self.model, width, round_by, speeds)
+            if made is not None:
+                return made.misfit
+        return np.inf
 
     def windows(self) -> Iterator[tuple[int, int]]:
         """Yield windows of `SEED` rad, those first that look like a motion of the model."""

@@ -20,8 +20,9 @@ from ..loads.terms import Function, Sine
 from ..models.stack import SystemStack
 from .problem import IVP
 
-ONE = np.ones(1)
+ONE, ZERO = np.ones(1), np.zeros(3)
 VARIES = 1.1  # the range of V over that of the attitudes that are tried
+MOMENTA = 2000  # times at which those of rotors are sampled
 GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
@@ -224,6 +225,23 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     half = slowest_damping(systems, load, scale)[:, None] / 2
     rates = np.where(half**2 > squares, half + np.sqrt(np.maximum(half**2 - squares, 0.0)), np.sqrt(squares))
     return float(np.divide(squares, rates, out=np.zeros_like(squares), where=squares > 0).max())
+
+
+def gyration_rate(systems: SystemStack, load: Load, t_start: float, t_end: float) -> float:
+    """Return the fastest rate at which rotors and wheels make a member gyrate, rad/s, as far as momenta are known.
+
+    With their momentum H relative to the body, ``J W' = H × W`` turns W at the rate ``sqrt(H·J H / det J)``.
+    """
+    if not (load.rotors or load.wheels):
+        return 0.0
+    times = np.linspace(t_start, t_end, MOMENTA)
+    H = load.rotor_momentum(times) + sum((one.scale * one.inertia * one.speed * one.wheel for one in load.wheels), ZERO)
+    h = H[np.square(H).sum(axis=1).argmax()]
+    across, J = np.cross(h, np.eye(3)).T, systems.convected_inertia
+    if systems.axis is not None:
+        plane = bases_of(systems.axis)[:, :, :2]
+        across, J = plane.mT @ across @ plane, plane.mT @ J @ plane
+    return float(abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(across, J.shape)))).max())
 
 
 def _axes(systems: SystemStack) -> tuple[Array, Array]:

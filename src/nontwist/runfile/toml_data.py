@@ -161,13 +161,20 @@ def _number(text: str) -> float:
     return refused
 
 
-def _bounded(data: Any) -> Any:
-    """Return plain data with its whole numbers as `_number` has the others."""
+def bounded(data: Any) -> Any:
+    """Return plain data whose numbers are those that `_number` makes of their texts."""
     if isinstance(data, dict):
-        return {key: _bounded(value) for key, value in data.items()}
+        return {key: bounded(value) for key, value in data.items()}
     if isinstance(data, list):
-        return [_bounded(value) for value in data]
-    return _number(str(data)) if isinstance(data, int) and abs(data) > LARGEST_NUMBER else data
+        return [bounded(value) for value in data]
+    if not isinstance(data, int | float) or isinstance(data, Unbounded):
+        return data
+    return data if data == 0 or 1e-60 <= abs(data) <= LARGEST_NUMBER or data != data else _number(_digits(data))
+
+
+def _digits(number: float) -> str:
+    """Return the text of a number; 1e4000 for a whole one with more digits than Python writes."""
+    return repr(number) if isinstance(number, float) or abs(number) < 10**4000 else "1e4000"
 
 
 def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
@@ -202,7 +209,7 @@ def parsed(name: str, text: str) -> dict[str, Any]:
     if any(len(re.findall(r"[^.]\.", token)) > DEEPEST for token in tokens):
         raise _refused(name, "the file", f"a key of more than {DEEPEST} parts", "keys such as body.inertia")
     try:
-        data: dict[str, Any] = _bounded(tomllib.loads(text, parse_float=_number))
+        data: dict[str, Any] = bounded(tomllib.loads(text, parse_float=_number))
         return data
     except RecursionError as error:
         raise _refused(name, "the file", "lists or tables nested too deeply", "lists of lists of numbers") from error

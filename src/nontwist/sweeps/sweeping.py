@@ -32,7 +32,7 @@ from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from ..runfile.document import checked, forecast
-from ..runfile.toml_data import Folder, parsed, plain
+from ..runfile.toml_data import Folder, bounded, parsed, plain
 from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
 from .reading import dataset
@@ -108,6 +108,7 @@ def _measured(members: Members) -> tuple[float, float, str]:
     return seconds / m, bad.size / m, reason
 
 
+NEAR = 40  # letters of a line before and behind the one that differs
 POLL = 5.0  # s between checks for lost workers
 RETRIES = 2  # of a block that failed
 MOST_FAILURES = 10  # in a row, after which no block is begun
@@ -138,8 +139,8 @@ def sweep(
         read and compared with its hash, and blocks that are missing, damaged, exchanged or from another store are
         computed.
     over : mapping, optional
-        What varies, by keys of run files: values, one for each member, or a table with a `kind` as in
-        ``[[sweep.over]]``.
+        What varies, by keys of run files: a list of values, or a table with a `kind` as in ``[[sweep.over]]``. Lists of
+        several keys form a product, in which the last varies fastest; ``combine="together"`` pairs them.
     workers : int, optional
         Number of threads, or, with ``dask="local"``, of processes; by default one per processor.
     dask : "local", address, Client or Cluster, optional
@@ -217,19 +218,27 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
         if table:
             raise TypeError(f"sweep() got an unexpected keyword argument {next(iter(table))!r} without over=")
         if not isinstance(given, Problem):
-            return read_run_file(given)
+            return read_run_file(as_path(given, "run_file"))
         if given.file is None:
             raise ValueError("give over= with what varies, or the problem of a run file with [sweep]")
         file: RunFile = given.file
         return file
     if not isinstance(over, Mapping):
         raise ValueError(f"over must be a mapping of keys to values, got {shown(over)}")
-    problem = given if isinstance(given, Problem) else Problem.read(given)
+    problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "run_file"))
     whole = file_of(problem, Path("problem.toml") if problem.file is None else problem.file.folder / "problem.toml")
+    for key, one in over.items():
+        if isinstance(one, Mapping) and "key" in one:
+            raise ValueError(f"over[{shown(key)}] has a key of its own, {shown(one['key'])}; leave it out")
     each = {key: one if isinstance(one, Mapping) else {"kind": "list", "values": one} for key, one in over.items()}
-    rows = [{"key": key, **{name: plain(value) for name, value in one.items()}} for key, one in each.items()]
-    varied = {"over": rows, **{name: plain(value) for name, value in table.items()}}
+    rows = [{"key": key, **{name: _plain(value) for name, value in one.items()}} for key, one in each.items()]
+    varied = bounded({"over": rows, **{name: _plain(value) for name, value in table.items()}})
     return checked("over=", parsed("over=", whole.text(sweep=False)) | {"sweep": varied}, Folder(whole.folder))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML has it, also of a range, and of what has an array, as a column of pandas or xarray."""
+    return plain(np.asarray(value) if isinstance(value, range) or hasattr(value, "__array__") else value)
 
 
 def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:
@@ -253,7 +262,19 @@ def _difference(old: str, new: str) -> str:
     a, b = old.splitlines(), new.splitlines()
     k = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
     was, now = (lines[k] if k < len(lines) else "nothing" for lines in (a, b))
+    at = next((at for at, (x, y) in enumerate(zip(was, now, strict=False)) if x != y), min(len(was), len(now)))
+    was, now = _near(was, at), _near(now, at)
     return f"it was made with {was}, the file now has {now}; choose another store, or remove this one"
+
+
+def _near(line: str, at: int) -> str:
+    """Return a line, of a long one its key and the value about the letter at which it differs."""
+    key, sign, value = line.partition(" = ")
+    if len(line) <= 3 * NEAR:
+        return line
+    first = max(at - len(key + sign) - NEAR, 0)
+    part = value[first : first + 2 * NEAR]
+    return f"{key}{sign}{'...' * (first > 0)}{part}{'...' * (first + len(part) < len(value))}"
 
 
 def _counter(store: SweepStore, again: list[int], failed: int, report: Report) -> Callable[[Done], None]:

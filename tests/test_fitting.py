@@ -623,7 +623,7 @@ test_wrong_sensors = refused_as(
 def test_values_are_written_to_the_digits_that_their_intervals_have():
     assert number_in_words(0.2, (0.1, 0.3)) == "0.20 (0.10 to 0.30)"
     assert number_in_words(12.3456, (12.343, 12.347), " s") == "12.3456 (12.3430 to 12.3470) s"
-    assert number_in_words(1.25e-5, (1.2e-5, 1.3e-5)) == "1.25e-05 (1.20e-05 to 1.30e-05)"
+    assert number_in_words(1.25e-5, (1.2e-5, 1.3e-5)) == "1.250e-05 (1.200e-05 to 1.300e-05)"
     assert number_in_words(0.0, (-1e-5, 1e-5)) == "0.0e+00 (-1.0e-05 to 1.0e-05)"
     assert number_in_words(np.nan, (0.0, 1.0)) == "undetermined"
     assert number_in_words(2.0, (1.0, np.inf)) == "2, without an interval"

@@ -12,7 +12,7 @@ from nontwist.driver.rubbing import Rubbed
 from nontwist.driver.starts import start_of_one
 from nontwist.errors import RunFileError
 from nontwist.runfile.document import checked
-from nontwist.runfile.toml_data import Folder
+from nontwist.runfile.folder import Folder
 from refusals import refused_as
 
 J = np.diag([3.0, 4.0, 5.0])

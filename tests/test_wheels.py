@@ -12,7 +12,7 @@ import nontwist as nt
 from conftest import thinned
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile.document import checked
-from nontwist.runfile.toml_data import Folder
+from nontwist.runfile.folder import Folder
 from refusals import refused_as
 
 RPM = 2 * np.pi / 60

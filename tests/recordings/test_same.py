@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import read_motion
 from nontwist.recordings.reading import read_rates
-from nontwist.runfile.toml_data import columns_of
+from nontwist.runfile.folder import columns_of
 
 from .makers import (
     ACC,

@@ -12,7 +12,15 @@ from typing import Annotated
 
 import typer
 
-from . import check_commands, recording_commands, result_commands, run_commands, sweep_commands
+from . import (
+    check_commands,
+    fit_commands,
+    result_commands,
+    run_commands,
+    sweep_commands,
+    twist_commands,
+    view_commands,
+)
 from .options import Command, command
 from .outcomes import Commands
 from .summaries import imported
@@ -73,15 +81,15 @@ def main(
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "play": result_commands.play_command,
+    "play": view_commands.play_command,
     "example": run_commands.example_command,
     "check": check_commands.check_command,
     "run": run_commands.run_command,
-    "view": result_commands.view_command,
+    "view": view_commands.view_command,
     "info": result_commands.info_command,
     "export": result_commands.export_command,
-    "twist": recording_commands.twist_command,
-    "fit": recording_commands.fit_command,
+    "twist": twist_commands.twist_command,
+    "fit": fit_commands.fit_command,
     "precision": check_commands.precision_command,
     "compare": check_commands.compare_command,
     "sweep": sweep_commands.sweep_command,

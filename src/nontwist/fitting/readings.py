@@ -65,8 +65,10 @@ def haste_of(model: Model, time: Array, rates: Array) -> float:
 
     The change is ``√(mean |W(t + d) - W(t)|² - 6 σ²)/d`` with the shortest delay d at which noise is the smaller part.
     """
+    if model.wheel is None:
+        return 1.0
     square, noise = float((rates**2).sum(axis=1).mean()), 6 * noise_of(rates) ** 2
-    for lag in () if model.wheel is None else (1, 2, 4, 8, 16):
+    for lag in (1, 2, 4, 8, 16):
         change = float(((rates[lag:] - rates[:-lag]) ** 2).sum(axis=1).mean()) if lag < len(rates) else 0.0
         if change > 2 * noise:
             delay = lag * float(np.median(np.diff(time)))

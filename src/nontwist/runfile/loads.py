@@ -18,9 +18,10 @@ from pydantic import Field, create_model
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
 from ..loads.terms import FRAME, ForceTerm, own_fields
 from ..spec import Spec, specs
+from .folder import Folder
+from .folder import Table as CsvTable
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
-from .toml_data import Folder, plain
-from .toml_data import Table as CsvTable
+from .toml_data import plain
 
 FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers"
 HASH = "the hash of the CSV file, in quotes: another content is refused"

@@ -17,8 +17,8 @@ from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import FIT
 from ..recordings.motions import rotation
 from ..units import RATE
+from .folder import Folder, Table
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
-from .toml_data import Folder, Table
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

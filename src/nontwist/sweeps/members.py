@@ -45,10 +45,10 @@ from ..models.stack import SystemStack
 from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, file_of_text, with_loads
+from ..runfile.folder import Folder
 from ..runfile.loads import AnyLoad, Place
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep
-from ..runfile.toml_data import Folder
 from ..units import RATE
 
 Values = dict[str, Array]

@@ -32,7 +32,8 @@ from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from ..runfile.document import checked, forecast
-from ..runfile.toml_data import Folder, bounded, parsed, plain
+from ..runfile.folder import Folder
+from ..runfile.toml_data import bounded, parsed, plain
 from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
 from .reading import dataset
@@ -231,14 +232,9 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
         if isinstance(one, Mapping) and "key" in one:
             raise ValueError(f"over[{shown(key)}] has a key of its own, {shown(one['key'])}; leave it out")
     each = {key: one if isinstance(one, Mapping) else {"kind": "list", "values": one} for key, one in over.items()}
-    rows = [{"key": key, **{name: _plain(value) for name, value in one.items()}} for key, one in each.items()]
-    varied = bounded({"over": rows, **{name: _plain(value) for name, value in table.items()}})
+    rows = [{"key": key, **{name: plain(value) for name, value in one.items()}} for key, one in each.items()]
+    varied = bounded({"over": rows, **{name: plain(value) for name, value in table.items()}})
     return checked("over=", parsed("over=", whole.text(sweep=False)) | {"sweep": varied}, Folder(whole.folder))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as TOML has it, also of a range, and of what has an array, as a column of pandas or xarray."""
-    return plain(np.asarray(value) if isinstance(value, range) or hasattr(value, "__array__") else value)
 
 
 def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:

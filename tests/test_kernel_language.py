@@ -104,6 +104,7 @@ def test_numbers_of_other_kinds():
     assert sqrt(-1.0 + 0.0j) == 1j
     assert abs(exp(1e-20j).imag - 1e-20) < 1e-35
     assert math.isnan(sqrt(-1.0))
+    assert elements.power(2.0, -3) == 0.125
     assert (exp(1000.0), elements.log(0.0)) == (math.inf, -math.inf)
     assert fma(0.1, 10.0, -1.0) == 0.1 * 10.0 - 1.0 + 2.0**-54 * 1.0
 

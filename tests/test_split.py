@@ -1,7 +1,6 @@
 """split: measured orders, what it keeps exactly, and the exact motion without load at any step."""
 
 import re
-import warnings
 from functools import cache
 from math import fsum, prod
 
@@ -295,31 +294,6 @@ def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():
             nt.standard([3, 4, 5]), t_end=1, step=0.1, integrator="split", material_angular_velocity=W
         )
     assert many.status.values.tolist() == [Status.OK, Status.TURN]
-
-
-@cache
-def drags(m, c):
-    return lambda t, d, w: (m - c * abs(w[0]) * w[0], -c * abs(w[1]) * w[1], -c * abs(w[2]) * w[2])
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("c", [1.0, 1e3, 1e6])
-@pytest.mark.parametrize(("start", "m"), [(1.0, 0.0), (0.0, 2.0)])
-@pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])
-def test_drag_of_any_strength_converges(body, start, m, c, compiled):
-    """J (W1 - W0) = h (m - c |Wm| Wm) about a principal axis has one solution."""
-    J, h, W, drag = 3.0, 0.5, [start], drags(m, c)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.simplefilter("ignore", UserWarning)
-        load = compiled_load(drag) if compiled else nt.moment(drag)
-        how = {"material_angular_velocity": (start, 0, 0), "integrator": Split(2)}
-        run = nt.simulate(body([J, 4, 5]), load=load, t_end=5 * h, step=h, **how)
-    for _ in range(5):
-        R = h * m + 2 * J * W[-1]
-        W.append(2 * R / (J + np.sqrt(J * J + h * c * abs(R))) - W[-1])
-    assert run.material_angular_velocity.values[:, 0] == pytest.approx(W, rel=1e-12)
-    assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, rel=1e-9, abs=1e-14)
 
 
 @pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])

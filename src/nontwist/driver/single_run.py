@@ -44,7 +44,7 @@ from .planning import Plan
 from .starts import Starts
 from .tolerance import First, apart_shown, controlled, finer, first_run
 
-CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
+CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 
 
@@ -71,13 +71,12 @@ class PreparedPlan:
 
     @staticmethod
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
-        """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
-        nodes = max(grid.steps * plan.scheme.nodes, 0 if plan.asked is None else len(plan.asked))
-        if (
-            plan.load.wheels or plan.systems.spin is not None
-        ):  # the velocity of a start is not the one that the march begins with
-            return False
-        return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
+        """Whether a plan can be prepared, and has nodes of one part; where `most` is given, no more to keep."""
+        nodes, is_plain = grid.steps * plan.scheme.nodes, plan.scheme.can_prepare(plan.load)
+        if not is_plain or nodes > stack_march.NODES or plan.load.wheels or plan.systems.spin is not None:
+            return False  # with wheels or a spin, the march begins with another velocity than the start
+        outputs = stored_count(grid.steps, plan.store) if plan.asked is None else len(plan.asked)
+        return max(nodes if plan.load.terms else 1, outputs) <= (most or stack_march.NODES)
 
     @property
     def is_damped(self) -> bool:

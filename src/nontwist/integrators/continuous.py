@@ -133,7 +133,7 @@ class Continuous(Integrator):
         how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
         if self.method in STABLE and 0 < (rate := damping_rate(problem.systems, problem.load)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
-        taken, kept = count(1), [y] if problem.output[0] == problem.t_start else []
+        taken, kept = count(1), [y] if problem.stored_times[0] == problem.t_start else []
 
         def failure_of(status: Status, reason: str | Exception) -> Failure:
             return problem.failed(len(kept), status, reason)
@@ -143,7 +143,7 @@ class Continuous(Integrator):
             """Integrate from a to b and keep the states at the output times; return the failure."""
             nonlocal y
             rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
-            times = problem.output[len(kept) : np.searchsorted(problem.output, b, side="right")]
+            times = problem.stored_times[len(kept) : np.searchsorted(problem.stored_times, b, side="right")]
             solver = solver_of(self.method)(rates, a, y, b, **how)
             done = steps = 0
             while solver.status == "running":
@@ -337,7 +337,7 @@ def _sizes(problem: IVP, form: Any) -> Array:
 
 
 def _limits(problem: IVP) -> Array:
-    last = float(problem.output[-1])
+    last = float(problem.stored_times[-1])
     spin = problem.system.spin
     known = (*problem.load.breakpoints, *(() if spin is None else spin.breakpoints))
     inner = [t for t in known if problem.t_start < t < last]
@@ -347,6 +347,6 @@ def _limits(problem: IVP) -> Array:
 def _march(problem: IVP, form: Any, y: Array, size: int, failure: Failure | None) -> March:
     pairs = [form.velocities(row) for row in y]
     q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
-    sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.output[: len(y)])[:, None]
+    sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.stored_times[: len(y)])[:, None]
     ends, turned = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
     return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, turned)

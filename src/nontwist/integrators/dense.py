@@ -54,7 +54,7 @@ class Dense:
         march = problem.marched
         if march is None:
             nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
-            march = march_of(replace(problem, asked=None, stored=nodes), scheme)
+            march = march_of(replace(problem, output_times=None, stored=nodes), scheme)
         self.march, nodes = march, march.stored
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))
@@ -98,7 +98,7 @@ class Dense:
             names = "rows", "inside", "spans", "intervals"
             changes = {name: self._arrays[name].copy() for name in names}
             changes["rows"][n], changes["inside"][n], reached = last, 0, reached + 1
-            changes["spans"][last - 1] = (since - march.stack.output[last - 1]) / march.unit
+            changes["spans"][last - 1] = (since - march.stack.stored_times[last - 1]) / march.unit
             changes["intervals"][n] = march.unit / (since - self._times[n - 1])
         run = Between(self, march.arrays, found, reached, **changes)
         return (run.arrays, reached - self.skipped) if run.find() else None

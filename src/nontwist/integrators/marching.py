@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
     """Return what finds outputs between nodes, where these lie on one trajectory; None where they are substeps."""
-    if problem.asked is None or not scheme.has_series(problem.systems, problem.load):
+    if problem.output_times is None or not scheme.has_series(problem.systems, problem.load):
         return None
     from .dense import Dense
 
@@ -65,7 +65,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         if problem.memory is not None:
             todo.remember(problem.memory)
         common, end = todo.run(threads)
-    arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.output)
+    arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.stored_times)
     failures = arrays["failures"]
     good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 

@@ -56,7 +56,7 @@ class StackMarch:
     def __init__(self, stack: IVP, scheme: Compiled, **known: Any) -> None:
         """Lay out a stack; `known` are parts that there are in any case."""
         self.stack, self.scheme, self.needs = stack, scheme, scheme.needs
-        self.outputs = None if stack.asked is None else Outputs(stack)
+        self.outputs = None if stack.output_times is None else Outputs(stack)
         m, director = len(stack), scheme.is_director_scheme
         count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
         sizes = stack.grid.sizes
@@ -340,7 +340,7 @@ class StackMarch:
         """Return how many stored states there are before the end of a step that has failed."""
         if self.outputs is None:
             return int(np.searchsorted(self.stack.stored, step, side="right"))
-        return int(np.searchsorted(self.stack.output, self.stack.times(step), side="right"))
+        return int(np.searchsorted(self.stack.stored_times, self.stack.times(step), side="right"))
 
     @property
     def skipped(self) -> int:
@@ -399,7 +399,7 @@ class Outputs:
     """
 
     def __init__(self, problem: IVP) -> None:
-        times, last = np.asarray(problem.asked), problem.steps
+        times, last = np.asarray(problem.output_times), problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
         j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
         rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))

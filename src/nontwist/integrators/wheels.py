@@ -129,10 +129,10 @@ def with_works(problem: IVP) -> IVP:
     kinks = {t for one in problem.load.wheels if one.is_driven for t in one.breakpoints}
     if not any(one.is_driven and one.works for one in problem.load.wheels):
         return problem
-    inner = [t for t in kinks if problem.t_start < t < problem.output[-1]]
-    times = np.union1d(problem.output, [problem.t_start, *inner])
-    asked = problem.asked if len(times) == len(problem.output) else times
-    return replace(problem, intervals=True, asked=asked)
+    inner = [t for t in kinks if problem.t_start < t < problem.stored_times[-1]]
+    times = np.union1d(problem.stored_times, [problem.t_start, *inner])
+    output_times = problem.output_times if len(times) == len(problem.stored_times) else times
+    return replace(problem, intervals=True, output_times=output_times)
 
 
 def _put_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
@@ -165,7 +165,7 @@ def put_works_between(problem: IVP, states: States, nodes: States, velocities: C
 
     They are quadratures of τ Ω since the node before; `velocities` gives W at increasing times.
     """
-    times, grid = problem.output, problem.times(np.arange(problem.steps + 1))
+    times, grid = problem.stored_times, problem.times(np.arange(problem.steps + 1))
     number = np.searchsorted(grid, times, side="right") - 1
     since = times - grid[number]
     at, place = np.unique(grid[number, None] + since[:, None] * X, return_inverse=True)

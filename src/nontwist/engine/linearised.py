@@ -78,8 +78,8 @@ class Chain(NamedTuple):
     own_parameters: Wholes
     own_values: Doubles
     state: Doubles  # X (rows, count), or λ (rows,)
-    kept: Wholes  # (steps,) 1: the state at the end of the step is kept
-    states: Doubles  # forward (kept, 6, count); back (kept, 6), derivatives of f by attitude and velocity
+    is_stored: Wholes  # (steps,) 1: the state at the end of the step is stored
+    states: Doubles  # forward (stored, 6, count); back (stored, 6), derivatives of f by attitude and velocity
     found: Doubles  # back: (count,) df/dp
     scratch: Doubles  # back: (width,)
     grown: int  # growth: how many changes, at most `LANES`
@@ -121,7 +121,7 @@ def multiply(
 
 @lru_cache
 def chain_forward(rows: int) -> Kernel:
-    """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are kept."""
+    """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are stored."""
 
     def text(address: Any) -> None:
         c, lanes = View(Chain, doubles(address)).read(), width()
@@ -140,7 +140,7 @@ def chain_forward(rows: int) -> Kernel:
                     to, value = x.shifted(c.own_parameters[e]), c.own_values[e]
                     for i in range(rows):
                         to[i * c.padded] = fma(value, column[i * c.width * LANES], to[i * c.padded])
-            for _ in when(c.kept[n] != 0):
+            for _ in when(c.is_stored[n] != 0):
                 for k in loop(0, 6 * c.padded, lanes):
                     store(c.states, v.done * 6 * c.padded + k, load(x, k))
                 v.done = v.done + 1
@@ -154,9 +154,9 @@ def chain_back(address: Any) -> None:
     c = View(Chain, doubles(address)).read()
     x, y, found, v = c.state, c.scratch, c.found, Variables(left=0)
     for n in loop(c.steps):
-        v.left = v.left + c.kept[n]
+        v.left = v.left + c.is_stored[n]
     for n, M in each_step(c, back=True):
-        for _ in when(c.kept[n] != 0):
+        for _ in when(c.is_stored[n] != 0):
             v.left = v.left - 1
             for i in range(6):
                 x[i] = x[i] + c.states[6 * v.left + i]
@@ -328,11 +328,11 @@ class ForwardRun(NamedTuple):
     padded: int
     changes: Doubles  # of the state and of the inputs, (width, padded)
     fixed: Doubles  # the same, where those of inputs are what all steps have
-    chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
-    found: Doubles  # (kept, 6, padded)
+    chain: Doubles  # `Chain`: which states are stored, changes that each step has beside
+    found: Doubles  # (stored, 6, padded)
     first: Doubles  # quaternion at the start of the run, scalar last, and W
     is_first: int  # 1: the run begins with this piece
-    turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
+    turns: Doubles  # (stored, 3, 3) the attitudes there, relative to the stored ones
 
 
 class Loaded(Directions):
@@ -385,7 +385,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
                 b.failed = b.failed + 1
             v.state = found.state
             add_own(own, chain, i, False)
-            for _ in when(chain.kept[i] != 0):
+            for _ in when(chain.is_stored[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
                 put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))

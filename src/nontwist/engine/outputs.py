@@ -203,7 +203,7 @@ def run_prepared(address: Any) -> None:
     v = Variables(squares=0.0 * results[0], fastest=0.0 * results[0])
     for k in loop(head.numbers):
         v.squares = v.squares + results[k] * results[k]
-    for k in loop(b.kept):
+    for k in loop(b.output_count):
         w = vector_at(velocities, 3 * k)
         v.fastest = larger(w @ w, v.fastest)
     own.squares = select(b.failures[0] == 0.0, v.squares, float("inf"))

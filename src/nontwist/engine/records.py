@@ -229,8 +229,8 @@ class Block(NamedTuple):
     internals: Doubles  # (m, k, z) internal states of loads with memory, z numbers
     normals: Doubles  # (m, k, 6)
     intervals: Doubles  # (m, k - 1, `Sums`)
-    kept: int  # k, how many states
-    stored: Wholes  # steps whose ends are kept
+    output_count: int  # k, how many states are stored
+    stored: Wholes  # nodes at which states are stored
     done: int  # how many are
     first: int  # number of the first step
     steps: int

@@ -133,17 +133,17 @@ class Continuous(Integrator):
         how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
         if self.method in STABLE and 0 < (rate := damping_rate(problem.systems, problem.load)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
-        taken, kept = count(1), [y] if problem.stored_times[0] == problem.t_start else []
+        taken, states = count(1), [y] if problem.stored_times[0] == problem.t_start else []
 
         def failure_of(status: Status, reason: str | Exception) -> Failure:
-            return problem.failed(len(kept), status, reason)
+            return problem.failed(len(states), status, reason)
 
         @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
         def failure_between(a: float, b: float) -> Failure | None:
             """Integrate from a to b and keep the states at the output times; return the failure."""
             nonlocal y
             rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
-            times = problem.stored_times[len(kept) : np.searchsorted(problem.stored_times, b, side="right")]
+            times = problem.stored_times[len(states) : np.searchsorted(problem.stored_times, b, side="right")]
             solver = solver_of(self.method)(rates, a, y, b, **how)
             done = steps = 0
             while solver.status == "running":
@@ -157,7 +157,7 @@ class Continuous(Integrator):
                     return failure_of(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))
                 if until > done:
-                    kept.extend(solver.dense_output()(times[done:until]).T)
+                    states.extend(solver.dense_output()(times[done:until]).T)
                     done = until
             y = solver.y
             return None
@@ -168,7 +168,7 @@ class Continuous(Integrator):
             failure = failure_of(Status.LOAD, error)
         except KeyboardInterrupt as stop:
             failure = failure_of(Status.INTERRUPTED, str(stop))
-        return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
+        return _march(problem, form, np.array(states).reshape(-1, len(y)), size, failure)
 
 
 @cache

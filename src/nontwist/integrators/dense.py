@@ -82,7 +82,7 @@ class Dense:
             "intervals": unit / np.append(1.0, outputs.length),
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
-        self._counts = {"nodes": len(nodes), "kept": len(node), "last": m, **strides}
+        self._counts = {"nodes": len(nodes), "output_count": len(node), "last": m, **strides}
         self._kernel = kernel_of(parts_between(march))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
@@ -122,7 +122,7 @@ class Between:
         taken = np.searchsorted(known["begin"] + 1, found)
         march, (begin, length), n = dense.march, dense._steps, int(taken.max())
         loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
-        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, loads)
+        row, self._keepalive = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, loads)
         put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
         put(row, RUN, polynomials=loads, degree=degree)
         put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])

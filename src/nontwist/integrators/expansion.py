@@ -63,13 +63,13 @@ class Run(NamedTuple):
     times: Doubles  # (steps, 2) of both ends, those of the caller
     taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
-    kept: int  # rows of an output, the start the first one
-    rows: Wholes  # (kept,) the node at or before each
-    inside: Wholes  # (kept,) 1 where it lies after it
-    intervals: Doubles  # (kept,) 1 over the time since the output before
-    quaternions: Doubles  # (m, kept, 4)
-    velocities: Doubles  # (m, kept, 3)
-    sums: Doubles  # (m, kept - 1, `Sums`)
+    output_count: int  # of a member, the start the first one
+    rows: Wholes  # (outputs,) the node at or before each
+    inside: Wholes  # (outputs,) 1 where it lies after it
+    intervals: Doubles  # (outputs,) 1 over the time since the output before
+    quaternions: Doubles  # (m, outputs, 4)
+    velocities: Doubles  # (m, outputs, 3)
+    sums: Doubles  # (m, outputs - 1, `Sums`)
     apart: Doubles  # (m,) the largest d
 
 
@@ -340,7 +340,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
-            row = i * run.kept + run.places[step] + (number - begin) + l
+            row = i * run.output_count + run.places[step] + (number - begin) + l
             target, found = run.sums.shifted((row - i - 1) * SUMS.size), tuple(out[c * lanes + l] for c in range(count))
             put(run.quaternions, found[:4], 4 * row)
             put(run.velocities, found[4:STATE], 3 * row)
@@ -354,7 +354,7 @@ def join(parts: Parts, run: View, i: Any) -> None:
     for c in range(SUMS.size):
         total[c] = 0.0
     for number in loop(run.good[i]):
-        row, inside, at = run.rows[number], run.inside[number], i * run.kept + number
+        row, inside, at = run.rows[number], run.inside[number], i * run.output_count + number
         q, W = run.quaternions.shifted(4 * at), run.velocities.shifted(3 * at)
         sums = run.sums.shifted((at - i - 1) * SUMS.size)
         for _ in when(inside == 0):

@@ -485,7 +485,7 @@ class StageEquations(Equations):
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
         """Return P, the vectors g, and what the equations say at stages."""
         (P, g), nodes, parts = self.placed(i, matrix), self.nodes, self.parts
-        loads = self.kept(stage)
+        loads = self.stored_loads(stage)
         if parts.calls:
             nodes.evaluate(i, self.k * P, g, False)
             at = nodes.known(i)

@@ -175,7 +175,7 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            loads = e.kept(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
+            loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
                 rate = e.now(loads, P, [turned(c) for c in g], pulled_back_duals).rate

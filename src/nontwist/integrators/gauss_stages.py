@@ -244,7 +244,7 @@ class Equations:
         moving = sum_of(nodes.moving(j) if parts.moving else None, None if rate is None else -rate)
         return StageLoads(moving, nodes.space(j) if parts.space else None, rotor)
 
-    def kept(self, stage: View) -> StageLoads:
+    def stored_loads(self, stage: View) -> StageLoads:
         """Return what acts at stages as it is kept in memory."""
         parts = self.parts
         is_there = parts.moving or parts.rotor, parts.space, parts.rotor, parts.calls, parts.generalised, parts.memory
@@ -286,7 +286,7 @@ class Equations:
                 self.called(j, rows_of(one), self.k * one.P).put(one)
                 if fine is not None:
                     v.is_fine = taxicab(one.called) <= OVERFLOW
-        return P, g, self.now(self.kept(stage), P, g)
+        return P, g, self.now(self.stored_loads(stage), P, g)
 
     def called(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
         """Return what functions of the state give at a stage."""

@@ -69,7 +69,7 @@ class Entries(NamedTuple):
 
 
 Sampled = Callable[["Nodes"], Iterable[Entries]]
-Kept = NDArray[np.int64]
+StepMask = NDArray[np.int64]
 
 
 class Nodes(NamedTuple):
@@ -241,19 +241,21 @@ class Linearised:
             self._varied.require_no_error()
 
     def pieces(
-        self, count: int = 0, entries: Sampled = lambda nodes: (), kept: Kept | None = None, back: bool = False
+        self, count: int = 0, entries: Sampled = lambda nodes: (), is_stored: StepMask | None = None, back: bool = False
     ) -> Iterator[Piece]:
         """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
 
-        `kept`: 1 for each step at whose end the state is kept, else 0.
+        `is_stored`: 1 for each step at whose end the state is stored, else 0.
         """
         for ends in self.ranges(back):
             nodes = self.nodes(*ends)
             piece = piece_of(self, nodes, count, entries(nodes), back)
-            if kept is not None:
-                part = kept[nodes.first : nodes.last]
-                put(piece.chain, CHAIN, kept=part)
-                piece = piece._replace(alive=piece.alive | {"kept": part}, place=int(kept[: nodes.first].sum()))
+            if is_stored is not None:
+                part = is_stored[nodes.first : nodes.last]
+                put(piece.chain, CHAIN, is_stored=part)
+                piece = piece._replace(
+                    alive=piece.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
+                )
             yield piece
 
     def workspace(self) -> Workspace:
@@ -328,7 +330,7 @@ class Piece(NamedTuple):
     loads: dict[str, Array | None]
     chain: NDArray[np.int64]
     alive: dict[str, Any]
-    place: int = 0  # how many states are kept before
+    place: int = 0  # how many states are stored before
 
     def put(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""

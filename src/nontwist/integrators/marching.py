@@ -216,8 +216,8 @@ class SingleStep:
         self.system, self.load, self.step, self.scheme = system, load, step, scheme
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         if load.wheels:
-            kept = (one for one in load.terms if not (isinstance(one, Wheel) and one.is_driven))
-            system, load = carrier(system, load), commanded(Load(tuple(kept)))
+            terms = (one for one in load.terms if not (isinstance(one, Wheel) and one.is_driven))
+            system, load = carrier(system, load), commanded(Load(tuple(terms)))
         self._driven = [k for k, one in enumerate(self.load.wheels) if one.is_driven]
         self._locked = sum((one.locked for one in self.load.wheels), np.zeros((3, 3)))
         self._axes = np.array([self.load.wheels[k].direction for k in self._driven]).reshape(-1, 3)

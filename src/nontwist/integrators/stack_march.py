@@ -108,7 +108,7 @@ class StackMarch:
         self.lengths = self._lengths(stack.stored) if self.groups[0].tells else np.ones(len(stack.stored))
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
-        put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)
+        put(self.block, BLOCK, **places, members=m, state_size=size, output_count=count, director=director)
         put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
         put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)

@@ -114,11 +114,13 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     if outcome.intervals.turned is not None:
         _put_works(problem, outcome.states.internal, outcome.intervals.turned, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
-    z, kept, length = W @ locked, outcome.intervals, np.diff(times)
+    z, intervals, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
         moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
     work = np.diff((W * z).sum(axis=-1), axis=1) / 2
-    return outcome._replace(intervals=kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work))
+    return outcome._replace(
+        intervals=intervals._replace(moment=intervals.moment + moment, load_work=intervals.load_work + work)
+    )
 
 
 # ---- the work of motors whose torques are known beforehand

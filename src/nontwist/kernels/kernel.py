@@ -119,7 +119,7 @@ class Kernel:
         update_wrapper(self, text)
         self.text, self.lanes, self.signature = text, lanes, Signature(words)
         self._function: Any = None
-        self._kept: list[Any] = []  # arrays that the code reads
+        self._keepalive: list[Any] = []  # arrays that the code reads
 
     @property
     def function(self) -> Any:
@@ -142,7 +142,7 @@ class Kernel:
             self._trace(Whole("%a0"))
             t.line("ret void")
             t.close()
-        self._kept = t.kept
+        self._keepalive = t.keepalive
         return t.text
 
     def _trace(self, address: Any) -> None:

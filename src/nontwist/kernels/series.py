@@ -37,7 +37,7 @@ class Recurrence:
     def __init__(self, order: int, tangents: int = 0, lanes: int = 1, room: Callable[[int], Any] = scratch) -> None:
         self.order, self.tangents, self.lanes, self._room = order, tangents, lanes, room
         self.size = 1 + tangents * lanes if tangents else lanes  # of a coefficient
-        self.kept = list[Stored]()  # in the order in which they were made
+        self.stored = list[Stored]()  # in the order in which they were made
 
     def read(self, memory: Any, n: Any) -> Any:
         """Return a coefficient in memory."""
@@ -68,8 +68,8 @@ class Recurrence:
         """Make the coefficients of the unknowns beyond the power `first`, all or up to the power `last`."""
         some = max(1, AT_ONCE // (1 + self.tangents))
         for n in loop(first, self.order if last is None else last):
-            for level in range(1 + max(one.level for one in self.kept)):
-                own = [one for one in self.kept if one.level == level]
+            for level in range(1 + max(one.level for one in self.stored)):
+                own = [one for one in self.stored if one.level == level]
                 products = [one for one in own if one.factors]
                 for k in range(0, len(products), some):
                     convolve(products[k : k + some], n)
@@ -128,8 +128,8 @@ class Stored(Series):
         factors: Sequence[Stored] = (),
     ) -> None:
         self.of, self.memory, self.level, self.made, self.factors = of, memory, level, made, factors
-        self.number = len(of.kept)
-        of.kept.append(self)
+        self.number = len(of.stored)
+        of.stored.append(self)
 
     def __getitem__(self, n: Any) -> Any:
         return self.of.read(self.memory, n)

@@ -235,5 +235,5 @@ def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> Machi
     with _lock:
         made = _known.get(t.text)
         if made is None:
-            made = _known[t.text] = MachineFunction(t.text, put_all, (*owners, *t.kept))
+            made = _known[t.text] = MachineFunction(t.text, put_all, (*owners, *t.keepalive))
     return made

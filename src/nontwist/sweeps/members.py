@@ -395,7 +395,7 @@ class Members:
         ValueError
             The numbers of a member define no run.
         """
-        plan, scales = file.prepared.plan._replace(store="end", asked=None), values.get("load.0.scale")
+        plan, scales = file.prepared.plan._replace(store="end", output_times=None), values.get("load.0.scale")
         if numbers := _below("body.", values):
             plan = plan._replace(systems=stack(file.body, numbers, self.folder))
         if scales is not None:

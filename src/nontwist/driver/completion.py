@@ -22,7 +22,7 @@ from ..integrators.base import IVP, Failure, Outcome
 from ..integrators.load_samples import as_marched
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
-from ..integrators.wheels import as_gyrostat, of_locked, put_works_between, with_wheels, with_works
+from ..integrators.wheels import as_gyrostat, of_locked, set_works_between, with_wheels, with_works
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
@@ -140,7 +140,7 @@ def between(scheme: Integrator, problem: IVP, states: States) -> States | None:
         return between.velocity
 
     if any(wheel.is_driven and wheel.works for wheel in problem.load.wheels):
-        put_works_between(problem, whole, states, velocities)
+        set_works_between(problem, whole, states, velocities)
     return whole
 
 

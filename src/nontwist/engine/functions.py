@@ -125,7 +125,7 @@ class Varied(Called):
 
     def __init__(self, terms: Sequence[Term], action: int, has_time: bool) -> None:
         self.action, self.keepalive, self.error = action, [], None
-        self.differenced, self._told = set[str](), set[str]()  # names of functions of which differences were taken
+        self.differenced, self._reported = set[str](), set[str]()  # names of functions of which differences were taken
 
         def slopes(term: Term) -> Any:
             if term.slopes is not None:
@@ -152,8 +152,8 @@ class Varied(Called):
         error, self.error = self.error, None
         if error is not None:
             raise error
-        if names := sorted(self.differenced - self._told):
-            self._told |= self.differenced
+        if names := sorted(self.differenced - self._reported):
+            self._reported |= self.differenced
             warn(differenced(names))
 
 

@@ -235,7 +235,7 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
         scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
-            gather(parts, b, x, b.first + k)
+            read_steps(parts, b, x, b.first + k)
             found, is_stalled = derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
@@ -246,17 +246,17 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     return Kernel(kernel, "i8", n)
 
 
-def gather(parts: Parts, b: View, x: View, first: Any) -> None:
+def read_steps(parts: Parts, b: View, x: View, first: Any) -> None:
     """Fill the workspace with steps; lanes beyond the last repeat it."""
     for l in loop(parts.lanes):
         i, lane = smaller(first + l, b.steps - 1), x.lane(l)
-        put_ends(b, lane, i)
+        read_ends(b, lane, i)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
-        sampled(parts, b, lane, i)
+        read_loads(parts, b, lane, i)
 
 
-def put_ends(b: View, lane: View, i: Any) -> None:
+def read_ends(b: View, lane: View, i: Any) -> None:
     """Take over the length of the step i, and attitude and W at its ends."""
     p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
     lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
@@ -264,7 +264,7 @@ def put_ends(b: View, lane: View, i: Any) -> None:
     lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
 
 
-def sampled(parts: Parts, b: View, lane: View, k: Any) -> None:
+def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:
     """Take over what acts at the node k of the load; 0 where only its derivatives are asked for."""
     for name, size in (("moving", 3), ("space", 3), ("spin", 1)):
         if getattr(parts, name):
@@ -366,7 +366,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
-            sampled(parts, b, x, i)
+            read_loads(parts, b, x, i)
             add_own(own, chain, i, True)
             now, at, calls = v.state, x.read(), Calls(parts, b, dict(wanted), Solved())
             R, W = attitude(now.p), parts.velocity(body, now.s)

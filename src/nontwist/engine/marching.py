@@ -8,7 +8,7 @@ workspace.
 
 A scheme is a `Text`. Its step gets
 
-- `nodes`, which tells what acts at the nodes of the step (`sampling`), with ``nodes.parts``: what there is, known
+- `nodes`, which has what acts at the nodes of the step (`sampling`), with ``nodes.parts``: what there is, known
   when the text is traced, so that an `if` on it leaves things out; ``nodes.body``; ``nodes.h``, the step; and
   ``nodes.memory``, scratch of the scheme itself behind the workspace;
 - the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.auxiliary`` has as many
@@ -16,8 +16,8 @@ A scheme is a `Text`. Its step gets
 - the mask of bodies that are alive: the iteration of a step must not wait for others, nor depend on them.
 
 It returns a `Step`: the state at the end, with s and p as compensated sums (`turned_by`, `compensated`), why bodies
-cannot go on, and, if ``parts.tells``, what the step gives: mean multipliers, mean moment, work, twist. What is not said
-is None. The march does the rest: notes failures, sums, observes, writes nodes.
+cannot go on, and, if ``parts.needs_means``, what the step gives: mean multipliers, mean moment, work, twist. What is not
+given is None. The march does the rest: notes failures, sums, observes, writes nodes.
 
 Quaternions are turned by finite turns, for as long as one likes, without a drift of their length or direction.
 """
@@ -267,7 +267,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
         for _ in when(any_of(v.alive)):
-            if parts.tells:
+            if parts.needs_means:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
             remember(parts, nodes.internal)
@@ -303,7 +303,7 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
         v.alive = without(v.alive, far)
     for _ in whilst(lambda: any_of(v.alive) & (v.at < end)):
         until = smaller(stored[v.done + 1], end)
-        if parts.tells:
+        if parts.needs_means:
             x.sums.mu = x.sums.mu + h * (until - v.at) / lengths[v.done] * mu
         if parts.observes:
             for number in loop(v.at - begin, until - begin):

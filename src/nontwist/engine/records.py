@@ -27,7 +27,7 @@ def layout(**sizes: int) -> Any:
     return SimpleNamespace(**dict(zip([*sizes, "size"], accumulate(sizes.values(), initial=0), strict=True)))
 
 
-def put(row: NDArray[np.int64], where: Any, **values: Any) -> None:
+def pack(row: NDArray[np.int64], where: Any, **values: Any) -> None:
     """Write numbers, and addresses of arrays, to the places of these names; 0 for None."""
     for name, x in values.items():
         row[getattr(where, name)] = address_of(x) if x is None or isinstance(x, np.ndarray) else x
@@ -324,6 +324,6 @@ class Parts(NamedTuple):
         return -(-3 * self.memory // 8) * 8
 
     @property
-    def tells(self) -> bool:
-        """Whether a step says what it gives to sums."""
+    def needs_means(self) -> bool:
+        """Whether a step returns its means, for sums over intervals or for what is observed."""
         return self.reports or self.observes

@@ -219,7 +219,7 @@ class _Split:
         q = y[:9].reshape(3, 3)
         return q, split_velocity(self.system, q, y[9:12], float(y[12]))
 
-    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+    def set_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         total = moment if forces is NO_FORCES else moment + products(q, forces)
         directors, dy[9:12], dy[12], mu = split_rates(self.system, q, y[9:12], float(y[12]), total, w)
         dy[:9] = directors.ravel()
@@ -249,7 +249,7 @@ class _Spun(_Split):
         q = y[:9].reshape(3, 3)
         return q, y[9:12] @ q
 
-    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+    def set_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         J, n, W = self.system.convected_inertia, self.system.axis, y[9:12]
         assert n is not None
         total = moment + products(q, self.system.dead_force)
@@ -278,7 +278,7 @@ class _Director:
         q, v = self.velocities(y)
         return q, products(q, v) / 2
 
-    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+    def set_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         v_dot, dy[self.size + 4 : self.size + 4 + self.multipliers] = director_rates(
             self.system, q, y[9:18].reshape(3, 3), moment, forces
         )
@@ -301,10 +301,10 @@ def _rates(problem: IVP, form: Any, first: float, last: float, may_reject: bool)
         m, dy = moment_at(moments, at, q, w) if moments.terms else NO_MOMENT, np.empty_like(y)
         if has_forces:
             F = forces_at(forces, at, q, w)
-            form.put_rates(dy, y, q, w, m, F + forces_at(potentials, at, q, w))
+            form.set_rates(dy, y, q, w, m, F + forces_at(potentials, at, q, w))
             m = m + products(q, F)
         else:
-            form.put_rates(dy, y, q, w, m, NO_FORCES)
+            form.set_rates(dy, y, q, w, m, NO_FORCES)
         dy[size : size + 3], dy[size + 3] = m, 0.0 if m is NO_MOMENT else m @ w
         if drives:
             dy[-6:-3], dy[-3:] = q @ w, at * (q @ w)

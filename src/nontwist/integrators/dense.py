@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.records import BODY, SUMS, Parts, put, side_by_side, spans, views
+from ..engine.records import BODY, SUMS, Parts, pack, side_by_side, spans, views
 from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
@@ -123,10 +123,10 @@ class Between:
         march, (begin, length), n = dense.march, dense._steps, int(taken.max())
         loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
         row, self._keepalive = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, loads)
-        put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
-        put(row, RUN, polynomials=loads, degree=degree)
-        put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
-        put(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
+        pack(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
+        pack(row, RUN, polynomials=loads, degree=degree)
+        pack(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
+        pack(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
         self._row, self._address = row, row.ctypes.data
 
     def find(self) -> bool:

@@ -169,7 +169,7 @@ class Expansion:
         self.clock = room(MOST * lanes if parts.turns else 0)
         self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
 
-    def gather(self, first: Any) -> None:
+    def read_ends(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
         for memory in (*self.polynomials, *[self.clock][: self.parts.turns]):
@@ -197,9 +197,9 @@ class Expansion:
         P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
         held = select(body.k[2] == 0.0, 0.0, P[2])
         for one, at in zip(self.unknowns, (P[0], P[1], held, *q, *more[3:]), strict=True):
-            one.put(0, at)
+            one.set_coefficient(0, at)
         for one, at in zip(self.rows, (x for v in self.equations().start for x in v), strict=True):
-            one.put(0, at + 0.0 * w)
+            one.set_coefficient(0, at + 0.0 * w)
 
     def equations(self) -> Equations:
         """Return the equations in the frame of the end."""
@@ -211,8 +211,8 @@ class Expansion:
         P, p, e = Vector(*self.unknowns[:3]), Quaternion(*self.unknowns[3:STATE]), self.equations()
         g = Matrix(*zip(*[iter(self.rows)] * 3, strict=True)) if self.rows else ()
         moving, space, rotor = self.loads()
-        seen = None if space is None else space @ e.nodes.R
-        now = e.now(StageLoads(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
+        space_in_b = None if space is None else space @ e.nodes.R
+        now = e.now(StageLoads(moving, space_in_b, rotor), P, g, inverse=lambda C, f: f @ C)
         W, v, w = now.W, p.vector, p[0]
         rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]
         rates += self.sum_rates(now, p, space)
@@ -270,7 +270,7 @@ def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
         for side in loop(2):
             e = Expansion(parts, run, i, side, rooms.of(side))
             for _ in when(v.known == 1):
-                e.gather(first)
+                e.read_ends(first)
             e.expand(v.known, v.k)
         rest.store(0, rest_of(series, v.k), lanes)
         v.known, v.goes = v.k, False

@@ -139,7 +139,7 @@ class Stages(NamedTuple):
         """Return the largest number of all stages that are evaluated at once."""
         return largest_of(x) if self.are_together else x
 
-    def put(self, names: Sequence[str], vectors: Sequence[Any], mask: Any = True) -> None:
+    def fill(self, names: Sequence[str], vectors: Sequence[Any], mask: Any = True) -> None:
         """Write vectors of zeros, say, to all stages, for bodies whose mask is set."""
         for _, stage in self.each():
             for name, v in zip(names, vectors, strict=True):
@@ -186,7 +186,7 @@ class StageLoads(NamedTuple):
     of_potentials: Any = None
     remembered: Any = None
 
-    def put(self, stage: View) -> None:
+    def store(self, stage: View) -> None:
         """Keep it in memory."""
         for name, x in self._asdict().items():
             if x is not None:
@@ -203,21 +203,21 @@ class Equations:
         self.orbit, self.memory = None, memory
         if self.parts.orbit and self.has_rows:
             n, o = nodes.orbit
-            self.orbit = n, nodes.seen(o)
+            self.orbit = n, nodes.to_material(o)
         self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
         self.forces: tuple[Vector, ...] = ()
         if self.has_rows:
             self.start, self.forces = AXES, nodes.dead().T if self.parts.dead else ()
         elif motion == "heavy":
-            self.start, self.forces = (nodes.seen(body.vertical),), (body.dead @ body.vertical,)
+            self.start, self.forces = (nodes.to_material(body.vertical),), (body.dead @ body.vertical,)
 
     def sample(self) -> None:
         """Take what acts at the nodes of the step to its stages; rows begin with increments of zero."""
         if self.has_rows:
-            self.stages.put(self.names[1:], [ZEROS] * 3)
+            self.stages.fill(self.names[1:], [ZEROS] * 3)
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
-            self.sampled(j).put(stage)
+            self.sampled(j).store(stage)
             if self.parts.spin:
                 J3 = self.nodes.body.spin * (1.0 / self.k[2])
                 stage.axial = (self.nodes.spin(j) * self.stages.table[TABLE.weights + j]) * J3
@@ -283,7 +283,7 @@ class Equations:
             fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
             for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
                 one = self.stages.one(j)
-                self.called(j, rows_of(one), self.k * one.P).put(one)
+                self.called(j, rows_of(one), self.k * one.P).store(one)
                 if fine is not None:
                     v.is_fine = taxicab(one.called) <= OVERFLOW
         return P, g, self.now(self.stored_loads(stage), P, g)
@@ -371,7 +371,7 @@ class TurnEquations:
 
     def __init__(self, nodes: Nodes, stages: Stages) -> None:
         self.stages, self.h, self.level = stages, nodes.h, LEVEL + 0.0 * nodes.body.free
-        stages.put(TURN, [ZEROS] * 3)
+        stages.fill(TURN, [ZEROS] * 3)
 
     def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:
         """Return the increments that follow from those there are."""
@@ -442,7 +442,7 @@ def iterated(
             stages.take(names, v.takes)
         if k is not None:
             for _ in when(any_of(v.worse)):
-                stages.put(names[:1], [ZEROS], v.worse)
+                stages.fill(names[:1], [ZEROS], v.worse)
         v.count, v.matrix = count + 1, TABLE.mu
         if is_dithered:
             for _ in when(v.last > 0):

@@ -181,7 +181,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     Om = velocity_in_step(nodes, loads, P + z)
     solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
     found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
-    return means(nodes, loads, found, P, z, Om, axial) if parts.tells else found
+    return means(nodes, loads, found, P, z, Om, axial) if parts.needs_means else found
 
 
 def velocity_in_step(nodes: Nodes, loads: Loads, Q: Vector) -> Vector:

@@ -19,7 +19,7 @@ from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, Step, columns_of, places_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import BODY, address_of, put
+from ..engine.records import BODY, address_of, pack
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
@@ -92,7 +92,7 @@ class Nodes(NamedTuple):
 LONGEST = 2048  # steps that are laid out at a time
 
 
-def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
+def is_in_orbital_frame(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
     """Whether steps under a load, as it is marched, turn with an orbit."""
     return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
@@ -190,15 +190,15 @@ class Linearised:
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
-        put(block, STEPS, stages=s, width=self.width)
-        put(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
+        pack(block, STEPS, stages=s, width=self.width)
+        pack(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
             self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
             self._seeds = seeds
-            put(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
-            put(block, STEPS, sloped=sloped.address, seeds=seeds)
+            pack(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
+            pack(block, STEPS, sloped=sloped.address, seeds=seeds)
 
     def turned(self, x: Array, back: bool = False) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
@@ -252,7 +252,7 @@ class Linearised:
             piece = piece_of(self, nodes, count, entries(nodes), back)
             if is_stored is not None:
                 part = is_stored[nodes.first : nodes.last]
-                put(piece.chain, CHAIN, is_stored=part)
+                pack(piece.chain, CHAIN, is_stored=part)
                 piece = piece._replace(
                     alive=piece.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
                 )
@@ -271,7 +271,7 @@ class Linearised:
             The equations of a step are not solved again.
         """
         piece = piece._replace(chain=piece.chain.copy())  # threads share pieces
-        piece.put(own.block, nodes)
+        piece.fill_block(own.block, nodes)
         kernel(piece.linked(own.block, **arrays))
         self.require_no_error()
         if own.block[STEPS.failed]:
@@ -319,7 +319,7 @@ class Workspace:
     def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
         self.block = block.copy()
         self._matrices, self._scratch = aligned(entries * LANES, empty=True), aligned(scratch, empty=True)
-        put(self.block, STEPS, out=self._matrices, workspace=self._scratch)
+        pack(self.block, STEPS, out=self._matrices, workspace=self._scratch)
 
 
 class Piece(NamedTuple):
@@ -332,18 +332,18 @@ class Piece(NamedTuple):
     alive: dict[str, Any]
     place: int = 0  # how many states are stored before
 
-    def put(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
+    def fill_block(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""
-        put(block, STEPS, **self.loads, steps=self.last - self.first, failed=0)
+        pack(block, STEPS, **self.loads, steps=self.last - self.first, failed=0)
         if nodes is not None:
             states = nodes.part(slice(self.first, self.last + 1))
             speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.loads["sizes"])).min())
             ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
-            put(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
+            pack(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
 
     def linked(self, block: NDArray[np.int64], **arrays: Any) -> int:
         """Write the addresses of the block of these steps, and of arrays, to the chain; return its own."""
-        put(self.chain, CHAIN, made=block, **arrays)
+        pack(self.chain, CHAIN, made=block, **arrays)
         return address_of(self.chain)
 
 
@@ -366,8 +366,8 @@ def piece_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entr
         order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
         arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
         arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
-    put(block, CHAIN, **arrays, steps=last - first, padded=padded)
-    put(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
+    pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
+    pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
     return Piece(first, last, steps.sampled(nodes), block, arrays)
 
 

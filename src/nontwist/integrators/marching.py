@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine.outputs import HEAD, PREPARED, run_prepared
-from ..engine.records import BLOCK, BODY, QUANTITIES, STATE, SUMS, WORK, layout, put, side_by_side, views
+from ..engine.records import BLOCK, BODY, QUANTITIES, STATE, SUMS, WORK, layout, pack, side_by_side, views
 from ..engine.workspace import enter
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
@@ -193,9 +193,9 @@ class PreparedMarch:
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
         block, *alive = march.laid(self._todo)
-        put(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
-        put(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
-        put(call, HEAD, run=march.driver(self._todo).address)
+        pack(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
+        pack(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
+        pack(call, HEAD, run=march.driver(self._todo).address)
         start = call[HEAD.size :].data.cast("B")
         return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)
 

@@ -309,7 +309,7 @@ class StepSums:
     def add(self, part: Any, mu: Any, work: Any, moment: Vector, dead: Vector) -> None:
         """Add what a substep gives, the means times its part of the step."""
         s = self.sums
-        if self.nodes.parts.tells:
+        if self.nodes.parts.needs_means:
             s.mu, s.work = s.mu + part * mu, s.work + work
             s.moment, s.dead = s.moment + part * moment, s.dead + part * dead
 
@@ -318,7 +318,7 @@ class StepSums:
         parts, s = self.nodes.parts, self.sums
         if parts.observes:
             self.nodes.x.observed.work = self.before
-        if not parts.tells:
+        if not parts.needs_means:
             return found
         dead = s.dead if parts.is_constrained and not parts.is_explicit else None
         return found._replace(twist=0.0 * s.mu, mu=s.mu, moment=s.moment, work=s.work, dead=dead)
@@ -347,7 +347,7 @@ def quadrature(nodes: Nodes, state: State) -> Step:
     W = [k * x for x in Pi]
     turn = magnus(h, W)
     after, gap = rotated(state, *exponential(turn), dP)
-    if parts.tells:
+    if parts.needs_means:
         for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
             until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
             means.see(until, w, h * float(weight))

@@ -25,7 +25,7 @@ from ..engine.functions import Called
 from ..engine.generalised import STAGE
 from ..engine.marching import Text, kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, put, side_by_side, spans
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, spans
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
@@ -105,18 +105,18 @@ class StackMarch:
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
         self.stored = stack.stored
-        self.lengths = self._lengths(stack.stored) if self.groups[0].tells else np.ones(len(stack.stored))
+        self.lengths = self._lengths(stack.stored) if self.groups[0].needs_means else np.ones(len(stack.stored))
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
-        put(self.block, BLOCK, **places, members=m, state_size=size, output_count=count, director=director)
-        put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
+        pack(self.block, BLOCK, **places, members=m, state_size=size, output_count=count, director=director)
+        pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
-        put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
+        pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
         self.internal_scales = self.load.internal_scale
-        put(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
-        put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
-        put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
-        put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
+        pack(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
+        pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
+        pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
+        pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
         skips_unloaded = scheme.is_exact_without_load and not self.parts.dead
         self.sampled = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
         self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
@@ -284,7 +284,7 @@ class StackMarch:
             return stack.times(steps), stack.times(steps + 1), sizes
 
         self.loads = self.sampled_at(lambda: stack.nodes(steps, middles), ends, middles) if len(steps) else NOTHING
-        put(self.block, BLOCK, fractions=gamma)
+        pack(self.block, BLOCK, fractions=gamma)
 
     def sampled_at(self, times: Any, steps: Any, middles: Array) -> Samples:
         """Return what acts at nodes (`load_samples.sampled`)."""
@@ -319,7 +319,7 @@ class StackMarch:
         """Write the states of members of a group as if they were those of the node after `done`."""
         part = max(step - 1, 0), max(step, 1)
         row, self.block[BLOCK.writes_end] = legs(self, *part, self.unloaded)[-1:], 1
-        put(row[0], CALL, first=step, steps=0, done=done, begins=0)
+        pack(row[0], CALL, first=step, steps=0, done=done, begins=0)
         self._run(listed(self, parts, 1, *part, row), 1, *span)
         self.block[BLOCK.writes_end] = 0
 
@@ -368,8 +368,8 @@ class StackMarch:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * self.shapes["states"][1])
         workspace = aligned(self.room(width))
-        put(head, CALLS, scratch=scratch)
-        put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
+        pack(head, CALLS, scratch=scratch)
+        pack(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
 
 
@@ -443,12 +443,12 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     alive: tuple[Any, ...] = ()
     if has_outputs:
         rows, rates, alive = _with_outputs(march, parts, first, last, unloaded)
-        put(head, CALLS, rates=rates)
+        pack(head, CALLS, rates=rates)
         alive = rates, alive
     elif rows is None:
         rows = legs(march, first, last, unloaded)
-    put(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
-    put(head, CALLS, **march.addresses(parts, width, has_outputs))
+    pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
+    pack(head, CALLS, **march.addresses(parts, width, has_outputs))
     return Listed(head, (rows, alive), has_outputs, parts)
 
 

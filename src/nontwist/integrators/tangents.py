@@ -104,7 +104,7 @@ class PreparedTangents:
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
         for piece in self._pieces:
             block = own.block.copy()
-            refresh = partial(piece.put, block, states)
+            refresh = partial(piece.fill_block, block, states)
             refresh()
             block[STEPS.factor] = scale.ctypes.data
             piece = piece._replace(chain=piece.chain.copy())
@@ -140,8 +140,8 @@ class ForwardTangents:
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
         """Return the changes of the first state as they are returned, carried along, and turned."""
-        seen = start if self._turn is None else self._turn @ start
-        return start[:6], seen[:, self._others], seen[:3, self._turned]
+        carried = start if self._turn is None else self._turn @ start
+        return start[:6], carried[:, self._others], carried[:3, self._turned]
 
     def __call__(self, p: Any, W: Any, start: Array | None, factor: float) -> Array | None:
         """Return the changes of the states of the run from the quaternion p, scalar last, and W; None where it fails.
@@ -149,8 +149,8 @@ class ForwardTangents:
         They are (1 + stored, 6, count), at the start and at the stored steps; None stands for the start that is known.
         """
         x, state, found, turns, scale, calls, _ = self._threads.own
-        first, seen, turned = self._start if start is None else self._parted(start)
-        scale[0], state[:], x[: len(seen), : self._count] = factor, 0.0, seen
+        first, carried, turned = self._start if start is None else self._parted(start)
+        scale[0], state[:], x[: len(carried), : self._count] = factor, 0.0, carried
         state[-7:-3], state[-3:] = p, W
         for block, address in calls:
             self._kernel(address)
@@ -177,7 +177,7 @@ class ForwardTangents:
             fixed[rows:] = 0.0
             fixed[piece.alive["used"], : self._count] = piece.alive["changes"][:, : self._count]
             block = own.block.copy()
-            piece.put(block)
+            piece.fill_block(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed

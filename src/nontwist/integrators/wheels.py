@@ -112,7 +112,7 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     if outcome.intervals is None:
         return outcome
     if outcome.intervals.turned is not None:
-        _put_works(problem, outcome.states.internal, outcome.intervals.turned, times)
+        _set_works(problem, outcome.states.internal, outcome.intervals.turned, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
     z, intervals, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
@@ -137,7 +137,7 @@ def with_works(problem: IVP) -> IVP:
     return replace(problem, intervals=True, output_times=output_times)
 
 
-def _put_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
+def _set_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
     """Put the works of driven wheels to the states."""
     first = problem.internal
     assert z is not None
@@ -162,7 +162,7 @@ def work_of(inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, 
     return found
 
 
-def put_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
+def set_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
     """Put the works of driven wheels to the states at the times asked for, given those at all nodes of the grid.
 
     They are quadratures of τ Ω since the node before; `velocities` gives W at increasing times.

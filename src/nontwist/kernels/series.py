@@ -57,7 +57,7 @@ class Recurrence:
             memory.store(at + 1 + k * lanes, tangent, lanes)
 
     def unknown(self) -> Stored:
-        """Return a series whose first coefficient is to be put."""
+        """Return a series whose first coefficient is to be set."""
         return Stored(self, self._room((self.order + 1) * self.size))
 
     def keep(self, level: int, **how: Any) -> Stored:
@@ -75,9 +75,9 @@ class Recurrence:
                     convolve(products[k : k + some], n)
                 for one in own:
                     if one.made is not None:
-                        one.put(n, one.made(n))
+                        one.set_coefficient(n, one.made(n))
             for x, rate in zip(unknowns, rates, strict=True):
-                x.put(n + 1, rate[n] * (1.0 / (1.0 + n)))
+                x.set_coefficient(n + 1, rate[n] * (1.0 / (1.0 + n)))
 
 
 class Series(Number):
@@ -117,7 +117,7 @@ class Series(Number):
 
 
 class Stored(Series):
-    """A series in memory; its coefficients are put, or `made` gives them by those of others, or it is a product."""
+    """A series in memory; its coefficients are set, or `made` gives them by those of others, or it is a product."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class Stored(Series):
     def __getitem__(self, n: Any) -> Any:
         return self.of.read(self.memory, n)
 
-    def put(self, n: Any, x: Any) -> None:
+    def set_coefficient(self, n: Any, x: Any) -> None:
         """Write a coefficient."""
         self.of.write(self.memory, n, x)
 
@@ -157,4 +157,4 @@ def convolve(products: Sequence[Stored], n: Any) -> None:
     for i in loop(1, n + 1):
         v.x = tuple(fma(a[i], b[n - i], x) for (a, b), x in zip((one.factors for one in products), v.x, strict=True))
     for one, x in zip(products, v.x, strict=True):
-        one.put(n, x)
+        one.set_coefficient(n, x)

@@ -166,13 +166,13 @@ class Tracer:
         self.function.slots.append(f"{name} = alloca {kind}, i64 {count}")
         return name
 
-    def put(self, kind: str, name: str, slot: str) -> None:
+    def store_slot(self, kind: str, name: str, slot: str) -> None:
         """Write a value to a slot."""
         self.line(f"store {kind} {name}, ptr {slot}")
         self.region.known[slot] = name
         self.region.written.add(slot)
 
-    def get(self, kind: str, slot: str) -> str:
+    def load_slot(self, kind: str, slot: str) -> str:
         """Return what a slot holds; within a loop nothing is known of what came before it."""
         for region in reversed(self.function.regions):
             if slot in region.known:

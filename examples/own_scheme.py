@@ -25,7 +25,7 @@ from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads.terms import Damping
 
 
-def step(nodes: Nodes, state: State, is_open: Any) -> Step:
+def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     """Take the step."""
     body, h, zero = nodes.body, nodes.h, 0.0 * nodes.h
     W = body.velocity_of(state.s)

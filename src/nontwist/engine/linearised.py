@@ -331,7 +331,7 @@ class ForwardRun(NamedTuple):
     chain: Doubles  # `Chain`: which states are stored, changes that each step has beside
     found: Doubles  # (stored, 6, padded)
     first: Doubles  # quaternion at the start of the run, scalar last, and W
-    is_first: int  # 1: the run begins with this piece
+    is_first: int  # 1: the run begins with this chunk
     turns: Doubles  # (stored, 3, 3) the attitudes there, relative to the stored ones
 
 

@@ -131,7 +131,7 @@ class State(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over the open interval."""
+    """Running sums over the present interval between stored states."""
 
     lam: Symmetric
     mu: float
@@ -319,7 +319,7 @@ class Parts(NamedTuple):
         return self.calls or self.turns
 
     @property
-    def room(self) -> int:
+    def memory_size(self) -> int:
         """Numbers behind the workspace: z, what it was rounded by, its change in a step; lines of the cache."""
         return -(-3 * self.memory // 8) * 8
 

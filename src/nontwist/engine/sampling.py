@@ -180,9 +180,9 @@ class Nodes:
     rate : 1 over the unit of time
     R : Matrix, the attitude at the beginning of the step
     node : number of the first node of the step
-    memory : room of the scheme itself, behind the workspace
+    memory : scratch of the scheme itself, behind the workspace
     block, x : views of the block and of the workspace
-    buffer : room for what functions of the state are called with, by default in the workspace
+    buffer : memory for what functions of the state are called with, by default in the workspace
     """
 
     node: Any

@@ -61,7 +61,7 @@ class Run(NamedTuple):
     polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
     times: Doubles  # (steps, 2) of both ends, those of the caller
-    taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
+    steps_taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
     output_count: int  # of a member, the start the first one
     rows: Wholes  # (outputs,) the node at or before each
@@ -116,7 +116,7 @@ def kernel_of(parts: Parts) -> Kernel:
         run = View(Run, doubles(address))
         for i in loop(run.first, run.last):
             run.apart[i] = 0.0
-            for first in loop(0, run.taken[i], lanes_of_text()):
+            for first in loop(0, run.steps_taken[i], lanes_of_text()):
                 fill(parts, run, i, first)
             join(parts, run, i)
 
@@ -133,13 +133,13 @@ def body_of(run: View, i: Any) -> Body:
     return Body(*View(Body, run.bodies.shifted(i * run.body_stride)).read())
 
 
-class Rooms:
+class Arena:
     """Memory for both ends of steps, the same one after the other whenever an expansion is made again."""
 
     def __init__(self) -> None:
         self._made, self._next, self._side = list[Any](), 0, 0
 
-    def of(self, side: Any) -> Rooms:
+    def of(self, side: Any) -> Arena:
         """Begin again, for one of the ends."""
         self._next, self._side = 0, side
         return self
@@ -159,15 +159,15 @@ class Rooms:
 class Expansion:
     """Series of P, p and the sums, in as many steps as there are lanes, from one of their ends."""
 
-    def __init__(self, parts: Parts, run: View, i: Any, side: Any, room: Rooms) -> None:
+    def __init__(self, parts: Parts, run: View, i: Any, side: Any, allocate: Arena) -> None:
         self.parts, self.run, self.i, self.side, self.body = parts, run, i, side, body_of(run, i)
         lanes = self.lanes = lanes_of_text()
-        self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
+        self.recurrence = Recurrence(MOST - 1, lanes=lanes, allocate=allocate)
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
-        self.polynomials = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
-        self.clock = room(MOST * lanes if parts.turns else 0)
-        self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
+        self.polynomials = [allocate(MOST * lanes) for _ in range(3 * vectors_of(parts))]
+        self.clock = allocate(MOST * lanes if parts.turns else 0)
+        self.length, self._start = allocate(lanes), allocate(len(self.unknowns) * lanes)
 
     def read_ends(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
@@ -176,7 +176,7 @@ class Expansion:
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
-            step = smaller(first + l, run.taken[i] - 1)
+            step = smaller(first + l, run.steps_taken[i] - 1)
             begin, length = run.begin[step], run.lengths[step]
             node, means = i * run.nodes + begin, run.means.shifted((i * (run.nodes - 1) + begin) * SUMS.size)
             p, W = run.p.shifted(4 * (node + self.side)), run.W.shifted(3 * (node + self.side))
@@ -258,17 +258,17 @@ class Expansion:
 def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
-    rooms, own, (signs, apart, rest, enough) = Rooms(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    arena, own, (signs, apart, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
     enough = enough.shifted(0, True)
     for _ in range(count):
-        rooms(MOST * lanes)
-    series = [[rooms.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
+        arena(MOST * lanes)
+    series = [[arena.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
     for l in loop(lanes):
         enough[l] = 0
     v = Variables(k=FEWEST, known=1, goes=True)
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
-            e = Expansion(parts, run, i, side, rooms.of(side))
+            e = Expansion(parts, run, i, side, arena.of(side))
             for _ in when(v.known == 1):
                 e.read_ends(first)
             e.expand(v.known, v.k)
@@ -289,7 +289,7 @@ def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
     signs.store(0, sign, lanes)
     apart.store(0, select(off <= inf, off, inf), lanes)
-    for l in loop(smaller(run.taken[i] - first, lanes)):
+    for l in loop(smaller(run.steps_taken[i] - first, lanes)):
         run.apart[i] = larger(run.apart[i], select(enough[l] == 0, inf, apart[l]))
         for c, each in enumerate([*series[0], *series[1]]):
             for n in loop(enough[l]):

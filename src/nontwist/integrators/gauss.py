@@ -186,9 +186,9 @@ class Gauss(Compiled):
         """Return the text of the step."""
         return text_of(self.nodes, motion)
 
-    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+    def motion(self, parts: Parts, is_nonprincipal: bool, has_vertical: bool) -> str:
         """Return the kind of motion, by the vectors of space that are unknowns: "rows" where those are all three."""
-        if is_slanted or not parts.is_along_frame:
+        if is_nonprincipal or not parts.is_along_frame:
             return "rows"
         if parts.dead:
             return "heavy" if has_vertical and not parts.moving else "rows"

@@ -58,7 +58,7 @@ def scratches(s: int, columns: int) -> dict[str, int]:
         "Z": 9 * s,  # Σ b_i T_ij
         "theta": 9 * s,
         "direct": 9,  # of the turn, by V at the end
-        "gain": 18 * s,  # the response
+        "adjoint": 18 * s,  # the response
         "ends": 6 * columns,
         "along": 4 * columns,  # of a turn about a line: changes of ψ, and of the vector at the end
         "a": 3 * s * (6 * s + 6),
@@ -290,7 +290,7 @@ class Collocation:
                         a[row * width + column] = (alpha if r == c else 0.0) - T[r][c]
 
     def correct(self, v: Variables) -> None:
-        """Take a step of Newton's iteration for the steps that are open, and close those that are done."""
+        """Take a step of Newton's iteration for the steps that are active, and deactivate those that are done."""
         m, a = 3 * self.s, self.scratches["a"]
         self.set_system(m + 1, False)
         for i, stage in self.each():
@@ -320,7 +320,7 @@ class Collocation:
         else:
             turn = Steady(self) if self.motion == "steady" else Turn(self)
         turn.set()
-        self.set_gains()
+        self.set_adjoint()
         if has_dead and self.motion != "free":
             inputs = tuple(self.wanted)
         self.emit(place, inputs, turn, True)
@@ -328,7 +328,7 @@ class Collocation:
             self.turn = self.turn_of_rows()
             turn = Turn(self)
             turn.set()
-            self.set_gains()
+            self.set_adjoint()
             self.emit(place, ("dead",), turn, False)
 
     def turn_of_rows(self) -> Matrix:
@@ -347,8 +347,8 @@ class Collocation:
                 v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
             self.set_matrix("Z", j, v.Z)
 
-    def set_gains(self) -> None:
-        """Set the response of the end to what stands on the right at each stage, six rows."""
+    def set_adjoint(self) -> None:
+        """Set the response of the end to right-hand sides at the stages, six rows: solve the transposed system."""
         m, a = 3 * self.s, self.scratches["a"]
         width = m + 6
         self.set_system(width, True)
@@ -360,11 +360,11 @@ class Collocation:
         for j in loop(self.s):
             for o in range(6):
                 row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
-                put(self.scratches["gain"], row, 18 * j + 3 * o)
+                put(self.scratches["adjoint"], row, 18 * j + 3 * o)
 
     def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
-        b, h, gain = self.b, self.h, self.scratches["gain"]
+        b, h, adjoint = self.b, self.h, self.scratches["adjoint"]
         places, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
@@ -390,7 +390,7 @@ class Collocation:
         for i, stage in self.each():
             g = self.changed(i, stage, e)
             F = e.nodes.h * e.rate(i, stage.V, g, self.still_rows(i))
-            by = [vector_at(gain, 18 * i + 3 * o) for o in range(6)]
+            by = [vector_at(adjoint, 18 * i + 3 * o) for o in range(6)]
             both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
             for name in nodal:
                 for c in range(self.wanted[name]):

@@ -99,7 +99,7 @@ class Stages(NamedTuple):
     are_together: bool  # whether all stages are evaluated at once
 
     @property
-    def wide(self) -> int:
+    def width(self) -> int:
         """How many numbers are evaluated at once."""
         return self.lanes if not self.are_together else 4 if self.number <= 4 else WIDTH
 
@@ -113,7 +113,7 @@ class Stages(NamedTuple):
 
     def at(self, i: Any) -> View:
         """Return the stages that are evaluated at once."""
-        return View(Stage, self.memory.shifted(i * self.across), self.wide, WIDTH * self.across)
+        return View(Stage, self.memory.shifted(i * self.across), self.width, WIDTH * self.across)
 
     def each(self) -> Iterator[tuple[Any, View]]:
         """Yield the stages: all at once, or in a loop of the machine."""
@@ -122,7 +122,7 @@ class Stages(NamedTuple):
 
     def coefficient(self, place: Any, i: Any) -> Any:
         """Return coefficients of the stages that are evaluated at once."""
-        return self.table.load(place + i, self.wide if self.are_together else 1)
+        return self.table.load(place + i, self.width if self.are_together else 1)
 
     def collocated(self, name: str, base: Vector, i: Any, matrix: Any = TABLE.mu) -> Vector:
         """Return ``base + Σ μ_ij L_j``; even and odd j are summed apart."""
@@ -331,7 +331,7 @@ class Equations:
         return [dP, *(b * cross(v, V) for v in g)]
 
     def ended(self, takes: Any) -> Any:
-        """Evaluate the stages found, keep P, W, g and sums; return the smallest determinant of the rows, negative.
+        """Evaluate the stages found, store P, W, g and sums; return the smallest determinant of the rows, negative.
 
         Bodies whose mask is set take the increments that come out, which are nearer to the solution.
         """
@@ -424,11 +424,11 @@ def iterated(
             for _ in when(is_checked):
                 turns = d
                 if k is not None:
-                    v.change = larger(v.change, peak(stages, k * d[0]))
+                    v.change = larger(v.change, largest_change(stages, k * d[0]))
                     v.reach = larger(v.reach, stages.largest(taxicab(k * new[0])))
                     turns = d[1:]
                 if turns:
-                    v.turn = larger(v.turn, peak(stages, *turns))
+                    v.turn = larger(v.turn, largest_change(stages, *turns))
             if memory:
                 v.turn = larger(v.turn, memory.follow(i, stage))
         v.used, v.takes = select(v.active, v.used + 1.0, v.used), v.active
@@ -457,7 +457,7 @@ def iterated(
     return v.for_newton, v.used
 
 
-def peak(stages: Stages, *vectors: Vector) -> Any:
+def largest_change(stages: Stages, *vectors: Vector) -> Any:
     """Return the largest size over the stages, infinity where one is not a number."""
     d = taxicab(vectors[0])
     for v in vectors[1:]:
@@ -466,7 +466,7 @@ def peak(stages: Stages, *vectors: Vector) -> Any:
 
 
 def progress(v: Variables, s: int, count: Any, checked: Any, now: Any, level: Any) -> None:
-    """Close bodies that are done, and those that do not contract.
+    """Deactivate bodies that are done, and those that do not contract.
 
     `checked` is how many iterations before this one were looked at, less than 0 where this one is not. `now` is the
     size of the increments in round-off of the velocity, ``v.before`` and ``v.earlier`` those of the last two

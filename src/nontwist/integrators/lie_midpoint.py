@@ -133,9 +133,9 @@ class LieMidpoint(Dissipative):
         """Return the text of the step."""
         return TEXT
 
-    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+    def motion(self, parts: Parts, is_nonprincipal: bool, has_vertical: bool) -> str:
         """Return whether the step is explicit, as Q̃ × Ω is along the axis."""
-        is_quadrature = parts.is_constrained and parts.is_along_frame and not (is_slanted or parts.dead)
+        is_quadrature = parts.is_constrained and parts.is_along_frame and not (is_nonprincipal or parts.dead)
         return "explicit" if is_quadrature else ""
 
 

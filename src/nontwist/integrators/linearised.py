@@ -209,7 +209,7 @@ class Linearised:
         return found
 
     def ranges(self, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of all pieces."""
+        """Return the first and last steps of all chunks."""
         return ranged(0, self.problem.steps, LONGEST, back)
 
     def nodes(self, first: int, last: int) -> Nodes:
@@ -240,42 +240,42 @@ class Linearised:
         if self._varied is not None:
             self._varied.require_no_error()
 
-    def pieces(
+    def chunks(
         self, count: int = 0, entries: Sampled = lambda nodes: (), is_stored: StepMask | None = None, back: bool = False
-    ) -> Iterator[Piece]:
+    ) -> Iterator[Chunk]:
         """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
 
         `is_stored`: 1 for each step at whose end the state is stored, else 0.
         """
         for ends in self.ranges(back):
             nodes = self.nodes(*ends)
-            piece = piece_of(self, nodes, count, entries(nodes), back)
+            chunk = chunk_of(self, nodes, count, entries(nodes), back)
             if is_stored is not None:
                 part = is_stored[nodes.first : nodes.last]
-                pack(piece.chain, CHAIN, is_stored=part)
-                piece = piece._replace(
-                    alive=piece.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
+                pack(chunk.chain, CHAIN, is_stored=part)
+                chunk = chunk._replace(
+                    alive=chunk.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
                 )
-            yield piece
+            yield chunk
 
     def workspace(self) -> Workspace:
         """Return memory for matrices."""
         return Workspace(self._block, self._scratch, self.width * self.rows)
 
-    def run(self, kernel: Kernel, own: Workspace, piece: Piece, nodes: States, **arrays: Any) -> None:
-        """Let changes go through the steps of a piece, given the states at all nodes.
+    def run(self, kernel: Kernel, own: Workspace, chunk: Chunk, nodes: States, **arrays: Any) -> None:
+        """Let changes go through the steps of a chunk, given the states at all nodes.
 
         Raises
         ------
         SimulationError
             The equations of a step are not solved again.
         """
-        piece = piece._replace(chain=piece.chain.copy())  # threads share pieces
-        piece.fill_block(own.block, nodes)
-        kernel(piece.linked(own.block, **arrays))
+        chunk = chunk._replace(chain=chunk.chain.copy())  # threads share chunks
+        chunk.fill_block(own.block, nodes)
+        kernel(chunk.linked(own.block, **arrays))
         self.require_no_error()
         if own.block[STEPS.failed]:
-            k = piece.first + int(own.block[STEPS.first])
+            k = chunk.first + int(own.block[STEPS.first])
             t, h = float(self.problem.times(k)), self.problem.step_at(k)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
@@ -322,7 +322,7 @@ class Workspace:
         pack(self.block, STEPS, out=self._matrices, workspace=self._scratch)
 
 
-class Piece(NamedTuple):
+class Chunk(NamedTuple):
     """Some steps, what acts on them, and how changes go through them: a block (`Chain`), and what it points to."""
 
     first: int
@@ -347,7 +347,7 @@ class Piece(NamedTuple):
         return address_of(self.chain)
 
 
-def piece_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Piece:
+def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
     every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
@@ -368,7 +368,7 @@ def piece_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entr
         arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
     pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
     pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Piece(first, last, steps.sampled(nodes), block, arrays)
+    return Chunk(first, last, steps.sampled(nodes), block, arrays)
 
 
 def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

@@ -240,7 +240,7 @@ class StackMarch:
                     break
                 done = self.good(last) - 1 if self.outputs is None else self.outputs.before(last - 1)
                 if len(stack) == 1 and last < stack.steps:
-                    counted = done, last, self.arrays["states"].copy(), self._open().copy()
+                    counted = done, last, self.arrays["states"].copy(), self._running_sums().copy()
                 if len(stack) == 1:  # what is reported counts
                     report(1)
                 first = last
@@ -294,7 +294,7 @@ class StackMarch:
         """Go back to the end of the last part that counts, and write the state there."""
         done, last, states, sums = counted or (0, 0, None, None)
         if counted:
-            self.arrays["states"][:], self._open()[:] = states, sums
+            self.arrays["states"][:], self._running_sums()[:] = states, sums
         stack, end = self.stack, None
         self.arrays["failures"][:] = 0.0
         if self.outputs is None:
@@ -311,14 +311,14 @@ class StackMarch:
                 end = None
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 
-    def _open(self) -> Array:
-        """Return the sums over the open interval."""
+    def _running_sums(self) -> Array:
+        """Return the running sums over the present interval."""
         return self.arrays["sums" if self.outputs is None else "totals"]
 
     def _leave(self, parts: Parts, span: tuple[int, int], step: int, done: int) -> None:
         """Write the states of members of a group as if they were those of the node after `done`."""
         part = max(step - 1, 0), max(step, 1)
-        row, self.block[BLOCK.writes_end] = legs(self, *part, self.unloaded)[-1:], 1
+        row, self.block[BLOCK.writes_end] = grid_calls(self, *part, self.unloaded)[-1:], 1
         pack(row[0], CALL, first=step, steps=0, done=done, begins=0)
         self._run(listed(self, parts, 1, *part, row), 1, *span)
         self.block[BLOCK.writes_end] = 0
@@ -328,11 +328,11 @@ class StackMarch:
         m, found, begin = len(self.stack), [], 0
         if m == 1:
             return [(self.groups[0], 1, (0, 1), 1)]
-        scheme, wide = self.scheme, machine_code.lanes()
+        scheme, lanes = self.scheme, machine_code.lanes()
         size = int(np.clip(-(-m // (4 * threads)), SMALLEST, LARGEST))
         for parts, number in zip(self.groups, np.bincount(self.group).tolist(), strict=True):
-            few = number <= FEW or not scheme.in_lanes or self.parts.memory > 0  # whose workspace is that of one
-            found.append((parts, 1 if few else wide, (begin, begin + number), size))
+            is_single = number <= FEW or not scheme.in_lanes or self.parts.memory > 0  # whose workspace is that of one
+            found.append((parts, 1 if is_single else lanes, (begin, begin + number), size))
             begin += number
         return found
 
@@ -357,17 +357,17 @@ class StackMarch:
         """Return the kernel that carries out a list of calls."""
         return carry_out_outputs(self.parts._replace(lanes=width)) if todo.has_outputs else carry_out
 
-    def room(self, width: int) -> int:
+    def workspace_size(self, width: int) -> int:
         """Return the numbers of the workspace of so many members."""
         each, shared = self.needs.scratch(self.parts.memory)
-        return int(width * (WORK.size + self.parts.room + each) + shared)
+        return int(width * (WORK.size + self.parts.memory_size + each) + shared)
 
     def laid(
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * self.shapes["states"][1])
-        workspace = aligned(self.room(width))
+        workspace = aligned(self.workspace_size(width))
         pack(head, CALLS, scratch=scratch)
         pack(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
@@ -442,17 +442,17 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        rows, rates, alive = _with_outputs(march, parts, first, last, unloaded)
+        rows, rates, alive = _calls_with_outputs(march, parts, first, last, unloaded)
         pack(head, CALLS, rates=rates)
         alive = rates, alive
     elif rows is None:
-        rows = legs(march, first, last, unloaded)
+        rows = grid_calls(march, first, last, unloaded)
     pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
     pack(head, CALLS, **march.addresses(parts, width, has_outputs))
     return Listed(head, (rows, alive), has_outputs, parts)
 
 
-def legs(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
+def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
     """Return the calls for steps of the grid, one for each stretch and from stop to stop."""
     numbers = np.array(march.stack.grid.numbers)
     stop = distinct(np.concatenate([[first, last], numbers, unloaded.begin, unloaded.end, *stops]))
@@ -479,7 +479,7 @@ def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, w
     return rows
 
 
-def _with_outputs(
+def _calls_with_outputs(
     march: StackMarch, parts: Parts, first: int, last: int, unloaded: Unloaded
 ) -> tuple[Rows, Array, Any]:
     """Return the calls of steps and outputs in order, and the arrays that belong to them."""
@@ -491,7 +491,7 @@ def _with_outputs(
     stretch[(stretch >= 0) & ~inside & np.isin(node, unloaded.begin)] = -1  # there nothing has moved yet
     free = stretch >= 0
     origin, is_step = unloaded.begin[stretch[free]], inside & ~free
-    steps = legs(march, first, last, unloaded, node[~free])
+    steps = grid_calls(march, first, last, unloaded, node[~free])
     sizes = march.sizes[np.searchsorted(stack.grid.numbers[1:-1], node, side="right"), 0]
     length = since / march.unit
     length[free] = (stack.times(node[free]) - stack.times(origin) + since[free]) / march.unit

@@ -19,7 +19,7 @@ from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Entries, Linearised, Nodes, Piece, Sampled, StepMask, Workspace
+from .linearised import Chunk, Entries, Linearised, Nodes, Sampled, StepMask, Workspace
 from .members import PerThread
 
 
@@ -32,8 +32,8 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, i
     padded = -(-count // LANES) * LANES
     x, found = aligned(steps.rows, padded), aligned(int(is_stored.sum()), 6, padded, empty=True)
     x[:, :count] = steps.turned(start)
-    for piece in steps.pieces(count, entries, is_stored):
-        steps.run(chain_forward(steps.rows), own, piece, states, state=x, states=found[piece.place :])
+    for chunk in steps.chunks(count, entries, is_stored):
+        steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.place :])
     return steps.turned(found[:, :, :count], back=True)
 
 
@@ -47,9 +47,9 @@ def back(
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found = np.zeros(-(-count // LANES) * LANES)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
-    for piece in steps.pieces(count, entries, is_stored, back=True):
-        arrays = {"state": x, "scratch": scratch, "states": slopes[piece.place :], "found": found}
-        steps.run(chain_back, own, piece, states, **arrays)
+    for chunk in steps.chunks(count, entries, is_stored, back=True):
+        arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.place :], "found": found}
+        steps.run(chain_back, own, chunk, states, **arrays)
     return steps.turned(x[:, None], back=True)[:, 0], found[:count]
 
 
@@ -66,9 +66,9 @@ class PreparedTangents:
     """
 
     def __init__(self, steps: Linearised, count: int, entries: Sampled, is_stored: StepMask) -> None:
-        self._steps, self._pieces, self._stored_count = (
+        self._steps, self._chunks, self._stored_count = (
             steps,
-            list(steps.pieces(count, entries, is_stored)),
+            list(steps.chunks(count, entries, is_stored)),
             int(is_stored.sum()),
         )
         self._count, self._threads = count, PerThread(lambda: (None,) * 6)
@@ -102,14 +102,14 @@ class PreparedTangents:
         x, scale = aligned(steps.rows, padded), np.ones(1)
         found = aligned(self._stored_count, 6, padded, empty=True)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for piece in self._pieces:
+        for chunk in self._chunks:
             block = own.block.copy()
-            refresh = partial(piece.fill_block, block, states)
+            refresh = partial(chunk.fill_block, block, states)
             refresh()
             block[STEPS.factor] = scale.ctypes.data
-            piece = piece._replace(chain=piece.chain.copy())
-            calls.append((block, piece.linked(block, state=x, states=found[piece.place :]), refresh))
-            alive.append(piece)
+            chunk = chunk._replace(chain=chunk.chain.copy())
+            calls.append((block, chunk.linked(block, state=x, states=found[chunk.place :]), refresh))
+            alive.append(chunk)
         return states, x, found, scale, calls, (own, alive)
 
 
@@ -130,8 +130,8 @@ class ForwardTangents:
         def entries_of(nodes: Nodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
-        self._pieces = list(steps.pieces(self._count, entries_of, is_stored))
-        arrays = [piece.alive.get(name, ()) for piece in self._pieces for name in ("used", "own_columns")]
+        self._chunks = list(steps.chunks(self._count, entries_of, is_stored))
+        arrays = [chunk.alive.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
@@ -173,18 +173,18 @@ class ForwardTangents:
         state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for piece in self._pieces:
+        for chunk in self._chunks:
             fixed[rows:] = 0.0
-            fixed[piece.alive["used"], : self._count] = piece.alive["changes"][:, : self._count]
+            fixed[chunk.alive["used"], : self._count] = chunk.alive["changes"][:, : self._count]
             block = own.block.copy()
-            piece.fill_block(block)
+            chunk.fill_block(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[piece.place :], piece.linked(block)
-            head.first, head.is_first, head.turns = state[-7:], int(piece.first == 0), turns[piece.place :]
+            head.padded, head.found, head.chain = self._padded, found[chunk.place :], chunk.linked(block)
+            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.place :]
             calls.append((block, head.address))
-            alive.append((head, piece))
+            alive.append((head, chunk))
         x[:] = fixed
         return x, state, found, turns, scale, calls, (own, alive)
 
@@ -208,11 +208,11 @@ class Growth:
         self.count = first.shape[1]
         random = np.random.default_rng(0).normal(size=(self.count, self.count))
         self._first = first @ np.linalg.qr(random)[0]  # along nothing in particular
-        self._pieces: list[Piece] | None = None
+        self._chunks: list[Chunk] | None = None
 
     def keep(self) -> Growth:
         """Keep what acts on the steps, for many runs, and return this."""
-        self._pieces = list(self._steps.pieces())
+        self._chunks = list(self._steps.chunks())
         return self
 
     @cached_property
@@ -246,7 +246,7 @@ class Growth:
         arrays["metric"][:] = T.T @ T / fastest**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done = np.empty((len(self.times), k)), 0
-        for piece in self._pieces or steps.pieces():
-            steps.run(grow(steps.rows), own, piece, states, grown=k, lengths=lengths[done:], **at)
-            done += -(-(piece.last - piece.first) // TOGETHER)
+        for chunk in self._chunks or steps.chunks():
+            steps.run(grow(steps.rows), own, chunk, states, grown=k, lengths=lengths[done:], **at)
+            done += -(-(chunk.last - chunk.first) // TOGETHER)
         return np.cumsum(np.log(lengths), axis=0)

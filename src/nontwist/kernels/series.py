@@ -30,12 +30,12 @@ class Recurrence:
         The power of the last coefficient.
     tangents, lanes : int
         Of each number; directions lie side by side in lanes. Without tangents, it is the numbers that do.
-    room : function
+    allocate : function
         Gives memory for so many numbers.
     """
 
-    def __init__(self, order: int, tangents: int = 0, lanes: int = 1, room: Callable[[int], Any] = scratch) -> None:
-        self.order, self.tangents, self.lanes, self._room = order, tangents, lanes, room
+    def __init__(self, order: int, tangents: int = 0, lanes: int = 1, allocate: Callable[[int], Any] = scratch) -> None:
+        self.order, self.tangents, self.lanes, self._allocate = order, tangents, lanes, allocate
         self.size = 1 + tangents * lanes if tangents else lanes  # of a coefficient
         self.stored = list[Stored]()  # in the order in which they were made
 
@@ -58,11 +58,11 @@ class Recurrence:
 
     def unknown(self) -> Stored:
         """Return a series whose first coefficient is to be set."""
-        return Stored(self, self._room((self.order + 1) * self.size))
+        return Stored(self, self._allocate((self.order + 1) * self.size))
 
     def keep(self, level: int, **how: Any) -> Stored:
         """Return a series that is kept in memory as its coefficients are made."""
-        return Stored(self, self._room(self.order * self.size), level, **how)
+        return Stored(self, self._allocate(self.order * self.size), level, **how)
 
     def solve(self, unknowns: Sequence[Stored], rates: Sequence[Series], first: Any = 0, last: Any = None) -> None:
         """Make the coefficients of the unknowns beyond the power `first`, all or up to the power `last`."""

@@ -19,8 +19,8 @@ from __future__ import annotations
 import pickle
 from dataclasses import dataclass, field
 from functools import cached_property
-from operator import is_
 from math import inf
+from operator import is_
 from typing import Any, Literal
 
 import numpy as np

@@ -462,7 +462,7 @@ def exponential(out):
     """Write the coefficients of the solution of ``x' = k (x - x²)``, x(0) = 2, k = 3, and what x(0) and k change."""
     recurrence = Recurrence(ORDER, 2)
     x, k = recurrence.unknown(), Dual(3.0, [0.0, 1.0])
-    x.put(0, Dual(out[0], [1.0, 0.0]))
+    x.set_coefficient(0, Dual(out[0], [1.0, 0.0]))
     recurrence.solve([x], [k * (x - x * x)])
     for n, found in enumerate([*(x[n] for n in range(ORDER + 1)), x.at(0.01)]):
         for j, number in enumerate((found.value, *found.tangents)):

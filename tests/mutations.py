@@ -4,7 +4,7 @@ A statement is drawn uniformly from each module of more than 100 lines and from 
 its share; then a kind of fault that it can have (a sign, a factor, a bound, a condition, off by one, a dropped term),
 then a place in it. Which tests run which lines is measured first, in a process for each file, since a kernel is traced
 once a process. Tests that run the statement, or that use the constant, are run until one fails: the quickest and those
-most about the module first; then whole files with such a test. A test that fails without the fault too finds nothing.
+most about the module first; then whole files with such a test. Tests that fail without a fault are left out.
 Files that compare with stored output (STORED) are left out: a fault that they alone would find counts as not found.
 Reasons for those that are not found are in tests/data/survivors.json, by module and faulty line.
 """
@@ -135,24 +135,18 @@ class Places(ast.NodeVisitor):
 
     def statement(self, node):
         """The faults of one statement."""
-        if isinstance(node, ast.If) and self.of(node.test) == "TYPE_CHECKING":
+        part = {ast.If: "test", ast.While: "test", ast.For: "iter"}.get(type(node), "value")
+        inside = getattr(node, part, None)
+        if inside is None or getattr(inside, "id", "") == "TYPE_CHECKING":
             return []
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) and type(node.value.value) is float:
-            self.add("bound", node.value, repr(10 * node.value.value or 0.1))
-        elif isinstance(node, (ast.If, ast.While)):
-            self.add("condition", node.test, f"(not ({self.of(node.test)}))")
-            self.visit(node.test)
-        elif isinstance(node, ast.For):
-            self.visit(node.iter)
-        elif (
-            isinstance(node, (ast.Return, ast.Assign, ast.AugAssign, ast.AnnAssign, ast.Expr))
-            and node.value is not None
-        ):
-            if isinstance(node, ast.AugAssign) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)):
-                self.add("dropped term", node, "pass")
-            self.visit(node.value)
-        last = {ast.If: "test", ast.While: "test", ast.For: "iter"}.get(type(node))
-        last = (getattr(node, last) if last else node).end_lineno
+        if isinstance(node, ast.Assign) and isinstance(inside, ast.Constant) and type(inside.value) is float:
+            self.add("bound", inside, repr(10 * inside.value or 0.1))
+        elif part == "test":
+            self.add("condition", inside, f"(not ({self.of(inside)}))")
+        elif isinstance(node, ast.AugAssign) or (isinstance(node, ast.Expr) and isinstance(inside, ast.Call)):
+            self.add("dropped term", node, "pass")
+        self.visit(inside)
+        last = (node if part == "value" else inside).end_lineno
         targets = getattr(node, "targets", [getattr(node, "target", None)])
         names = tuple(n.id for target in targets if target for n in ast.walk(target) if isinstance(n, ast.Name))
         found, self.found = self.found, []
@@ -203,21 +197,18 @@ def copied(folder):
 
 def ran(folder, arguments, seconds=None):
     """The exit status and the output of Python in a copy; the status is None where it takes longer."""
-    env = os.environ | {
-        "PYTHONPATH": os.pathsep.join(str(folder / part) for part in ("src", "tests")),
-        "NONTWIST_ANY_SENTENCE": "1",
-    }
-    output = folder / "output.txt"
+    path = os.pathsep.join(str(folder / part) for part in ("src", "tests"))
+    output, env = folder / "output.txt", os.environ | {"PYTHONPATH": path, "NONTWIST_ANY_SENTENCE": "1"}
     with open(output, "wb") as file:
-        process = subprocess.Popen(
-            [sys.executable, *arguments], cwd=folder, env=env, stdout=file, stderr=file, start_new_session=True
-        )
+        how = {"cwd": folder, "env": env, "stdout": file, "stderr": file, "start_new_session": True}
+        process = subprocess.Popen([sys.executable, *arguments], **how)
         try:
-            status = process.wait(seconds)
+            process.wait(seconds)
         except subprocess.TimeoutExpired:
-            status = None
+            pass
         finally:
-            if process.poll() is None:
+            status = process.poll()
+            if status is None:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
     return status, output.read_text(encoding="utf-8", errors="replace")
@@ -260,8 +251,8 @@ def measured(folder, file):
     data, seen = folder / "coverage", folder / "seen.json"
     for path in (data, seen):
         path.unlink(missing_ok=True)
-    options = ["-m", "coverage", "run", "--source=src/nontwist", f"--data-file={data}"]
-    status, output = ran(folder, [*options, "-m", "pytest", *QUICK, "-p", "mutations", file])
+    coverage = ["-m", "coverage", "run", "--source=src/nontwist", f"--data-file={data}"]
+    status, output = ran(folder, [*coverage, "-m", "pytest", *QUICK, "-p", "mutations", file])
     if status not in (*PASSED, 1):
         print(f"{file} is left out: {output[-500:]}", flush=True)
         return []
@@ -299,7 +290,7 @@ def each(copies, work, items):
             return list(pool.map(one, items))
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
-            raise
+            print("interrupted")
 
 
 class Map:
@@ -337,58 +328,36 @@ class Map:
             if any(test.lines.get(module, 0) & lines for module, lines in places.items()):
                 share = (test.lines.get(fault.module, 0) & inside).bit_count() + 1
                 scores[test] = share / sum(map(int.bit_count, test.lines.values())) / (test.seconds + mean)
-        tests = sorted(scores, key=scores.get, reverse=True)
-        parts = [[], [], []]
-        most = [share * self.all_seconds for share in SHARES]
-        left = [*most]
-        for test in tests:
-            for k in (0, 1):
-                if left[k] > test.seconds or not parts[0]:
-                    parts[k].append(test.name)
-                    left[k] -= test.seconds
-                    break
         whole = Counter()
         for test in self.tests:
             whole[test.file] += test.seconds
+        tests = sorted(scores, key=scores.get, reverse=True)
+        parts, left = [[], [], []], [share * self.all_seconds for share in SHARES]
+        for test in tests:
+            k = next((k for k in (0, 1) if left[k] > test.seconds or not parts[0]), 3)
+            if k < 3:
+                parts[k].append(test.name)
+                left[k] -= test.seconds
         for file in dict.fromkeys(test.file for test in tests):
             if left[2] > whole[file]:
                 parts[2].append(file)
                 left[2] -= whole[file]
-        seconds = [most[k] - left[k] for k in range(3)]
-        return list(zip(parts, seconds, strict=True))
-
-
-class Search:
-    """The search for faults by the tests of a map."""
-
-    def __init__(self, map_of_tests):
-        self.map = map_of_tests
-        self.sound = {}  # whether a test passes without a fault, by name
+        return [(part, share * self.all_seconds - rest) for part, share, rest in zip(parts, SHARES, left, strict=True)]
 
     def found_by(self, copy, fault):
         """The test that finds a fault; an empty text where none does."""
         path = copy / fault.module
         clean = path.read_text(encoding="utf-8")
-        for names, seconds in self.map.chosen(fault):
-            while names:
-                path.write_text(fault.planted(clean), encoding="utf-8")
-                try:
-                    limit = max(AT_LEAST, ENDLESS * seconds)
-                    status, output = ran(copy, ["-m", "pytest", *QUICK, "-x", *names], limit)
-                finally:
-                    path.write_text(clean, encoding="utf-8")
-                if status in PASSED or status == -signal.SIGKILL:
-                    break
+        for names, seconds in self.chosen(fault):
+            path.write_text(fault.planted(clean), encoding="utf-8")
+            try:
+                limit = max(AT_LEAST, ENDLESS * seconds)
+                status, output = ran(copy, ["-m", "pytest", *QUICK, "-x", *names], limit) if names else (0, "")
+            finally:
+                path.write_text(clean, encoding="utf-8")
+            if status not in (*PASSED, -signal.SIGKILL):
                 failed = re.findall(r"^(?:FAILED|ERROR) (tests/.+?)(?: - .*)?$", output, re.MULTILINE)
-                if not failed:
-                    return "a run without end" if status is None else f"the exit status {status}"
-                name = failed[0]
-                if name not in self.sound:
-                    self.sound[name] = "::" not in name or ran(copy, ["-m", "pytest", *QUICK, name])[0] != 1
-                if self.sound[name]:
-                    return name
-                print(f"{name} fails without a fault too", flush=True)
-                names = [one for one in names if one not in (name, name.partition("::")[0])]
+                return (failed or ["a run without end" if status is None else f"the exit status {status}"])[0]
         return ""
 
 
@@ -417,21 +386,16 @@ def main():
             if options.map:
                 options.map.write_text(json.dumps([vars(test) for test in tests]), encoding="utf-8")
         print(f"{len(tests)} tests measured after {time.monotonic() - started:.0f} s", flush=True)
-        search = Search(Map(tests))
+        tests = Map(tests)
 
         def told(copy, fault):
-            results[fault] = by = search.found_by(copy, fault)
-            line = fault.planted(search.map.texts[fault.module]).splitlines()[fault.line - 1]
+            results[fault] = by = tests.found_by(copy, fault)
+            line = fault.planted(tests.texts[fault.module]).splitlines()[fault.line - 1]
             reason = reasons.get(f"{fault.module}: {line.strip()}", "no reason is known")
-            print(
-                f"{len(results)}/{len(faults)} {fault}: {f'found by {by}' if by else f'NOT FOUND, {reason}'}",
-                flush=True,
-            )
+            how = f"found by {by}" if by else f"NOT FOUND, {reason}"
+            print(f"{len(results)}/{len(faults)} {fault}: {how}", flush=True)
 
-        try:
-            each(copies, told, faults)
-        except KeyboardInterrupt:
-            print("interrupted")
+        each(copies, told, faults)
     for kind in sorted({fault.kind for fault in results}):
         of_kind = [bool(by) for fault, by in results.items() if fault.kind == kind]
         print(f"{kind}: {sum(of_kind)} of {len(of_kind)}")

@@ -16,8 +16,8 @@ from textwrap import dedent
 import click
 import pytest
 import typer
-from typer.testing import CliRunner
 
+from conftest import ended
 from nontwist.cli import app
 from nontwist.cli.outcomes import imports_first
 
@@ -52,7 +52,6 @@ def mentioned(name):
 
 
 PYTHON = [name for name in TEXTS if blocks(name, "python")]
-COMMANDS = [name for name in TEXTS if typed(name) or mentioned(name)]
 RUN = [name for name in TEXTS if typed(name) and "mystnb" not in TEXTS[name][:40] and name not in NOT_TYPED]
 
 
@@ -66,8 +65,7 @@ def place(tmp_path, monkeypatch):
 
 
 def nontwist(line):
-    result = CliRunner().invoke(app, shlex.split(line, comments=True)[1:])
-    assert result.exit_code == 0, f"{line}\n{result.output}{result.exception}"
+    return ended(0, *shlex.split(line, comments=True)[1:])
 
 
 def supply(name, path):
@@ -87,29 +85,28 @@ def supply(name, path):
 
 def test_reasons_are_of_pages():
     assert {name for name in NOT_RUN if name in TEXTS} <= {*PYTHON}
-    assert {"README.md", "docs/run-files.md"} <= {*PYTHON} & {*COMMANDS}
+    assert {"README.md", "docs/run-files.md"} <= {*PYTHON}
     assert "docs/run-files.md" in RUN
 
 
-@pytest.mark.parametrize("name", PYTHON)
-def test_python_reads_and_its_names_exist(name):
-    for code in blocks(name, "python"):
-        for node in ast.walk(ast.parse(code)):
+def test_python_reads_and_its_names_exist():
+    for name in PYTHON:
+        for node in (node for code in blocks(name, "python") for node in ast.walk(ast.parse(code))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "nontwist":
                 module = import_module(node.module)
-                assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
+                assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == [], name
 
 
 @pytest.mark.parametrize("name", [name for name in PYTHON if name not in NOT_RUN])
 def test_python_runs(name, place):
     nontwist("nontwist example heavy_top")
-    space = {}
     for code in blocks(name, "c"):
         file, command = re.match(r"/\* (\S+): (.*) \*/", code).groups()
         if shutil.which("cc") is None:
             pytest.skip("there is no C compiler")
         Path(file).write_text(code, encoding="utf-8")
         subprocess.run(command.split(), check=True)
+    space = {}
     for code in blocks(name, "python"):
         exec(compile(code, name, "exec"), space)
 
@@ -118,23 +115,20 @@ def test_python_runs(name, place):
 def test_the_first_pages_state_what_is_printed(name, place, capsys):
     exec(compile(blocks(name, "python")[0], name, "exec"), {})
     assert f"`{capsys.readouterr().out.strip()}`" in TEXTS[name]
-    result = CliRunner().invoke(app, shlex.split("twist examples/imu/quaternion.csv --inverse --degrees --no-figure"))
+    result = nontwist("nontwist twist examples/imu/quaternion.csv --inverse --degrees --no-figure")
     stated = re.search(r"−(\S+°), (sampling ± \S+°), (noise ± \S+°)", TEXTS[name])
     assert all(number in result.output for number in (f"-{stated[1]}", *stated.groups()[1:]))
 
 
-@pytest.mark.parametrize("name", [name for name in TEXTS if blocks(name, "toml")])
-def test_run_files_are_in_order(name, place):
-    for code in blocks(name, "toml"):
-        if "[body]" in code:
-            (place / "run.toml").write_text(code, encoding="utf-8")
-            nontwist("nontwist check run.toml")
+def test_run_files_are_in_order(place):
+    for code in (code for name in TEXTS for code in blocks(name, "toml") if "[body]" in code):
+        (place / "run.toml").write_text(code, encoding="utf-8")
+        nontwist("nontwist check run.toml")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_commands_and_their_options_exist(name):
+def test_commands_and_their_options_exist():
     group = typer.main.get_command(app)
-    for line in [*typed(name), *mentioned(name)]:
+    for line in (line for name in TEXTS for line in (*typed(name), *mentioned(name))):
         words = imports_first(shlex.split(re.split(r" [>|] ", line)[0], comments=True)[1:])
         _, words, _ = group.make_parser(click.Context(group)).parse_args(words)
         if words:

@@ -71,6 +71,8 @@ def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reprodu
         document = result.page.read_text(encoding="utf-8")
         titles = re.findall(r"<(?:figcaption|caption)>(F|T)(?:igure|able) (\d)\.", document)
         assert " ".join(map("".join, titles)) == order
+        drawn = ["momenta", "energy", "second_quotient", "path"] if pictures == 4 else 2 * ["momenta"]
+        assert re.findall(r'href="case\d/(\w+)\.pdf"', document) == drawn
         assert document.count("data:image/png;base64,") == pictures
         assert f"{count} of {count} printed numbers agree." in document
         assert ("Drawn was momenta alone: a quick reproduction." in document) == (pictures == 2)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import LOW_CONTRAST, UNNAMED, ended, frames, until, visiting
+from conftest import LOW_CONTRAST, UNNAMED, ended, frames, random_inertia, until, visiting
 from nontwist import nontwisting, pulse, simulate, sphere, standard, suslov, with_gravity
 from nontwist.paper.tables import CASES, INERTIA
 from nontwist.playground import playground
@@ -35,21 +35,18 @@ def drawn_problem(rng):
     """A body of any kind, pushed or not, with a thousand steps of up to a few hundredths of a radian."""
     kind = rng.choice([*KINDS])
     held, heavy = kind not in ("standard", "heavy_top"), "heavy" in kind
-    root = rng.normal(size=(3, 3))
-    if "nontwisting" in kind:
-        root[2, :2] = root[:2, 2] = 0
-    E = root @ root.T + 0.3 * np.eye(3)
+    J = random_inertia(rng, block="nontwisting" in kind)
     centre = heavy * rng.normal(size=3) * ([0, 0, 1] if held else [1, 1, 1])
     return {
         "kind": str(kind),
-        "J": (np.trace(E) * np.eye(3) - (E + E.T) / 2).tolist(),
+        "J": J.tolist(),
         "held": held,
         "centre": (0.16 * centre / max(np.linalg.norm(centre), 1e-9)).tolist(),
         "gravity": [0, 0, -9.81 * heavy],
         "attitude": Rotation.random(random_state=rng).as_quat().tolist(),
         "velocity": (rng.normal(size=3) * [1, 1, not held]).tolist(),
         "step": rng.uniform(0.002, 0.02),
-        "pulse": (np.trace(E) * rng.normal(size=3) * rng.integers(2)).tolist(),
+        "pulse": (np.trace(J) / 2 * rng.normal(size=3) * rng.integers(2)).tolist(),
     }
 
 

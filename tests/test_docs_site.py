@@ -71,8 +71,7 @@ def seen(browser, site):
     pages = sorted(path for path in site.rglob("*.html") if "_static" not in path.parts)
     for screen, (width, height, scheme) in SCREENS.items():
         size = {"width": width, "height": height}
-        context = browser.new_context(offline=True, color_scheme=scheme, viewport=size)
-        page, trouble = context.new_page(), []
+        page, trouble = browser.new_page(offline=True, color_scheme=scheme, viewport=size), []
         page.on("console", lambda message, t=trouble: t.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error, t=trouble: t.append(str(error)))
         page.on("requestfailed", lambda request, t=trouble: t.append(f"no {request.url}"))
@@ -81,7 +80,10 @@ def seen(browser, site):
             trouble.clear()
             page.goto(path.as_uri())
             yield path.relative_to(site).as_posix(), screen, page.evaluate(LOOK) | {"trouble": [*trouble]}
-        context.close()
+        page.close()
+
+
+RAW = re.compile(r"\\frac|\\mathrm|\\Lambda|\$|[\^_]\{|\{(?:eval-rst|ref|doc)\}|```|\]\(|\*\*")
 
 
 def faults(look, screen):
@@ -89,17 +91,12 @@ def faults(look, screen):
     width, _, scheme = SCREENS[screen]
     if look["width"] > width:
         yield f"{look['width']} px wide on a screen of {width}"
-    yield from (f"beyond the edge: {what}" for what in look["wide"][:3])
-    yield from look["trouble"]
-    yield from (f"no picture {address}" for address in look["images"])
-    yield from (f"no alternative text {address}" for address in look["unlabelled"])
+    for what in ("wide", "trouble", "images", "unlabelled"):
+        yield from (f"{what}: {one}" for one in look[what][:3])
     for text, *box in look["formulas"]:
         if "\\" in text or min(box) < 4:
             yield f"formula {text!r} is drawn {box} px large"
-    for sign in ("\\frac", "\\mathrm", "\\Lambda", "$", "^{", "_{", "{eval-rst}", "{ref}", "{doc}", "```", "](", "**"):
-        if sign in look["words"]:
-            place = look["words"].index(sign)
-            yield f"raw {look['words'][max(0, place - 20) : place + 30]!r}"
+    yield from (f"raw {look['words'][sign.start() - 20 : sign.end() + 30]!r}" for sign in RAW.finditer(look["words"]))
     ground = [int(number) for number in look["ground"].strip("rgba()").split(",")[:3]]
     if sum(ground) // 3 not in GROUND[scheme]:
         yield f"ground {ground} in {scheme}"
@@ -107,14 +104,13 @@ def faults(look, screen):
 
 def broken_links(site, pages):
     """Yield the links of pages that lead to no file, or to no place in it."""
-    ids = {(site / name).as_uri(): set(look["ids"]) for name, look in pages.items()}
-    for name, look in pages.items():
-        for link in set(look["links"]):
-            address, place = urldefrag(link)
-            if urlsplit(address).scheme == "file" and not Path(unquote(urlsplit(address).path)).is_file():
-                yield f"{name}: leads to no file {link}"
-            elif address in ids and place and unquote(place) not in ids[address]:
-                yield f"{name}: leads to no place {link}"
+    ids = {(site / name).as_uri(): look["ids"] for name, look in pages.items()}
+    for name, link in ((name, link) for name, look in pages.items() for link in set(look["links"])):
+        address, place = urldefrag(link)
+        if urlsplit(address).scheme == "file" and not Path(unquote(urlsplit(address).path)).is_file():
+            yield f"{name}: leads to no file {link}"
+        elif address in ids and place and unquote(place) not in ids[address]:
+            yield f"{name}: leads to no place {link}"
 
 
 def test_every_page_on_every_screen(browser, site):
@@ -128,60 +124,52 @@ def test_every_page_on_every_screen(browser, site):
     assert wrong == []
 
 
-def test_the_search_finds_a_function(browser, site):
-    page = browser.new_context(offline=True).new_page()
-    page.goto(f"{(site / 'search.html').as_uri()}?q=frame_of_curve")
-    first = page.locator("#search-results li a").first
-    first.wait_for()
-    assert "reference/api/nontwist.curves.frame_of_curve.html" in first.get_attribute("href")
-
-
 COMMON = {
-    "tutorials/tennis-racket": ("tennis racket", "Dzhanibekov", "intermediate axis"),
-    "tutorials/pendulum": ("pendulum", "precession"),
-    "glossary": ("gimbal", "Bishop frame"),
-    "conventions": ("attitude", "quaternion", "quaternion order", "units"),
-    "howto/recordings": ("Euler angles", "IMU"),
-    "howto/satellites": ("gravity gradient", "detumbling", "reaction wheel"),
-    "tutorials/twist": ("swing-twist", "swing twist"),
-    "howto/continue": ("restart",),
-    "howto/forearm": ("shoulder",),
-    "howto/matlab": ("MATLAB",),
-    "howto/coming-from": ("SciPy",),
-    "howto/accuracy": ("tolerance",),
-    "tutorials/lesson": ("lesson",),
-    "howto/curves": ("DNA",),
-    "tutorials/sweeps": ("Monte Carlo",),
-    "getting-started": ("install",),
+    "reference/api/nontwist.curves.frame_of_curve": "frame_of_curve",
+    "tutorials/tennis-racket": "tennis racket, Dzhanibekov, intermediate axis",
+    "tutorials/pendulum": "pendulum, precession",
+    "glossary": "gimbal, Bishop frame",
+    "conventions": "attitude, quaternion, quaternion order, units",
+    "howto/recordings": "Euler angles, IMU",
+    "howto/satellites": "gravity gradient, detumbling, reaction wheel",
+    "tutorials/twist": "swing-twist, swing twist",
+    "howto/continue": "restart",
+    "howto/forearm": "shoulder",
+    "howto/matlab": "MATLAB",
+    "howto/coming-from": "SciPy",
+    "howto/accuracy": "tolerance",
+    "tutorials/lesson": "lesson",
+    "howto/curves": "DNA",
+    "tutorials/sweeps": "Monte Carlo",
+    "getting-started": "install",
 }
 
 
-def test_the_search_finds_pages_by_their_common_names_best_first(browser, site):
-    page, firsts = browser.new_context(offline=True).new_page(), {}
-    expected = {words: name for name, several in COMMON.items() for words in several}
+def test_the_search_finds_functions_and_pages_by_their_common_names_best_first(browser, site):
+    page, firsts = browser.new_page(offline=True), {}
+    expected = {words: name for name, several in COMMON.items() for words in several.split(", ")}
     for words in expected:
         page.goto(f"{(site / 'search.html').as_uri()}?q={quote(words)}")
         first = page.locator("#search-results li a").first
         first.wait_for()
-        firsts[words] = re.split(r"\.html", first.get_attribute("href"))[0]
+        firsts[words] = first.get_attribute("href").partition(".html")[0]
     assert firsts == expected
 
 
 def test_names_in_code_lead_to_the_reference_and_the_reference_to_the_source(site):
-    cells = (site / "howto" / "satellites.html").read_text(encoding="utf-8")
-    assert 'href="../reference/api/nontwist.simulate.html#nontwist.simulate"' in cells
-    reference = (site / "reference" / "api" / "nontwist.simulate.html").read_text(encoding="utf-8")
-    assert "../../_modules/nontwist/driver/runs.html#simulate" in reference
-    theory = (site / "theory" / "frame.html").read_text(encoding="utf-8")
-    assert theory.count('class="glossary-link') > 5
-    assert {"frame-light.svg", "frame-dark.svg", "area-light.svg", "area-dark.svg"} <= set(
-        re.findall(r"_images/([\w-]+\.svg)", theory)
+    cells, reference, theory = (
+        (site / f"{name}.html").read_text(encoding="utf-8")
+        for name in ("howto/satellites", "reference/api/nontwist.simulate", "theory/frame")
     )
+    assert 'href="../reference/api/nontwist.simulate.html#nontwist.simulate"' in cells
+    assert "../../_modules/nontwist/driver/runs.html#simulate" in reference
+    assert theory.count('class="glossary-link') > 5
+    pictures = {f"{name}-{scheme}.svg" for name in ("frame", "area") for scheme in GROUND}
+    assert pictures <= set(re.findall(r"_images/([\w-]+\.svg)", theory))
 
 
 def test_the_playground_lives_on_the_first_page(browser, site):
-    context = browser.new_context(offline=True, color_scheme="dark")
-    page = context.new_page()
+    page = browser.new_page(offline=True, color_scheme="dark")
     page.goto((site / "index.html").as_uri())
     page.locator("iframe.playground").scroll_into_view_if_needed()
     inside = page.frame_locator("iframe.playground")
@@ -192,9 +180,10 @@ def test_the_playground_lives_on_the_first_page(browser, site):
     inside.locator("html[data-theme=light]").wait_for()
 
     def is_as_high_as_its_content():
-        height = page.locator("iframe.playground").bounding_box()["height"]
-        content = inside.locator("html").bounding_box()["height"]
+        height, content = (
+            one.bounding_box()["height"] for one in (page.locator("iframe.playground"), inside.locator("html"))
+        )
         return content <= height <= content + 8
 
     until(page, is_as_high_as_its_content)
-    context.close()
+    page.close()

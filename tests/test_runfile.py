@@ -143,7 +143,7 @@ ONE_LINE = {
     "option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ rtoll = 1e-9 }}\n',
     "value of an option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ method = "RK4" }}\n',
     "path": f'{BODY}{TIME}[output]\npath = "run.csv"\n',
-    "an axis of length zero": f"{BODY}{TIME}[[load]]\nkind = 'rotor'\naxis = [0, 0, 0]\ntimes = [0, 1]\nvalues = [0, 1]\n",
+    "an axis of length zero": f"{BODY}{TIME}[[load]]\nkind = 'rotor'\naxis = [0, 0, 0]\nmomentum = 1\n",
 }
 
 

@@ -88,20 +88,20 @@ def damaged(r, value):
 
 def _dataset(r, data):
     name = list(data.variables)[r.integers(len(data.variables))]
-    attributes = {key: value for key, value in data.attrs.items() if key != name}
     key = list(data.attrs)[r.integers(len(data.attrs))]
+    first = next(iter(data.dims))
     return (
         lambda: data.drop_vars(name),
         lambda: data.drop_attrs(),
         lambda: data.assign_attrs({key: "null"}),
         lambda: data.assign_attrs({key: "{"}),
-        lambda: data.assign_attrs(attributes | {key: 3}),
-        lambda: data.isel({next(iter(data.dims)): [0]}),
-        lambda: data.isel({next(iter(data.dims)): []}),
+        lambda: data.assign_attrs({key: 3}),
+        lambda: data.isel({first: [0]}),
+        lambda: data.isel({first: []}),
         lambda: _times(data, name, np.nan),
         lambda: _times(data, name, 1j),
         lambda: data.astype(str),
-        lambda: data.rename({next(iter(data.dims)): "other"}),
+        lambda: data.rename({first: "other"}),
         lambda: data.transpose(*reversed(list(data.dims))),
     )[r.integers(12)]()
 

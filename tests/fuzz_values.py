@@ -286,23 +286,11 @@ def new_path(suffix):
 
 
 # Drawn, and not None, also where they may be left out: others need them, or leaving them out is long work.
-NEEDED = (
-    *(f"potential.{name}" for name in ("function", "gradient", "linear", "quadratic")),
-    *(
-        "least_effort.nodes",
-        "faces",
-        "inertia.of_mesh.mass",
-        "values",
-        "t_end",
-        "pulse.end",
-        "groups",
-        "cases",
-        "quick",
-        "project",
-        "jax.function.step",
-        "stepper.step",
-    ),
-)
+NEEDED = {
+    *("faces", "values", "t_end", "groups", "cases", "quick", "project", "inertia.of_mesh.mass", "pulse.end"),
+    *("potential.function", "potential.gradient", "potential.linear", "potential.quadratic"),
+    *("jax.function.step", "stepper.step", "least_effort.nodes"),
+}
 
 
 def smooth(r):
@@ -453,7 +441,7 @@ VALUES = {
     "EnergyMomentum.moments": one_of("paper", "exact"),
     "compiled": lambda r, given: bool(r.random() < 0.02),
     "order": one_of(2, 4),
-    "simulate_ensemble.device": one_of("cpu"),
+    "simulate_ensemble.device": one_of("cpu"),  # there may be no GPU
     **same("steer.start steer.target least_effort.start least_effort.target", lambda r, given: Rotation.random(rng=r)),
     "least_effort.system": lambda r, given: nt.nontwisting(symmetric(r, given)),
     "least_effort.nodes": one_of(5, 8),

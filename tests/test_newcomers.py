@@ -372,34 +372,6 @@ def test_a_reader_names_the_place_in_a_damaged_file(log):
             log(change)
 
 
-LISTING = """
-
-import own_integrator
-import pytest
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    print(*(item.nodeid for item in items if "munthe" in item.nodeid or "skate" in item.nodeid))
-    few = ("test_orders", "test_equations")
-    items[:] = [item for item in items if item.path.stem in few]
-"""
-
-
-@pytest.mark.long
-def test_the_loops_of_the_tests_take_them(tmp_path):
-    """In a process where both are registered before; of what lists them, a few run."""
-    files = [f"tests/test_{name}.py" for name in ("orders", "contract", "driver", "lie_midpoint", "equations")]
-    (tmp_path / "newcomers.py").write_text(code_of_the_page() + LISTING, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-p", "newcomers", "-n", "0", "-q", "-s", *files]
-    path = os.pathsep.join([str(tmp_path), str(ROOT / "examples"), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": path}
-    command += ["-m", "not long", "-k", "munthe-kaas-1 and top or skate"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment)
-    assert done.returncode == 0, done.stdout
-    listed = {name.split("::")[0] for name in done.stdout.split() if "::" in name}
-    assert listed == set(files), done.stdout
-
-
 def strange(inertia, radius):
     return standard(inertia)
 

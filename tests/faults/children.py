@@ -37,7 +37,7 @@ def _start_server() -> None:
 def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
     """Start a process that calls `function` with the arguments."""
     _start_server()
-    process = CONTEXT.Process(target=function, args=arguments)
+    process = CONTEXT.Process(target=function, args=arguments, daemon=True)
     process.start()
     return process
 

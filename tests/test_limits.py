@@ -70,16 +70,17 @@ def test_smaller_numbers_count_as_zero(tmp_path):
     assert {fault.key for fault in told.value.problems} == {"time.t_end", "time.step"}
 
 
-@pytest.mark.parametrize(("beyond", "words"), [(0, "line 1|header|number"), (1, "0.02 MB")])
-def test_of_tables(beyond, words, tmp_path, monkeypatch):
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_of_tables(beyond, tmp_path, monkeypatch):
     assert folder.LARGEST == 200_000_000
     monkeypatch.setattr(folder, "LARGEST", 20_000)
-    (tmp_path / "table.csv").write_bytes(bytes(20_000 + beyond))
+    (tmp_path / "table.csv").write_bytes(bytes(20_000 + beyond))  # no table; but that is seen later
     path = tmp_path / "run.toml"
     table = "[[load]]\nkind = 'csv'\nframe = 'body'\nfile = 'table.csv'\ncolumns = ['t', 'x', 'y', 'z']\n"
     path.write_text(USUAL + table, encoding="utf-8")
-    with pytest.raises(RunFileError, match=words):
+    with pytest.raises(RunFileError) as told:
         Problem.read(path)
+    assert ("0.02 MB" in str(told.value)) == bool(beyond), told.value
 
 
 def test_of_arguments():

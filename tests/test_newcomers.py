@@ -229,13 +229,11 @@ def test_random_bodies_of_a_validation_include_heavy_ones_of_ones_own(monkeypatc
         return replace(heavy_top(inertia, mass, centre_of_mass), name="pot")
 
     monkeypatch.setattr(conserved, "SCHEMES", [("gauss", 4)])
-    names = [check.name for check in conserved.random_bodies()]
-    sample = {"inertia": [3, 4, 5], "mass": 1, "centre_of_mass": [0, 0, 0.1]}
-    BODIES["pot"] = BodyKind(pot, "flower pot", sample)
-    checks = list(conserved.random_bodies())
-    assert all(check.holds for check in checks)
-    assert [check.name for check in checks] == [name.replace("80 bodies", "100 bodies") for name in names]
-    assert "gauss 4: energy, 100 bodies" in {check.name for check in checks}
+    BODIES["pot"] = BodyKind(pot, "flower pot", {"inertia": [3, 4, 5], "mass": 1, "centre_of_mass": [0, 0, 0.1]})
+    checks = {check.name: check.holds for check in conserved.random_bodies()}
+    assert all(checks.values())
+    assert "gauss 4: energy, 100 bodies" in checks
+    assert [name for name in checks if "80 bodies" in name] == []
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,26 +160,19 @@ def alike(old, new, accuracy=1e-9):
     return sizes and all(abs(float(a or 0) - float(b or 0)) < 100 * accuracy for (_, a), (_, b) in pairs)
 
 
+FILES = {
+    ".nc": lambda path: told(xarray.load_dataset(path, engine="h5netcdf")),
+    ".csv": lambda path: told(pandas.read_csv(path, sep=None, engine="python")),
+    ".npz": lambda path: told(dict(np.load(path))),
+    ".json": lambda path: told(json.loads(path.read_text(encoding="utf-8"))),
+    ".toml": lambda path: told(path.read_text(encoding="utf-8")),
+    ".png": lambda path: "picture {}x{}".format(*Image.open(path).size),
+}
+
+
 def told_file(path):
     """A file that a command wrote, in short."""
-    match path.suffix:
-        case _ if path.is_dir():
-            return "store"
-        case ".nc":
-            with xarray.open_dataset(path, engine="h5netcdf") as run:
-                return told(run.load())
-        case ".csv":
-            return told(pandas.read_csv(path, sep=None, engine="python"))
-        case ".npz":
-            return told(dict(np.load(path)))
-        case ".json":
-            return told(json.loads(path.read_text(encoding="utf-8")))
-        case ".toml":
-            return told(path.read_text(encoding="utf-8"))
-        case ".png":
-            return "picture {}x{}".format(*Image.open(path).size)
-        case _:
-            return "written"
+    return "store" if path.is_dir() else FILES.get(path.suffix, lambda path: "written")(path)
 
 
 def commanded(line):

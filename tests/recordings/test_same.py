@@ -28,7 +28,6 @@ from .makers import (
     DATA,
     EULER,
     GYR,
-    LIBRARIES,
     MATRICES,
     ROOT,
     SPACE,
@@ -54,6 +53,7 @@ from .makers import (
     moved,
     mt_manager,
     mvnx,
+    needed,
     npy,
     npz,
     old_run,
@@ -135,10 +135,11 @@ BAGS = {
     "ROS 2, .db3": ("a", "a/a.db3", partial(ros, version=2)),
     "ROS 2, .mcap": ("a", "a/a.mcap", partial(ros, version=2, storage="MCAP")),
 }
+TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu", "/tf:base")}
 MAKERS |= {
     f"{name}, {body}": made(write, file, inner=inner, body=body, times=START + T)
     for name, (file, inner, write) in BAGS.items()
-    for body in ("/imu", "/pose", "/odometry", "/tf:base")
+    for body in TOPICS_OF.get(name, ("/odometry",))
 }
 
 # formats
@@ -421,14 +422,6 @@ BEFORE = json.loads(RECORDED.read_text(encoding="utf-8"))
 SAME_MACHINE = machine() == BEFORE["machine"]
 # Not in 0.2.0, which took two recordings of one day for such as begin together.
 SINCE = {"time time of day": {"start": 43200.5}, "time time of day, AM": {"start": 0.5}}
-
-
-def needed(row):
-    """Skip a row whose library is not there."""
-    suffix = "." + row.file.rpartition(".")[2] if "." in row.file else ""
-    if suffix in LIBRARIES:
-        pytest.importorskip(LIBRARIES[suffix])
-    return row
 
 
 def same_times(found, expected, start):

@@ -24,7 +24,7 @@ from nontwist.recordings.reading import read_rates
 from nontwist.runfile.folder import columns_of
 
 from . import makers
-from .makers import GYR, MATRICES, WXYZ, N, Q, R, T, columns, made, quat, text, vector
+from .makers import GYR, MATRICES, START, WXYZ, N, Q, R, T, columns, copied, made, mt_manager, quat, text, vector
 
 RECORDED = makers.DATA / "recordings_0.2.0.json"
 MS, US, NS = (np.array([20 * scale * k for k in range(N)]) for scale in (1, 1000, 1_000_000))
@@ -42,26 +42,24 @@ GYROSCOPE, ACCELEROMETER = vector("Gyr_{} (rad/s)", GYR, "XYZ"), vector("Acc_{}"
 MT = partial(made, file="MT_0300-000.txt", within=3e-6)
 DOT = {"head": "sep=,\nDeviceTag:,DOT 1\nFirmwareVersion:,2.0.0\n\n"}
 PX4 = {"timestamp": 12_345_678 + US, **columns("{}speed", YPR[::-1], GYR), **quat("q[{}]", "0123")}
-LOGGED = {"time": makers.START * 10**9 + NS, "seconds_elapsed": T + 0.07}  # by Sensor Logger
+LOGGED = {"time": START * 10**9 + NS, "seconds_elapsed": T + 0.07}  # by Sensor Logger
 SENSOR_LOGGER = {**LOGGED, **quat("q{}", "zyxw", Q[:, [2, 1, 0, 3]]), **columns("{}", YPR, makers.EULER)}
 SHIMMER = {
-    "Shimmer_8A_Timestamp_Unix_CAL": makers.START * 1000 + MS,
+    "Shimmer_8A_Timestamp_Unix_CAL": START * 1000 + MS,
     **quat("Shimmer_8A_Quat_Madge_9DOF_{}_CAL", "WXYZ"),
 }
-TUM = {"timestamp": makers.START + T, **vector("t{}", GYR), **quat("q{}", "xyzw", Q)}
-EUROC = {"#timestamp [ns]": makers.START * 10**9 + NS, **vector(" p_RS_R_{} [m]", GYR), **quat(" q_RS_{} []")}
+TUM = {"timestamp": START + T, **vector("t{}", GYR), **quat("q{}", "xyzw", Q)}
+EUROC = {"#timestamp [ns]": START * 10**9 + NS, **vector(" p_RS_R_{} [m]", GYR), **quat(" q_RS_{} []")}
 FREE = {"columns": [f"free_rot_{x}" for x in "xyz"], "euler": "XYZ", "exact": False}
 CK = {"rate": 50, "within": 2e-6, "exact": False}
 COUNTED = {"PacketCounter": range(N), "SampleTimeFine": 4_000_000_000 + US}
 DOT_ANGLES = {"euler": "ZYX", "angle_unit": "deg", "time_unit": "us", "exact": False}
 
 MAKERS = {
-    "Xsens MTi, quaternions": MT(makers.mt_manager("\t", ("Acc", "Gyr", "Quat")), rate=50),
-    "Xsens MTi, matrices": MT(makers.mt_manager(";", ("Gyr", "Mat")), rate=50),
-    "Xsens MTi, angles": MT(
-        makers.mt_manager(",", ("Acc", "Euler")), rate=50, euler="ZYX", angle_unit="deg", exact=False
-    ),
-    "Xsens MTi, all": MT(makers.mt_manager(" ", ("Acc", "Gyr", "Quat", "Euler", "Mat")), rate=50, normalize=True),
+    "Xsens MTi, quaternions": MT(mt_manager("\t", ("Acc", "Gyr", "Quat")), rate=50),
+    "Xsens MTi, matrices": MT(mt_manager(";", ("Gyr", "Mat")), rate=50),
+    "Xsens MTi, angles": MT(mt_manager(",", ("Acc", "Euler")), rate=50, euler="ZYX", angle_unit="deg", exact=False),
+    "Xsens MTi, all": MT(mt_manager(" ", ("Acc", "Gyr", "Quat", "Euler", "Mat")), rate=50, normalize=True),
     "Xsens MTi, ticks": made(text({"SampleTimeFine": 9000 + MS * 10, **quat("Quat_q{}", "0123")}), time_unit="1e-4"),
     "Xsens DOT": made(text({**COUNTED, **quat("Quat_{}", "WXYZ")}, **DOT), time_unit="us"),
     "Xsens DOT, angles": made(text({**COUNTED, **vector("Euler_{}", DEGREES[:, ::-1], "XYZ")}, **DOT), **DOT_ANGLES),
@@ -76,7 +74,7 @@ MAKERS = {
     "TUM": made("# ground truth\n# " + text(TUM, " "), "a.txt"),
     "Sensor Logger": made(text(SENSOR_LOGGER), "Orientation.csv"),
     "phyphox": made(text({'"Time (s)"': T, **quat('"Attitude {}"')})),
-    "Android": made(text({"timestamp": makers.START * 1000 + MS, **PLAIN})),
+    "Android": made(text({"timestamp": START * 1000 + MS, **PLAIN})),
     "Apple": made(text({"motionTimestamp_sinceReboot(s)": T + 5000, **quat("motionQuaternion{}(R)", "XYZW", Q)})),
     "Shimmer": made(text(SHIMMER, "\t", below="ms" + "\tno_units" * 4 + "\n")),
     "OptiTrack Motive": made(makers.motive({"arm": Q})),
@@ -101,7 +99,7 @@ BAGS = {
 }
 TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu", "/tf:base")}
 MAKERS |= {
-    f"{name}, {body}": made(write, file, inner=inner, body=body, times=makers.START + T)
+    f"{name}, {body}": made(write, file, inner=inner, body=body, times=START + T)
     for name, (file, inner, write) in BAGS.items()
     for body in TOPICS_OF.get(name, ("/odometry",))
 }
@@ -238,10 +236,10 @@ TIMES = {
     "d/m/y": ("Date", [f"{d:%d/%m/%Y %H:%M:%S.%f}" for d in DATES], {}),
     "time of day": ("time", [f"{d:%H:%M:%S.%f}" for d in DATES], {}),
     "time of day, AM": ("time", [f"{d:%I:%M:%S.%f} AM" for d in DATES], {}),
-    "since 1970, s": ("epoch", makers.START + T, {}),
-    "since 1970, ms": ("unix_timestamp", makers.START * 10**3 + MS, {}),
-    "since 1970, us": ("timestamp", makers.START * 10**6 + US, {}),
-    "since 1970, ns": ("timestamp", makers.START * 10**9 + NS, {}),
+    "since 1970, s": ("epoch", START + T, {}),
+    "since 1970, ms": ("unix_timestamp", START * 10**3 + MS, {}),
+    "since 1970, us": ("timestamp", START * 10**6 + US, {}),
+    "since 1970, ns": ("timestamp", START * 10**9 + NS, {}),
     "ms": ("time_ms", MS, {}),
     "us": ("timestamp_us", US, {}),
     "ns": ("t [ns]", NS, {}),
@@ -269,14 +267,12 @@ OPENSIM = {"truth": Rotation.from_euler("XYZ", STEPS), "times": K / 50, "within"
 BVHIO = {"times": K / 50, "within": 1e-6, "exact": False}
 FILES = makers.DATA / "readers"
 OTHERS = {
-    "opensim.sto": made(makers.copied(FILES / "opensim.sto"), "a.sto", **OPENSIM),
-    "opensim.mot": made(makers.copied(FILES / "opensim.mot"), "a.mot", **OPENSIM, **FREE),
-    "bvhio.bvh, upper": made(makers.copied(FILES / "bvhio.bvh"), "a.bvh", body="upper", truth=UPPER, **BVHIO),
-    "bvhio.bvh, fore": made(makers.copied(FILES / "bvhio.bvh"), "a.bvh", body="fore", truth=UPPER * FORE, **BVHIO),
-    "bvhio.bvh, hand": made(
-        makers.copied(FILES / "bvhio.bvh"), "a.bvh", body="hand", truth=UPPER * FORE * HAND, **BVHIO
-    ),
-    "imu, quaternion.csv": made(makers.copied(makers.ROOT / "examples/imu/quaternion.csv"), inverse=True, **LOST),
+    "opensim.sto": made(copied(FILES / "opensim.sto"), "a.sto", **OPENSIM),
+    "opensim.mot": made(copied(FILES / "opensim.mot"), "a.mot", **OPENSIM, **FREE),
+    "bvhio.bvh, upper": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="upper", truth=UPPER, **BVHIO),
+    "bvhio.bvh, fore": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="fore", truth=UPPER * FORE, **BVHIO),
+    "bvhio.bvh, hand": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="hand", truth=UPPER * FORE * HAND, **BVHIO),
+    "imu, quaternion.csv": made(copied(makers.ROOT / "examples/imu/quaternion.csv"), inverse=True, **LOST),
 }
 MOTIONS = MAKERS | FORMATS | VARIANTS | OTHERS
 
@@ -301,7 +297,7 @@ RATES = {
     "rotationRateX": GYRO(vector("rotationRate{}", DPS, "XYZ"), unit="deg/s"),
     "angular_velocity.x": GYRO(vector("angular_velocity.{}", GYR), unit="rad/s"),
     "Sensor Logger": GYRO(text({**LOGGED, **vector("{}", GYR)}), columns=["time", *"xyz"], unit="rad/s"),
-    "MT Manager": GYRO(makers.mt_manager("\t", ("Acc", "Gyr")), rate=50, unit="rad/s", within=1e-6),
+    "MT Manager": GYRO(mt_manager("\t", ("Acc", "Gyr")), rate=50, unit="rad/s", within=1e-6),
     "APDM": GYRO(makers.apdm(), body="Upper"),
     "decimal commas": GYRO(text({"t (s)": T, **vector("gyr_{} [deg/s]", DPS)}, sep=";", decimal=",")),
     "rotor (rad/s)": GYRO({**RAD, "rotor (rad/s)": SPEED}, speed="rotor (rad/s)"),
@@ -310,7 +306,7 @@ RATES = {
     ".npz": GYRO(partial(makers.npz, arrays=ARRAYS), "a.npz", unit="rad/s"),
     ".bag": GYRO(partial(makers.ros, version=1, topics=makers.TOPICS[:1]), "a.bag", unit="rad/s"),
     ".nc, a steady run": GYRO(makers.steady_run, "b.nc", **STEADY),
-    "imu, sensors.csv": GYRO(makers.copied(makers.ROOT / "examples/imu/sensors.csv"), **LOST),
+    "imu, sensors.csv": GYRO(copied(makers.ROOT / "examples/imu/sensors.csv"), **LOST),
 }
 MOMENT = {"time": T, **vector("M{}", GYR)}
 QUOTED = {'"time"': T, '"h"': [f"{x / 3:.17g}" for x in np.round(SPEED, 9)]}

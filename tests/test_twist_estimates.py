@@ -60,7 +60,7 @@ def ratio(d3, t, order, frames):
 
 
 @pytest.mark.filterwarnings("ignore:.*more than a right angle:UserWarning")
-@pytest.mark.parametrize("count", [40, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [25, pytest.param(1000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_estimate_is_within_five_times_the_error_on_95_percent_of_recordings(kind, count):
     found = []

@@ -339,8 +339,8 @@ def test_refused(case):
 
 
 def dates(time):
-    start = pandas.Timestamp("2026-03-01T12:00:00")
-    return [(start + pandas.Timedelta(x, unit="s")).isoformat() for x in time]
+    start, whole = np.datetime64("2026-03-01T12:00:00", "ns"), np.round(1e9 * np.asarray(time)).astype(int)
+    return np.datetime_as_string(start + whole.astype("timedelta64[ns]"))
 
 
 def written(path, rotation, time=None, names="qw qx qy qz", **more):

@@ -15,7 +15,7 @@ import texts_rule
 from conftest import thinned
 from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
-from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
+from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, spatial_dual
 from nontwist.integrators.members import in_threads
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
@@ -152,7 +152,7 @@ def test_rows_that_turn_with_the_body():
     """Of C⁻¹ f, the derivatives by turns and by f are those of differences."""
     rng = np.random.default_rng(1)
     C, f, df = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=(3, 6))
-    rows = Matrix(*(turned(Vector(*row)) for row in C))
+    rows = Matrix(*(spatial_dual(Vector(*row)) for row in C))
     given = Vector(*(Dual(x, list(row)) for x, row in zip(f, df, strict=True)))
     found, e = pulled_back_duals(rows, given), 1e-6
     for j in range(6):

@@ -308,8 +308,8 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     h = plain(known.h)
     state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
-    turned = q if known.now is None else known.now.p.inverse @ q
-    turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
+    rotation = q if known.now is None else known.now.p.inverse @ q
+    turn = known.turn @ attitude(rotation) + 2.0 * (q.inverse @ state.p).vector
     W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)

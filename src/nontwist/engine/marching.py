@@ -60,13 +60,13 @@ def exponential(turn: Vector) -> tuple[Any, Vector]:
     return found.less, found.sine * turn
 
 
-def turned(p: Quaternion, turn: Vector) -> Quaternion:
+def turned_by_vector(p: Quaternion, turn: Vector) -> Quaternion:
     """Return the quaternion p turned by a rotation vector."""
     less, v = exponential(turn)
     return p @ Quaternion(1.0 + less, *v)
 
 
-def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
+def turned_and_normalised(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
     """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
 
     The sum of p and its increment is Knuth's. What p was rounded by is turned as well: else the rounding errors of
@@ -106,7 +106,7 @@ def magnus(h: Any, W: list[Vector]) -> Any:
     return a1 + a3 / 12.0 - cross(c1 - a3 - 20.0 * a1, a2 + c2) / 240.0
 
 
-TOTALS = "twist", "work", "turned", "late"  # what is no mean
+TOTALS = "twist", "work", "velocity_integral", "velocity_moment"  # what is no mean
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
@@ -129,8 +129,8 @@ class Step(NamedTuple):
     moment: Any = None  # of the moment of the load, of that of dead forces, in space
     dead: Any = None
     work: Any = None
-    turned: Any = None  # integrals of W, and of W times the time
-    late: Any = None
+    velocity_integral: Any = None  # integrals of W, and of W times the time
+    velocity_moment: Any = None
 
 
 # Of a state: what gives, of a time, the state after it, and the mask of bodies that turn too far.
@@ -184,8 +184,8 @@ def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any,
         found = found._replace(moment=nodes.R @ moment, work=2.0 * (a @ moment))
     if parts.dead and parts.is_constrained:
         found = found._replace(dead=nodes.R @ mean_moment_of_dead(dead, 1.0 / (1.0 + a @ a), a))
-    if parts.turns:
-        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
+    if parts.integrates_velocity:
+        found = found._replace(velocity_integral=2.0 * a, velocity_moment=(2.0 * nodes.time()) * a)
     return found._replace(twist=2.0 * (nodes.body.axis @ a), **multipliers)
 
 

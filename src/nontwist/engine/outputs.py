@@ -110,7 +110,16 @@ def carry_out(address: Any) -> None:
 
 def carry_out_outputs(parts: Parts) -> Kernel:
     """Return the kernel that carries out a list with outputs."""
-    names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports", "turns", "memory"
+    names = (
+        "lanes",
+        "is_director_scheme",
+        "is_constrained",
+        "dead",
+        "generalised",
+        "reports",
+        "integrates_velocity",
+        "memory",
+    )
     return _output_march(Parts(**{name: getattr(parts, name) for name in names}))
 
 

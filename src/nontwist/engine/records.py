@@ -138,8 +138,8 @@ class Sums(NamedTuple):
     moment: Vector  # in space
     dead: Vector  # moment of dead forces on held bodies, in space
     work: float
-    turned: Vector  # ∫ W dt, and with the time of the caller ∫ t W dt
-    late: Vector
+    velocity_integral: Vector  # ∫ W dt
+    velocity_moment: Vector  # ∫ t W dt, t the time of the caller
     twist: float
     iterations: float
 
@@ -277,7 +277,7 @@ class Parts(NamedTuple):
     damping: bool = False
     dead: bool = False
     rotor: bool = False
-    turns: bool = False  # whether W is summed: motors of wheels do work
+    integrates_velocity: bool = False  # whether W and t W are: motors of wheels do work
     spin: bool = False  # one that changes
     function: bool = False
     memory: int = 0  # internal states of loads with memory
@@ -316,7 +316,7 @@ class Parts(NamedTuple):
     @property
     def is_timed(self) -> bool:
         """Whether times of nodes are taken."""
-        return self.calls or self.turns
+        return self.calls or self.integrates_velocity
 
     @property
     def memory_size(self) -> int:

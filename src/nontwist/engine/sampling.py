@@ -103,8 +103,8 @@ class Functions(NamedTuple):
             v.S = v.S[1], v.S[2], column
             for _ in when(any_of(is_slow)):
                 a = Vector(*(x + select(j == k, LEAST_TURN, 0.0) for k, x in enumerate(here)))
-                turned = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
-                v.S = v.S[0], v.S[1], select(is_slow, turned, column)
+                column_of_turn = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
+                v.S = v.S[0], v.S[1], select(is_slow, column_of_turn, column)
         return v.S
 
 

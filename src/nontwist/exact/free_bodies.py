@@ -132,7 +132,7 @@ def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes:
     return v.status
 
 
-def turns(R: Array, axis: Array, angles: Array) -> Array:
+def rotations_about(R: Array, axis: Array, angles: Array) -> Array:
     """Return the attitudes ``R exp(angle hat(axis))``, (k, 3, 3), for a unit `axis` in the body (eq-rodrigues)."""
     once, twice = np.cross(R, axis), np.outer(R @ axis, axis) - R
     half = np.sin(0.5 * angles)

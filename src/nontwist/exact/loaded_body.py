@@ -23,7 +23,7 @@ from ..geometry.arrays import Array, as_number
 from ..loads import Load, Term, as_load
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, planar
-from .free_bodies import turns
+from .free_bodies import rotations_about
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
 MOST = 1_000_000  # pieces that come from halving
@@ -254,7 +254,7 @@ def loaded_nontwisting(
             "the axis of rotation moves in the body: only the momentum has a closed form (loaded_momentum)"
         )
     at = place(pieces)
-    return turns(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
+    return rotations_about(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
 
 
 def _pieces(load: Load | Term, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:

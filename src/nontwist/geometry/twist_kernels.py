@@ -65,8 +65,8 @@ def _axes(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
     x, y, z, w = q
     size = sqrt(x * x + y * y + z * z + w * w)
     turn = Quaternion(w / size, sign * x / size, sign * y / size, sign * z / size)
-    d3 = turn.turned(triad[2])
-    return turn.turned(triad[0]), d3 / length(d3)
+    d3 = turn.rotate(triad[2])
+    return turn.rotate(triad[0]), d3 / length(d3)
 
 
 def _angle(t: Vector, d: Vector, v: Vector) -> Any:

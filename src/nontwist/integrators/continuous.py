@@ -332,8 +332,10 @@ def _sizes(problem: IVP, form: Any) -> Array:
     if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
     moving = [momentum] * 4 if type(form) is _Split else [speed] * (form.size - 9)
-    turned = ([1.0] * 3 + [max(abs(problem.t_start), abs(problem.t_end))] * 3) * problem.load.drives
-    return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + turned)
+    velocity_integrals = ([1.0] * 3 + [max(abs(problem.t_start), abs(problem.t_end))] * 3) * problem.load.drives
+    return np.array(
+        [1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + velocity_integrals
+    )
 
 
 def _limits(problem: IVP) -> Array:
@@ -348,5 +350,5 @@ def _march(problem: IVP, form: Any, y: Array, size: int, failure: Failure | None
     pairs = [form.velocities(row) for row in y]
     q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
     sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.stored_times[: len(y)])[:, None]
-    ends, turned = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
-    return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, turned)
+    ends, velocity_integrals = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
+    return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, velocity_integrals)

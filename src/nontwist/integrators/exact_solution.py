@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
 from ..exact import loaded_body
-from ..exact.free_bodies import TOO_FAR, free_members, turns
+from ..exact.free_bodies import TOO_FAR, free_members, rotations_about
 from ..exact.free_constants import OK
 from ..exact.gyrostats import gyrostat_motion
 from ..geometry.arrays import Array, cross, sum_of_squares
@@ -263,7 +263,7 @@ def _loaded(problem: IVP) -> March:
     if motion is None:
         raise ValueError(_no_solution(MOVING))
     at = np.searchsorted(np.append(pieces.a, pieces.b[-1]), times)
-    q = turns(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
+    q = rotations_about(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
     v = director_velocities(q, np.outer(motion.rate[at], motion.axis @ V), None)
     return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
 
@@ -292,7 +292,7 @@ def _means(
     """Return the means of μ and of the spatial moment and the work, between the output times."""
     half, weights = (pieces.b - pieces.a) / 2, loaded_body.gauss()[1]
     shape = motion.angle_inside.shape
-    inside = turns(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
+    inside = rotations_about(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
     m = np.einsum("pnab,pnb->pna", inside, pieces.moment)
     mu = motion.rate_inside**2 * np.cross(J @ motion.axis, motion.axis)[2] + pieces.moment[..., 2]
     power = motion.rate_inside * (pieces.moment @ motion.axis)

@@ -96,8 +96,8 @@ def summed(parts: Parts) -> list[str]:
         "moment": has_moment,
         "dead": parts.is_constrained and parts.dead,
         "work": has_moment,
-        "turned": parts.turns,
-        "late": parts.turns,
+        "velocity_integral": parts.integrates_velocity,
+        "velocity_moment": parts.integrates_velocity,
         "twist": True,
     }
     return [name for name, is_there in is_made.items() if is_there and parts.reports]
@@ -166,13 +166,13 @@ class Expansion:
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
         self.polynomials = [allocate(MOST * lanes) for _ in range(3 * vectors_of(parts))]
-        self.clock = allocate(MOST * lanes if parts.turns else 0)
+        self.clock = allocate(MOST * lanes if parts.integrates_velocity else 0)
         self.length, self._start = allocate(lanes), allocate(len(self.unknowns) * lanes)
 
     def read_ends(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
-        for memory in (*self.polynomials, *[self.clock][: self.parts.turns]):
+        for memory in (*self.polynomials, *[self.clock][: self.parts.integrates_velocity]):
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
@@ -185,7 +185,7 @@ class Expansion:
             for c, x in enumerate([*numbers, *(select(self.side == 0, 0.0, x) for x in sums)]):
                 start[c * lanes + l] = x
             self.length[l] = select(self.side == 0, length, -length)
-            if self.parts.turns:
+            if self.parts.integrates_velocity:
                 second = self.length[l] / run.rate[0]
                 self.clock[l], self.clock[lanes + l] = run.times[2 * step + self.side], second
             for c, memory in enumerate(self.polynomials):
@@ -243,16 +243,16 @@ class Expansion:
         if "mu" in names:
             found.append(now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1])
         if "moment" in names:
-            found += sum_of(None if now.own is None else p.turned(now.own), space)
+            found += sum_of(None if now.own is None else p.rotate(now.own), space)
         if "dead" in names:
-            found += p.turned(now.still)
+            found += p.rotate(now.still)
         if "work" in names:
             found.append(sum_of(*(None if x is None else now.W @ x for x in (now.own, now.push))))
         if not parts.reports:
             return []
-        turning = body.basis @ now.W if parts.turns else ()
-        late = [Stored(self.recurrence, self.clock) * x for x in turning]
-        return [*(body.unit * x for x in found), *turning, *late, body.axis @ now.W]
+        turning = body.basis @ now.W if parts.integrates_velocity else ()
+        velocity_moment = [Stored(self.recurrence, self.clock) * x for x in turning]
+        return [*(body.unit * x for x in found), *turning, *velocity_moment, body.axis @ now.W]
 
 
 def fill(parts: Parts, run: View, i: Any, first: Any) -> None:

@@ -81,7 +81,7 @@ import numpy as np
 
 from ..engine.generalised import STAGE
 from ..engine.known_steps import Wanted
-from ..engine.marching import PI, Step, Text, turned_on
+from ..engine.marching import PI, Step, Text, turned_and_normalised
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
 from ..engine.workspace import integrate, observe_at
@@ -269,14 +269,14 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     if e.has_rows:
         less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
     elif motion == "moved":
-        turned = rows_of_turn(y, nodes, alive)
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in turned.names)))
+        turn_equations = rows_of_turn(y, nodes, alive)
+        less, w = quaternion_of(Matrix(*(y.total(name) for name in turn_equations.names)))
     elif motion == "heavy":
         less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:
         f = select(P @ P > FAINT, 1.0 / (sqrt(P @ P) + TINY), 0.0)
         less, w = about_a_line(y, h, "P", P, next_P, f)
-    p, c, gap = turned_on(state.p, state.c, less, w)
+    p, c, gap = turned_and_normalised(state.p, state.c, less, w)
     if e.orbit is not None:
         n, o = nodes.orbit
         half = 0.5 * n * h
@@ -296,9 +296,9 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     if parts.spin:
         mu = mu - dP[2]
     found = found._replace(mu=mu / h, twist=body.axis @ turn)
-    if parts.turns:
-        late = sum_of(*(nodes.time(j) * y.one(j).angle for j in range(s)))
-        found = found._replace(turned=turn, late=late)
+    if parts.integrates_velocity:
+        velocity_moment = sum_of(*(nodes.time(j) * y.one(j).angle for j in range(s)))
+        found = found._replace(velocity_integral=turn, velocity_moment=velocity_moment)
     return with_means(e, y, alive, motion, found, work)
 
 
@@ -432,7 +432,7 @@ def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
     """Take a step of a body whose momentum stands still."""
     h, P, W = nodes.h, state.s, nodes.body.k * state.s
     zero, turn, far_turn = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
-    p, c, gap = turned_on(state.p, state.c, *about(turn))
+    p, c, gap = turned_and_normalised(state.p, state.c, *about(turn))
     never, far = zero > 1.0, far_turn > 0.5 * PI * (y.number + 1.0)
     after = state._replace(p=p, c=c, auxiliary=(zero,))
     found = Step(after, never, far, select(far_turn <= OVERFLOW, gap, far_turn), zero, zero, turn=far_turn)

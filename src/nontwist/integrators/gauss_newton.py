@@ -41,7 +41,7 @@ from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage,
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
 
-def turned(v: Vector) -> Vector:
+def spatial_dual(v: Vector) -> Vector:
     """Return a vector of space as dual numbers: behind three directions that leave it alone the turns of the body."""
     x, y, z = v
     tangents = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
@@ -51,7 +51,7 @@ def turned(v: Vector) -> Vector:
 def pulled_back_duals(C: Any, f: Vector) -> Vector:
     """Return ``C⁻¹ f`` of rows that turn with the body, which therefore turns like a vector of space."""
     C = plain(Matrix(*C))
-    v = turned(pulled_back(C, plain(f)))
+    v = spatial_dual(pulled_back(C, plain(f)))
     if not isinstance(f[0], Dual):
         return v
     changes = [pulled_back(C, tangent(f, j)) for j in range(6)]
@@ -178,7 +178,7 @@ class Residuals:
             loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(loads, P, [turned(c) for c in g], pulled_back_duals).rate
+                rate = e.now(loads, P, [spatial_dual(c) for c in g], pulled_back_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)

@@ -85,7 +85,7 @@ class Steady(Turn):
     def changes(self, V: Vector) -> list[Vector]:
         """Return that of the exponential, less what the stages make of it."""
         less, x = about(self.known.h * V)
-        found = turns(Quaternion(1.0 + less, *x), self.count)
+        found = rotation_tangents(Quaternion(1.0 + less, *x), self.count)
         return [theta - self.total @ tangent(V, j) for j, theta in enumerate(found)]
 
 
@@ -111,7 +111,7 @@ class Line(Turn):
         self.by_line, self.w = v.by_line, w
         x = seeded((*w, v.psi, *g0, *g1))
         w, g0, g1 = (Vector(*x[k : k + 3]) for k in (0, 4, 7))
-        self.by = turns(turned_about(line(w, g0, g1), x[3], g0, g1), 10)
+        self.by = rotation_tangents(turned_about(line(w, g0, g1), x[3], g0, g1), 10)
         direct = Matrix(*(0.0 * y for y in self.by[7:]))
         if self.is_momentum:
             direct = Matrix(*(self.f * body.momentum_of(a)[c] * self.by[7 + c] for c, a in enumerate(AXES))).T
@@ -205,7 +205,7 @@ def tangents(x: Any, count: int) -> Vector:
     return Vector(*(tangent(x, j) for j in range(count)))
 
 
-def turns(q: Quaternion, count: int) -> list[Vector]:
+def rotation_tangents(q: Quaternion, count: int) -> list[Vector]:
     """Return the rotation vectors by which the turn of a quaternion of any length changes, in each direction."""
     p = plain(q)
     back = (2.0 / (p[0] * p[0] + p.vector @ p.vector)) * Quaternion(p[0], *(-p.vector))

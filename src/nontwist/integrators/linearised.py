@@ -49,7 +49,7 @@ class Entries(NamedTuple):
     value: Array
     step: NDArray[np.int64] | None = None  # None: at every step
 
-    def turned(self, T: Array | None) -> Entries:
+    def transformed(self, T: Array | None) -> Entries:
         """Return what they do to the input times a matrix, node by node; None: to the input itself."""
         if T is None:
             return self
@@ -175,8 +175,8 @@ class Linearised:
         parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
-        self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
-        self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
+        self.rows, self.input_maps = rows_of_state(parts), input_maps_of(self._fixed)
+        self.frame = self.input_maps["axis"].T if np.any(self.input_maps["axis"] != np.eye(3)) else None
         self.offsets = columns_of(self.rows, sizes, s)
         self.width = self.offsets[""]
         table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
@@ -200,7 +200,7 @@ class Linearised:
             pack(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
             pack(block, STEPS, sloped=sloped.address, seeds=seeds)
 
-    def turned(self, x: Array, back: bool = False) -> Array:
+    def in_frame(self, x: Array, back: bool = False) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
         if self.frame is None:
             return x
@@ -298,7 +298,7 @@ def seeds_of(wanted: dict[str, int], called: Sequence[Term], changes: Sequence[C
     return found
 
 
-def turns_of(body: Array) -> dict[str, Array]:
+def input_maps_of(body: Array) -> dict[str, Array]:
     """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
     B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
     dJ = np.stack([np.array([(B.T @ dJ @ B)[e] for e in ENTRIES]) for dJ in BASIS], axis=1)
@@ -350,7 +350,7 @@ class Chunk(NamedTuple):
 def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
-    every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
+    every = [entry.transformed(steps.input_maps.get(entry.name)).without_zeros() for entry in entries]
     columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
     block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
     arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}

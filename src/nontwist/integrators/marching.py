@@ -127,9 +127,9 @@ def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Inte
     means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
     dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
     twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
-    turned = sums[..., SUMS.turned : SUMS.twist] if todo.parts.turns else None
+    velocity_integrals = sums[..., SUMS.velocity_integral : SUMS.twist] if todo.parts.integrates_velocity else None
     iterations = sums[..., SUMS.iterations].astype(np.int64)
-    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, turned=turned)
+    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, velocity_integrals=velocity_integrals)
 
 
 def _observed(todo: StackMarch) -> Array:
@@ -178,7 +178,7 @@ class PreparedMarch:
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
         means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
-        del means["turned"]  # of motors, which are not prepared
+        del means["velocity_integrals"]  # of motors, which are not prepared
         return means | {"memory": arrays["states"] * self._factors}
 
     @property
@@ -226,7 +226,7 @@ class SingleStep:
         self.stack = IVP(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
         has_rotors = bool(self.load.rotors or self._driven)
-        known = {"turns": True} if self._driven else {}
+        known = {"integrates_velocity": True} if self._driven else {}
         march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors, **known)
         (parts,) = march.groups
         march.sample(parts, 0, 1)
@@ -249,7 +249,7 @@ class SingleStep:
         means, march_state = at["intervals"], (at["states"], march.shapes["states"][1])
         rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), march_state, (at["failures"], 1)
         self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
-        self._turned = slice(means + SUMS.turned, means + SUMS.twist)
+        self._velocity_integrals = slice(means + SUMS.velocity_integral, means + SUMS.twist)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
         # between is the kernel's to write, or zeros.
         self._written = _places((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
@@ -333,7 +333,7 @@ class SingleStep:
             ends[k] = ended[states + COMMANDED * i :][:3]
         if own:
             slope = np.array([one.scale * one.slope_of_torque(times) for one in own])
-            along = self._axes @ march.arrays["quaternions"].base[self._turned].reshape(2, 3).T  # type: ignore[index]
+            along = self._axes @ march.arrays["quaternions"].base[self._velocity_integrals].reshape(2, 3).T  # type: ignore[index]
             reached = np.stack([momenta, momenta + impulse], axis=1)
             works = work_of(self._inertia, times, reached, slope, impulse[:, None], along[:, :1], along[:, 1:])
             for k, momentum, work in zip(self._driven, reached[:, 1].tolist(), works[:, 0].tolist(), strict=True):

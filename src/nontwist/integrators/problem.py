@@ -147,7 +147,7 @@ class March(NamedTuple):
     load_work: Array  # (n,)
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
-    turned: Array | None = None  # (n, 6) as in `Intervals`
+    velocity_integrals: Array | None = None  # (n, 6) as in `Intervals`
 
     @property
     def means(self) -> Intervals:
@@ -165,13 +165,15 @@ class Intervals(NamedTuple):
     dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
     twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
     dissipated_energy: Array | None = None  # (m, n) J, what dry friction takes
-    turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt, for the work of motors and of dry friction
+    velocity_integrals: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt, for the work of motors and of dry friction
 
     @property
     def of_one(self) -> dict[str, Any]:
         """The fields of one body, but for what works are made of."""
-        known = self._replace(turned=None)._asdict()
-        return {name: None if array is None else array[0] for name, array in known.items() if name != "turned"}
+        known = self._replace(velocity_integrals=None)._asdict()
+        return {
+            name: None if array is None else array[0] for name, array in known.items() if name != "velocity_integrals"
+        }
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""

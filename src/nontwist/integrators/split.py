@@ -67,7 +67,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned, turned_on
+from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned_and_normalised, turned_by_vector
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.workspace import integrate, observe
@@ -262,7 +262,7 @@ GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
 
 def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
     """Return the state turned by the quaternion (1 + less, v), P changed by dP; how far p was from unit length."""
-    p, c, gap = turned_on(state.p, state.c, less, v)
+    p, c, gap = turned_and_normalised(state.p, state.c, less, v)
     P, compensation = compensated(state.s, state.compensation, dP)
     return State(p, P, compensation, c, state.auxiliary), gap
 
@@ -349,7 +349,7 @@ def quadrature(nodes: Nodes, state: State) -> Step:
     after, gap = rotated(state, *exponential(turn), dP)
     if parts.needs_means:
         for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
-            until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
+            until = turned_by_vector(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
             means.see(until, w, h * float(weight))
             means.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
         means.sums.work = dP @ (k * (P + 0.5 * dP))
@@ -399,7 +399,7 @@ def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V
-    means.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
+    means.see(turned_by_vector(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
     if parts.is_constrained:
         mu = cross(middle, V)[2] + torque[2]
         v.state, v.gap = rotated(now._replace(auxiliary=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
@@ -432,7 +432,7 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
     def at(y: Vector) -> tuple[Vector, tuple[Vector, Vector, Matrix]]:
         there = loads
         if parts.is_constrained:
-            nodes.begin(node, turned(start.p, (0.5 * h) * (W + y)))
+            nodes.begin(node, turned_by_vector(start.p, (0.5 * h) * (W + y)))
             there = nodes.loads()._replace(moving=loads.moving)
         torque, load = moments(there, W + y)
         return f * torque, (torque, load, nodes.R)

@@ -77,7 +77,7 @@ class StackMarch:
         known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
         z = self.load.internal_state
         known["memory"] = z.size
-        known.setdefault("turns", stack.intervals and self.load.drives)
+        known.setdefault("integrates_velocity", stack.intervals and self.load.drives)
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
         self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
         self.group = np.broadcast_to(group, m)

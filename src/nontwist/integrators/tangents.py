@@ -31,10 +31,10 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, i
     count, own = start.shape[1], steps.workspace()
     padded = -(-count // LANES) * LANES
     x, found = aligned(steps.rows, padded), aligned(int(is_stored.sum()), 6, padded, empty=True)
-    x[:, :count] = steps.turned(start)
+    x[:, :count] = steps.in_frame(start)
     for chunk in steps.chunks(count, entries, is_stored):
         steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.place :])
-    return steps.turned(found[:, :, :count], back=True)
+    return steps.in_frame(found[:, :, :count], back=True)
 
 
 def back(
@@ -46,11 +46,11 @@ def back(
     """
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found = np.zeros(-(-count // LANES) * LANES)
-    slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
+    slopes = np.ascontiguousarray(steps.in_frame(slopes[:, :, None])[:, :, 0])
     for chunk in steps.chunks(count, entries, is_stored, back=True):
         arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.place :], "found": found}
         steps.run(chain_back, own, chunk, states, **arrays)
-    return steps.turned(x[:, None], back=True)[:, 0], found[:count]
+    return steps.in_frame(x[:, None], back=True)[:, 0], found[:count]
 
 
 class PreparedTangents:
@@ -83,7 +83,7 @@ class PreparedTangents:
         known, x, found, scale, calls, _ = self._threads.own
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
-        scale[0], x[:, : self._count] = factor, self._steps.turned(start)
+        scale[0], x[:, : self._count] = factor, self._steps.in_frame(start)
         for block, chain, refresh in calls:
             if self._steps.is_called:
                 refresh()
@@ -93,7 +93,7 @@ class PreparedTangents:
                 block[STEPS.failed] = 0
                 return None
         changes: Array = np.empty((1 + len(found), *start[:6].shape))
-        changes[0], changes[1:] = start[:6], self._steps.turned(found[:, :, : self._count], back=True)
+        changes[0], changes[1:] = start[:6], self._steps.in_frame(found[:, :, : self._count], back=True)
         return changes
 
     def _workspace(self, states: States) -> Any:
@@ -133,7 +133,7 @@ class ForwardTangents:
         self._chunks = list(steps.chunks(self._count, entries_of, is_stored))
         arrays = [chunk.alive.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
-        self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
+        self._turn = None if steps.frame is None else steps.in_frame(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
         self._start = self._parted(start)
         self._threads = PerThread(self._workspace)
@@ -240,7 +240,7 @@ class Growth:
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
         arrays, at = side_by_side(state=(steps.rows, LANES), weights=(6,), metric=(6, 6), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units[:6] ** 2
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.in_frame(self._first), 1 / units[:6] ** 2
         B = np.eye(3) if steps.frame is None else steps.frame
         T = np.array([[(B @ dN @ B.T)[e] for dN in BASIS] for e in ENTRIES])  # to entries in the body
         arrays["metric"][:] = T.T @ T / fastest**2

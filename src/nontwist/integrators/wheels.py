@@ -111,8 +111,8 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
     if outcome.intervals is None:
         return outcome
-    if outcome.intervals.turned is not None:
-        _set_works(problem, outcome.states.internal, outcome.intervals.turned, times)
+    if outcome.intervals.velocity_integrals is not None:
+        _set_works(problem, outcome.states.internal, outcome.intervals.velocity_integrals, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
     z, intervals, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
@@ -137,7 +137,7 @@ def with_works(problem: IVP) -> IVP:
     return replace(problem, intervals=True, output_times=output_times)
 
 
-def _set_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
+def _set_works(problem: IVP, z: Array | None, velocity_integrals: Array, times: Array) -> None:
     """Put the works of driven wheels to the states."""
     first = problem.internal
     assert z is not None
@@ -146,19 +146,21 @@ def _set_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> No
         if wheel.is_driven and wheel.works:
             factor, h = wheel.scale * problem.load_scale[:, None], z[..., column]
             slope, impulse = factor * wheel.slope_of_torque(times), factor * np.diff(wheel.impulse(times))
-            along = turned.reshape(*turned.shape[:2], 2, 3) @ wheel.direction
+            along = velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3) @ wheel.direction
             works = work_of(wheel.inertia, times, h, slope, impulse, along[..., 0], along[..., 1])
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
 
 
-def work_of(inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, along: Array, late: Array) -> Array:
+def work_of(
+    inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, along: Array, velocity_moment: Array
+) -> Array:
     """Return the work of a motor, ``∫ τ Ω dt = Δh²/2I - ∫ τ n·W dt``, τ linear between n + 1 times, (..., n).
 
-    `h` are the momenta, (..., n + 1), `slope` is that of τ, `impulse` ∫ τ dt; `along` and `late` are ∫ n·W dt and ∫ t
+    `h` are the momenta, (..., n + 1), `slope` is that of τ, `impulse` ∫ τ dt; `along` is ∫ n·W dt, `velocity_moment` ∫ t
     n·W dt.
     """
     torque = impulse / np.diff(times) - slope * (times[1:] + times[:-1]) / 2
-    found: Array = np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * late
+    found: Array = np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * velocity_moment
     return found
 
 

@@ -39,7 +39,7 @@ from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, nearest, shown
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
-from ..loads.wheels import columns_of
+from ..loads.wheels import recorded_wheels
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
@@ -343,7 +343,7 @@ class Wheels(NamedTuple):
     @classmethod
     def of(cls, records: Sequence[Mapping[str, Any]]) -> Wheels | None:
         """Return the wheels of the load of these records, None where there are none."""
-        found = columns_of(records)
+        found = recorded_wheels(records)
         return cls(*map(np.array, zip(*found, strict=True))) if found else None
 
     @property

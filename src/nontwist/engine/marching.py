@@ -192,7 +192,7 @@ def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any,
 _kernels: dict[tuple[Text, Parts], Kernel] = {}
 
 
-def kernel_of(text: Text, parts: Parts) -> Kernel:
+def march_kernel(text: Text, parts: Parts) -> Kernel:
     """Return the kernel that marches bodies; it is compiled when it is called."""
     with machine_code.LOCK:
         if (text, parts) not in _kernels:

@@ -19,7 +19,7 @@ from ..geometry.arrays import Array
 from ..kernels.memory import Doubles, Wholes, fields
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
 
-Spans = dict[str, tuple[slice, tuple[int, ...]]]
+SlabLayout = dict[str, tuple[slice, tuple[int, ...]]]
 
 
 def layout(**sizes: int) -> Any:
@@ -40,20 +40,20 @@ def address_of(array: NDArray[Any] | None) -> int:
 
 def side_by_side(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
     """Return arrays of zeros that lie in one piece of memory, and their addresses; 0 for one without entries."""
-    parts = spans(shapes)
+    parts = slab_layout(shapes)
     memory = np.zeros(max(part.stop for part, _ in parts.values()))
     base = address_of(memory)
     found = {name: base + 8 * part.start if part.stop > part.start else 0 for name, (part, _) in parts.items()}
     return views(memory, parts), found
 
 
-def spans(shapes: dict[str, tuple[int, ...]]) -> Spans:
+def slab_layout(shapes: dict[str, tuple[int, ...]]) -> SlabLayout:
     """Return where arrays of these shapes lie in a slab."""
     ends = pairwise([0, *accumulate(map(prod, shapes.values()))])
     return {name: (slice(*end), shape) for (name, shape), end in zip(shapes.items(), ends, strict=True)}
 
 
-def views(memory: Array, parts: Spans) -> dict[str, Array]:
+def views(memory: Array, parts: SlabLayout) -> dict[str, Array]:
     """Return the arrays of a slab in its memory, or in a copy of it."""
     return {name: memory[part].reshape(shape) for name, (part, shape) in parts.items()}
 
@@ -64,7 +64,7 @@ FORCES = 18  # numbers of director forces at a node: in space, along the directo
 Quantities = Annotated[tuple[Any, ...], QUANTITIES]
 
 
-def places(record: Any) -> Any:
+def offsets_of(record: Any) -> Any:
     """Return where the fields of a record begin, an attribute each, and its `size`."""
     return layout(**{name: field.size for name, field in fields(record).items()})
 
@@ -260,7 +260,7 @@ class Block(NamedTuple):
 
 
 # Where their fields lie, for what is packed in Python.
-BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK = map(places, (Body, State, Sums, Observed, Failure, Work, Block))
+BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK = map(offsets_of, (Body, State, Sums, Observed, Failure, Work, Block))
 
 
 class Parts(NamedTuple):

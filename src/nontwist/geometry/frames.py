@@ -82,7 +82,7 @@ def in_range(points: Array) -> Array:
     return found
 
 
-def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
+def indices_of(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
     """Index of `samples` in the argument of the caller, ``[member indices, sample]``."""
     front = [str(int(i)) for i in np.unravel_index(member, lead)] if lead else []
     return ["[" + ", ".join([*front, str(int(i))]) + "]" for i in samples]
@@ -110,7 +110,7 @@ def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE
     if is_wrong.any():
         k, i = np.argwhere(is_wrong)[0].tolist()
         require_finite(array, name)
-        (at,) = places(lead, k, i)
+        (at,) = indices_of(lead, k, i)
         raise ValueError(f"{name}{at} must be a unit vector, its length is {math.hypot(*u[k, i]):.12g}")
     u /= size[..., None]
     return u, lead
@@ -165,10 +165,10 @@ def transported(
     frames = np.empty((*u.shape, 3))
     k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
     if k >= 0:
-        one, other = places(lead, k, a % period, b % period)
+        one, other = indices_of(lead, k, a % period, b % period)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if wide >= 0:
-        (at,) = places(lead, wide_k, wide % period)
+        (at,) = indices_of(lead, wide_k, wide % period)
         message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"
         warnings.warn(message, stacklevel=3)
     return frames
@@ -431,7 +431,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
     area = np.empty(len(u))
     k, i = solid_angles(u, area)
     if k >= 0:
-        one, other = places(lead, k, (i - 1) % n, i)
+        one, other = indices_of(lead, k, (i - 1) % n, i)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if pole is not None:
         axis = as_array(pole, "pole", (3,))
@@ -444,7 +444,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
         is_through = (np.abs(det) <= ANTIPODAL) & (rest <= ANTIPODAL)
         if is_through.any():
             k, i = np.argwhere(is_through)[0].tolist()
-            one, other = places(lead, k, i, (i + 1) % n)
+            one, other = indices_of(lead, k, i, (i + 1) % n)
             raise ValueError(f"the side from d3{one} to d3{other} runs through -pole: choose another pole")
         total = 2.0 * np.arctan2(det, rest).sum(axis=-1)
         area += 4 * np.pi * np.round((total - area) / (4 * np.pi))

@@ -20,7 +20,7 @@ from functools import lru_cache, reduce
 from math import inf
 from typing import Any, NamedTuple
 
-from ..engine.records import SUMS, Body, Parts, Sums, places
+from ..engine.records import SUMS, Body, Parts, Sums, offsets_of
 from ..engine.sampling import Nodes
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
@@ -56,7 +56,7 @@ class Run(NamedTuple):
     begin: Wholes  # (steps,) the node at which each step begins
     lengths: Doubles  # (steps,) in units of time
     outputs: Wholes  # (steps + 1,) number of the first output inside
-    places: Wholes  # (steps,) its row
+    first_rows: Wholes  # (steps,) its row
     parts: Doubles  # τ of the outputs inside
     polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
@@ -73,7 +73,7 @@ class Run(NamedTuple):
     apart: Doubles  # (m,) the largest d
 
 
-RUN = places(Run)
+RUN = offsets_of(Run)
 
 
 class AtEnds(Nodes):
@@ -109,7 +109,7 @@ def sums_of(parts: Parts) -> list[int]:
 
 
 @lru_cache
-def kernel_of(parts: Parts) -> Kernel:
+def output_kernel(parts: Parts) -> Kernel:
     """Return the kernel that finds the outputs of members."""
 
     def kernel(address: Any) -> None:
@@ -340,7 +340,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
-            row = i * run.output_count + run.places[step] + (number - begin) + l
+            row = i * run.output_count + run.first_rows[step] + (number - begin) + l
             target, found = run.sums.shifted((row - i - 1) * SUMS.size), tuple(out[c * lanes + l] for c in range(count))
             put(run.quaternions, found[:4], 4 * row)
             put(run.velocities, found[4:STATE], 3 * row)

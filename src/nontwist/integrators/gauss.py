@@ -98,7 +98,7 @@ from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, iterated, rows_of
+from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, axes_at, iterated
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -315,7 +315,7 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
         total = Variables(m=0.0 * e.P)
         for j in loop(y.number):
             stage = y.one(j)
-            total.m = total.m + y.table[TABLE.weights + j] * moment(stage, rows_of(stage))
+            total.m = total.m + y.table[TABLE.weights + j] * moment(stage, axes_at(stage))
         return R @ total.m
 
     if has_own or has_push:
@@ -353,7 +353,7 @@ def observe_stages(nodes: Nodes, y: Stages) -> None:
         for j in range(y.number):
             work = work + table[TABLE.mu + WIDTH * j + i] * y.one(j).sum[1]
         x.observed.work, x.velocity = work, y.one(i).W
-        observe_at(x, False, nodes.R @ rows_of(y.one(i)))
+        observe_at(x, False, nodes.R @ axes_at(y.one(i)))
         integrate(x, nodes.h * table[TABLE.weights + i])
     x.observed.work = before
 

@@ -36,7 +36,7 @@ from ..kernels.memory import View, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, pulled_back, rows_of
+from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, axes_at, pulled_back
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -163,7 +163,7 @@ class Residuals:
             stage = stages.one(i)
             P = stages.collocated("dp", e.P, i)
             stage.P, stage.W = P, e.k * P
-            stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
+            stage.V = e.turning(stage.W, axes_at(stage)) if e.has_rows else stage.W
         if e.memory:
             e.memory.place()
         if e.start:
@@ -175,7 +175,7 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
+            loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, axes_at(stage)) if e.parts.calls else {})
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
                 rate = e.now(loads, P, [spatial_dual(c) for c in g], pulled_back_duals).rate
@@ -205,7 +205,7 @@ class Residuals:
 
     def remember(self, i: Any, stage: View, b: Any) -> None:
         """Set the slopes by z, and those of z, at a stage."""
-        e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, rows_of(stage)
+        e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, axes_at(stage)
         memory, h, speed = e.memory, b / e.nodes.rate, self.change(stage.W)
         for c in loop(self.k):
             f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)

@@ -153,7 +153,7 @@ class Stages(NamedTuple):
                     setattr(stage, name, select(mask, getattr(stage, ahead(name)), getattr(stage, name)))
 
 
-def rows_of(stage: View) -> Matrix:
+def axes_at(stage: View) -> Matrix:
     """Return the axes of b at the beginning of the step, as seen from the body at stages."""
     return Matrix(stage.g0, stage.g1, stage.g2)
 
@@ -283,7 +283,7 @@ class Equations:
             fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
             for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
                 one = self.stages.one(j)
-                self.called(j, rows_of(one), self.k * one.P).store(one)
+                self.called(j, axes_at(one), self.k * one.P).store(one)
                 if fine is not None:
                     v.is_fine = taxicab(one.called) <= OVERFLOW
         return P, g, self.now(self.stored_loads(stage), P, g)

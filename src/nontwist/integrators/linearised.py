@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import rows_of
+from ..engine.bodies import body_rows
 from ..engine.functions import Varied
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.known_steps import INPUTS, LANES, STEPS, Step, columns_of, places_of_directions
-from ..engine.linearised import CHAIN, forward_run, linearised
-from ..engine.linearised import rows_of as rows_of_state
+from ..engine.known_steps import INPUTS, LANES, STEPS, Step, column_offsets, offsets_of_directions
+from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
 from ..engine.records import BODY, address_of, pack
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
@@ -55,11 +54,11 @@ class Entries(NamedTuple):
             return self
         if not (T - T[0, 0] * np.eye(len(T))).any():
             return self._replace(value=T[0, 0] * self.value)
-        places = self.component % len(T)
-        rows, which = np.nonzero(T[:, places])
+        columns = self.component % len(T)
+        rows, which = np.nonzero(T[:, columns])
         step = None if self.step is None else self.step[which]
-        component = self.component[which] - places[which] + rows
-        return Entries(self.name, component, self.parameter[which], T[rows, places[which]] * self.value[which], step)
+        component = self.component[which] - columns[which] + rows
+        return Entries(self.name, component, self.parameter[which], T[rows, columns[which]] * self.value[which], step)
 
     def without_zeros(self) -> Entries:
         """Return the entries that are not 0."""
@@ -154,7 +153,7 @@ class Linearised:
         self.problem = problem
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
-        bodies = rows_of(systems, self.load, 1.0, problem.load_scale)
+        bodies = body_rows(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         wanted, self._factor, self._order = set(wanted), np.array([scale]), order
@@ -175,9 +174,9 @@ class Linearised:
         parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
-        self.rows, self.input_maps = rows_of_state(parts), input_maps_of(self._fixed)
+        self.rows, self.input_maps = tangent_size(parts), input_maps_of(self._fixed)
         self.frame = self.input_maps["axis"].T if np.any(self.input_maps["axis"] != np.eye(3)) else None
-        self.offsets = columns_of(self.rows, sizes, s)
+        self.offsets = column_offsets(self.rows, sizes, s)
         self.width = self.offsets[""]
         table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
@@ -286,15 +285,15 @@ Changes = list[tuple[Term, Array]]
 
 def seeds_of(wanted: dict[str, int], called: Sequence[Term], changes: Sequence[Changes]) -> Array:
     """Return the directions in which functions of the state are differentiated, (numbers, directions)."""
-    terms, places = [term for term in called if not isinstance(term, ForceTable)], places_of_directions(wanted)
-    found = aligned(OF_TERMS + TERM.size * len(terms), places[""])
+    terms, offsets = [term for term in called if not isinstance(term, ForceTable)], offsets_of_directions(wanted)
+    found = aligned(OF_TERMS + TERM.size * len(terms), offsets[""])
     found[STATE, range(len(STATE))] = 1.0
     if "forces" in wanted:
-        found[OF_TABLE:OF_TERMS, places["forces"] : places["terms"]] = np.eye(OF_TERMS - OF_TABLE)
+        found[OF_TABLE:OF_TERMS, offsets["forces"] : offsets["terms"]] = np.eye(OF_TERMS - OF_TABLE)
     for k, parts in enumerate(changes):
         for term, change in parts:
             first = OF_TERMS + TERM.size * terms.index(term)
-            found[first : first + TERM.size, places["terms"] + k] += change
+            found[first : first + TERM.size, offsets["terms"] + k] += change
     return found
 
 

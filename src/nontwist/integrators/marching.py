@@ -37,7 +37,7 @@ from .load_samples import WIDTHS, beside_chord
 from .members import PerThread
 from .problem import IVP, Failure, Intervals, Outcome, Status
 from .stack_march import SAME, StackMarch, listed, march_of
-from .wheels import COMMANDED, carrier, commanded, places, work_of
+from .wheels import COMMANDED, carrier, commanded, wheel_columns, work_of
 
 NONE = np.zeros(0)
 
@@ -157,7 +157,7 @@ class PreparedMarch:
         self._todo = listed(march, parts, 1, 0, steps)
         self._unit, self._run = float(march.bodies[0, BODY.unit]), run_prepared.function
         self._factors = march.factors[0]
-        self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}
+        self._slab = {name: (part, shape[1:] or shape) for name, (part, shape) in march.slab.items() if name in READ}
         self._threads = PerThread(self._workspace)
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
@@ -173,7 +173,7 @@ class PreparedMarch:
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return the states of a run from the numbers found; its `_read` returns the rest."""
-        arrays = views(found, self._spans)
+        arrays = views(found, self._slab)
         return {"states": states_in(arrays, self._march.skipped), "_read": partial(self._rest, arrays)}
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
@@ -189,11 +189,11 @@ class PreparedMarch:
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, the start and what comes back, the address of the head, all of it."""
-        march, (arrays, places) = self._march, side_by_side(**self._march.shapes)
+        march, (arrays, wheel_columns) = self._march, side_by_side(**self._march.shapes)
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
         block, *alive = march.laid(self._todo)
-        pack(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
+        pack(block, BLOCK, **wheel_columns, scales=call[HEAD.size + PREPARED.factor :])
         pack(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
         pack(call, HEAD, run=march.driver(self._todo).address)
         start = call[HEAD.size :].data.cast("B")
@@ -245,7 +245,7 @@ class SingleStep:
         owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
         self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
         self._constant = Struct(f"{6 * self._count}d")
-        at = {name: part.start for name, (part, _) in march.spans.items()}
+        at = {name: part.start for name, (part, _) in march.slab.items()}
         means, march_state = at["intervals"], (at["states"], march.shapes["states"][1])
         rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), march_state, (at["failures"], 1)
         self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
@@ -259,7 +259,7 @@ class SingleStep:
         march, director = self._march, self.scheme.is_director_scheme
         if problem.internal is not None and self.load.wheels:
             z, size = problem.internal[0].tolist(), sum(one.count for one in self.load.wheels)
-            starts = [place for one, place in places(self.load) if not one.is_driven]
+            starts = [place for one, place in wheel_columns(self.load) if not one.is_driven]
             own = [x for place in starts for x in (*z[place : place + 3], 0.0)] + z[size:]
             problem = replace(problem, internal=np.array([own]) if own else None)
         march.begin(problem if director else tangent(problem))

@@ -40,7 +40,7 @@ from .gauss_coefficients import matrix, nodes, weights
 from .linearised import ranged
 from .load_samples import as_marched, at_nodes
 from .problem import IVP
-from .wheels import carrier, places
+from .wheels import carrier, wheel_columns
 
 AXES = np.eye(3)
 MOST = 2**20  # numbers of the matrices that are made at a time
@@ -88,7 +88,7 @@ class RememberingSteps:
         load, self.s = with_moments(load), scheme.order // 2
         self.c, self.b = nodes(scheme.order), weights(scheme.order)
         self.a = self.b * matrix(scheme.order)
-        found = list(places(load))
+        found = list(wheel_columns(load))
         self.wheels = [one.unscaled for one, _ in found]
         self.rest = [term for term in load.remembering if not isinstance(term, Wheel)]
         count = load.internal_state.size - sum(term.state0.size for term in self.rest)

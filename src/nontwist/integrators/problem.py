@@ -218,24 +218,24 @@ class Outcome(NamedTuple):
 
     def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
-        places, k, times = (
+        indices, k, times = (
             np.searchsorted(whole.stored_times, problem.stored_times),
             len(problem.stored_times),
             self.times(whole),
         )
         if self.end is None:
-            good = np.searchsorted(places, self.good)
+            good = np.searchsorted(indices, self.good)
         else:  # the last state is that of no output
-            good = np.searchsorted(places, self.good - 1) + 1
-            places[good[0] - 1] = self.good[0] - 1
-        states = States(*(None if array is None else array[:, places] for array in self.states))  # type: ignore[arg-type]
+            good = np.searchsorted(indices, self.good - 1) + 1
+            indices[good[0] - 1] = self.good[0] - 1
+        states = States(*(None if array is None else array[:, indices] for array in self.states))  # type: ignore[arg-type]
         found, own = self._replace(states=states, good=good, intervals=None), self.intervals
         if not problem.intervals or own is None or not k:
             return found
         sums, used = own.integrals(np.diff(times)), own.newton_iterations
-        sums = np.add.reduceat(sums[:, : places[-1]], places[:-1], axis=1)
-        most = None if used is None else np.maximum.reduceat(used[:, : places[-1]], places[:-1], axis=1)
-        means = own.of_integrals(sums, np.diff(times[places]), most)
+        sums = np.add.reduceat(sums[:, : indices[-1]], indices[:-1], axis=1)
+        most = None if used is None else np.maximum.reduceat(used[:, : indices[-1]], indices[:-1], axis=1)
+        means = own.of_integrals(sums, np.diff(times[indices]), most)
         return found._replace(intervals=means)
 
     def failure(self, i: int = 0) -> Failure | None:

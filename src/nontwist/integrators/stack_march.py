@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import rows_of
+from ..engine.bodies import body_rows
 from ..engine.functions import Called
 from ..engine.generalised import STAGE
-from ..engine.marching import Text, kernel_of
+from ..engine.marching import Text, march_kernel
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, spans
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, slab_layout
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
@@ -70,7 +70,7 @@ class StackMarch:
         acts_alone = not known.get("space", False)  # without a moment in space that is added to the load
         is_at_stages = self.needs.action == STAGE
         self.about = orbit_of(systems, self.load, self.unit) if is_at_stages and acts_alone else None
-        self.bodies = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
+        self.bodies = body_rows(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
         self.called = Called(self.load, self.needs.action)
@@ -99,8 +99,8 @@ class StackMarch:
             "totals": (m, SUMS.size) if self.outputs is not None else none,
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
-        self.spans = spans(self.shapes)
-        self.arrays, places = side_by_side(**self.shapes)
+        self.slab = slab_layout(self.shapes)
+        self.arrays, array_addresses = side_by_side(**self.shapes)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
@@ -108,7 +108,7 @@ class StackMarch:
         self.lengths = self._lengths(stack.stored) if self.groups[0].needs_means else np.ones(len(stack.stored))
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
-        pack(self.block, BLOCK, **places, members=m, state_size=size, output_count=count, director=director)
+        pack(self.block, BLOCK, **array_addresses, members=m, state_size=size, output_count=count, director=director)
         pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
         pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
@@ -125,7 +125,7 @@ class StackMarch:
 
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
-        return kernel_of(*self.made_for(parts, width, **changes))
+        return march_kernel(*self.made_for(parts, width, **changes))
 
     def made_for(self, parts: Parts, width: int, **changes: Any) -> tuple[Text, Parts]:
         """Return the text that marches a group, so many at a time, and the parts that it is for."""
@@ -152,9 +152,9 @@ class StackMarch:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
         inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
-        places = np.searchsorted(stored, inner)
-        more = stored[places] != inner
-        ends = np.insert(stored, places[more], inner[more])
+        indices = np.searchsorted(stored, inner)
+        more = stored[indices] != inner
+        ends = np.insert(stored, indices[more], inner[more])
         size = self.sizes[np.searchsorted(numbers[1:-1], ends[:-1], side="right"), 0]
         return np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
 

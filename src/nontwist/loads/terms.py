@@ -373,7 +373,7 @@ class Table(OfTime):
     @cached_property
     def support(self) -> Array:
         """Between times at one of which the moment is not zero."""
-        return spans(self.times, self.values)
+        return nonzero_intervals(self.times, self.values)
 
     def columns(self, times: Any) -> Any:
         """Return the interpolated moments."""
@@ -516,7 +516,7 @@ def chord(known: Array, values: Array, times: Array) -> Array:
     return found
 
 
-def spans(times: Array, values: Array) -> Array:
+def nonzero_intervals(times: Array, values: Array) -> Array:
     """Return where values that are linear between `times`, and 0 outside, are not zero: from when to when, (k, 2)."""
     rows = np.any(values.reshape(len(times), -1) != 0, axis=1, keepdims=True)[:, 0]
     change = np.diff(np.concatenate([[False], rows[1:] | rows[:-1], [False]]).astype(np.int64))

@@ -35,7 +35,7 @@ from ..geometry.attitudes import quaternions
 from ..geometry.frames import triad_about
 from ..geometry.values import shown, vector_text
 from ..loads.kinds import rotors_of
-from ..loads.wheels import columns_of
+from ..loads.wheels import recorded_wheels
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
@@ -116,7 +116,7 @@ def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
     rotors = [(one.direction, one.scale * one.history(times)[0]) for one in rotors_of(records).rotors]
     if "wheel_speed" not in run:
         return rotors
-    speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, columns_of(records)
+    speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, recorded_wheels(records)
     return rotors + [(one.axis, one.inertia * speed) for one, speed in zip(wheels, speeds, strict=True)]
 
 

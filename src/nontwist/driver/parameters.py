@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.functions import FUNCTIONS, changes_of_numbers, kind_of, numbers_of
+from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
 from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
@@ -183,7 +183,7 @@ class Parameters:
         term = self.terms[one.term]
         if not is_called(term) or isinstance(term, ForceTable):
             return []
-        if kind_of(term) in FUNCTIONS and one.field != "scale":
+        if kernel_kind(term) in FUNCTIONS and one.field != "scale":
             return [[(term, change)] for change in changes_of_numbers(term, one.field)]
         value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
         units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)

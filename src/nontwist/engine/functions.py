@@ -24,7 +24,7 @@ KEPT = 8  # states whose derivatives are kept
 FUNCTIONS = (FUNCTION, OF_FORCES, OF_MOMENT)  # kinds of terms whose texts are called
 
 
-class Called:
+class StateFunctions:
     """The terms of a load that are evaluated while a run marches.
 
     Attributes
@@ -64,7 +64,7 @@ class Called:
         for k, term in enumerate(terms):
             place = 1 + TERM.size * k
             found[place : place + TERM.size] = numbers_of(term)
-            if kind_of(term) in FUNCTIONS:
+            if kernel_kind(term) in FUNCTIONS:
                 whole[place + TERM.function] = self._address(term.c_function or evaluated(term))
                 whole[place + TERM.slopes] = 0 if slopes is None else self._address(slopes(term))
         self.keepalive.append(found)
@@ -120,7 +120,7 @@ class Called:
             raise self.error
 
 
-class Varied(Called):
+class DifferentiableFunctions(StateFunctions):
     """The terms of a load, with their derivatives."""
 
     def __init__(self, terms: Sequence[Term], action: int, has_time: bool) -> None:
@@ -186,7 +186,7 @@ def evaluated(term: Term) -> PythonFunction:
     return PythonFunction(lambda t, first, second: value_of(term, arguments(term, t, first, second)), count_of(term))
 
 
-def kind_of(term: Term) -> int:
+def kernel_kind(term: Term) -> int:
     """Return what `generalised` takes a term for."""
     kinds = (GravityGradient, ORBITING), (Quadratic, QUADRATIC), (Spring, SPRING), (Potential, FUNCTION)
     otherwise = OF_FORCES if term.kind == "forces" else OF_MOMENT
@@ -195,7 +195,7 @@ def kind_of(term: Term) -> int:
 
 def numbers_of(term: Term) -> Array:
     """Return a term as `generalised.Term` has it, without addresses."""
-    found, kind = np.zeros(TERM.size), kind_of(term)
+    found, kind = np.zeros(TERM.size), kernel_kind(term)
     found.view(np.int64)[TERM.kind], found[TERM.scale] = kind, term.scale
     if kind in FUNCTIONS:
         own = term.numbers

@@ -114,7 +114,7 @@ class Step(NamedTuple):
     of_potentials: Vector
 
 
-class Varied(Body):
+class DualBody(Body):
     """A body whose numbers are duals, and its products of inertia, of value 0."""
 
     products: Any  # J23, J13, J12
@@ -209,7 +209,7 @@ class Known(Nodes):
         k, off = body.k, body.off
         E = varied(body.E, 0.5 * Vector(b + c - a, c + a - b, a + b - c))
         off = varied(off, (products[1], products[0]))
-        found = Varied(*body._replace(E=E, off=off, k=varied(k, -k * k * Vector(a, b, c))))
+        found = DualBody(*body._replace(E=E, off=off, k=varied(k, -k * k * Vector(a, b, c))))
         found.products, found.is_free = products, not self.parts.is_constrained
         return found
 
@@ -342,7 +342,7 @@ class Calls(NamedTuple):
         at.directors, at.w, at.half = directors, w, half
         own, found, slopes = View(Sloped, scratch(size_of(Sloped))), scratch(6 * count), self.slopes(at)
         state = own.state_call
-        state.action, state.terms, state.called = b.action, b.terms, (b.speed, 0.0, 0.0)
+        state.action, state.terms, state.c_moment = b.action, b.terms, (b.speed, 0.0, 0.0)
         own.directions, own.seeds, own.slopes = count, b.seeds, found
         for l in loop(n):
             lane = at.lane(l)

@@ -168,7 +168,7 @@ class StateCall(NamedTuple):
 
     directors: Matrix
     w: Vector
-    called: Vector  # moment of a C function
+    c_moment: Vector  # moment of a C function
     t: float
     half: Vector  # half turn of the step in the body
     action: int

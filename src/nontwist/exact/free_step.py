@@ -41,7 +41,18 @@ from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, si
 from ..kernels.kernel import part
 from ..kernels.memory import View
 from ..kernels.vectors import Vector
-from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, harmonics, phase, set_constants, thetas, unit
+from .free_constants import (
+    BAD_TIME,
+    FARTHEST,
+    OK,
+    beginning,
+    circled,
+    direction_and_norm,
+    harmonics,
+    phase,
+    set_constants,
+    thetas,
+)
 
 SMALL, STEADY = 0.5, 1e-150
 
@@ -68,7 +79,7 @@ def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector,
 
 def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
     """Set the constants of a free motion from the momentum P on, those of `set_origin` left out."""
-    (I1, I2, I3), (M, m) = moments, unit(P)
+    (I1, I2, I3), (M, m) = moments, direction_and_norm(P)
     is_swapped, rx, rz = circled(I1, I2, I3, M[0], M[2])
     x, z = select(is_swapped, M[2], M[0]), select(is_swapped, M[0], M[2])
     sx, sz = copysign(1.0, x), copysign(1.0, z)

@@ -188,10 +188,10 @@ def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
 def _quartic(m: Any, beta: Any, gamma: Any, f: Decimal, b3: Decimal) -> Any:
     """Return the coefficients of -(B² - 4AC)/4, B = β* + f z + γ z², A = m* + γ* z + 2 b3 z², C = β z + m z²."""
     A, B, C = (m.T, gamma.T, number(2 * b3)), (beta.T, number(f), gamma), (number(ZERO), beta, m)
-    return [ac - bb / 4 for ac, bb in zip(_product(A, C), _product(B, B), strict=True)]
+    return [ac - bb / 4 for ac, bb in zip(_polynomial_product(A, C), _polynomial_product(B, B), strict=True)]
 
 
-def _product(p: Any, q: Any) -> Any:
+def _polynomial_product(p: Any, q: Any) -> Any:
     """Return the coefficients of the product of two polynomials of degree two."""
     return [sum(p[i] @ q[k - i] for i in range(3) if 0 <= k - i < 3) for k in range(5)]
 

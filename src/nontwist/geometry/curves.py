@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array, as_floats, as_positive, require_finite
-from .frames import TOLERANCE, first_d1, in_range, indices_of, transported, unit_directors, vectors
+from .frames import TOLERANCE, first_d1, frames_along, in_range, indices_of, unit_directors, vectors
 from .values import as_function
 
 _PIECES = 32  # at least, at the start
@@ -102,7 +102,7 @@ def frame_along(
     knots = np.append(grid[:, 0], t[-1])
     chain = np.concatenate([u[:, 0], last])[None]
     roll = np.append(0.0, angle)[None]
-    frames = transported(chain, (), d1, (roll, np.ones(roll.shape, dtype=np.int64)), roll.size)
+    frames = frames_along(chain, (), d1, (roll, np.ones(roll.shape, dtype=np.int64)), roll.size)
     found: Array = frames[0, np.searchsorted(knots, t)]
     return found
 

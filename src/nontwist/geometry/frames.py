@@ -153,7 +153,7 @@ def triad_about(n: Array) -> Array:
     return np.stack([e1, np.cross(n, e1), n])
 
 
-def transported(
+def frames_along(
     u: Array, lead: tuple[int, ...], d1: ArrayLike | None, rolls: tuple[Array, NDArray[np.int64]], period: int
 ) -> Array:
     """Frames (m, n, 3, 3) along the unit directors `u` (m, n, 3); warn of wide steps, refuse antipodal ones.
@@ -229,7 +229,7 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
     -1.0
     """
     u, lead = unit_directors(d3)
-    frames = transported(u, lead, d1, rolls(u, order, closed=False), u.shape[1])
+    frames = frames_along(u, lead, d1, rolls(u, order, closed=False), u.shape[1])
     return frames.reshape(*lead, *frames.shape[1:])
 
 
@@ -296,7 +296,7 @@ def closed_frame(
         require_finite(along, "points")
         along = in_range(along.reshape(u.shape))
     u, along = (np.concatenate([x, x[:, :1]], axis=1) for x in (u, along))
-    frames = transported(u, lead, d1, rolls(u, order, closed=True), n)
+    frames = frames_along(u, lead, d1, rolls(u, order, closed=True), n)
     angle = _close(frames, along, 2 * np.pi * turns)
     return frames[:, :n].reshape(*lead, n, 3, 3), shaped(angle, lead)
 

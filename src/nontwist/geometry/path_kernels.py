@@ -87,7 +87,7 @@ def is_antipodal(s: View, u: Vector) -> Any:
     return (length(u + s.last) < ANTIPODAL_DISTANCE) | (length(u + s.n3) < ANTIPODAL_DISTANCE)
 
 
-def advance(s: View, u: Vector) -> Any:
+def add_sample(s: View, u: Vector) -> Any:
     """Take the path to its next sample, no antipode of the last one or of the last node; whether it is a node."""
     v = Variables(here=0.0, is_node=False)
     step, whole = length(u - s.last), s.whole
@@ -143,7 +143,7 @@ def _arc(chord: Any) -> Any:
     return chord + chord * chord * chord / 24.0
 
 
-def _plain(k: Any, a: Any, b: Any) -> Any:
+def _without_cube(k: Any, a: Any, b: Any) -> Any:
     """Return the curvature of three points with the arcs a and b, less what comes from the cube of the curvature."""
     return k + a * b / 8.0 * (k * k * k + k)
 
@@ -157,7 +157,7 @@ def _second_derivative(s: View) -> Any:
     """Return the second derivative of the curvature at the last node but two, from five nodes."""
     (g0, g1, g2, g3), (k0, k1, k2) = map(_arc, s.chords), s.kappas
     before, after = (g0 + g1 + g2) / 3.0, (g1 + g2 + g3) / 3.0  # distances of the centroids
-    k0, k1, k2 = _plain(k0, g0, g1), _plain(k1, g1, g2), _plain(k2, g2, g3)
+    k0, k1, k2 = _without_cube(k0, g0, g1), _without_cube(k1, g1, g2), _without_cube(k2, g2, g3)
     z0, z1, z2 = _bend(-g1, g0, g1), _bend(0.0, g1, g2), _bend(g2, g2, g3)
     return ((k2 - k1) / after - (k1 - k0) / before) / ((z2 - z1) / after - (z1 - z0) / before)
 
@@ -177,7 +177,7 @@ def _error(h: Any, a: Any, ka: Any, xa: Any, lead: Any, kb: Any, xb: Any, b: Any
     is_used = (larger(a, b) >= SHORT * h) & (lead >= SHORT * h)
     used = select(is_used, select(b < a, ka, kb), 0.0)
     bend = wa * _bend(xa, a, lead) + wb * _bend(xb, lead, b)
-    k = wa * _plain(ka, a, lead) + wb * _plain(kb, lead, b) - second * bend
+    k = wa * _without_cube(ka, a, lead) + wb * _without_cube(kb, lead, b) - second * bend
     cube = k * k * k + k
     full = h3 / 12.0 * (second * bend - cube * (wa * a * lead + wb * lead * b) / 8.0)
     full = full + h3 * h * h * ((2.0 * (cube - 3.0 * k) - second) / 480.0 - cube / 96.0)
@@ -232,6 +232,6 @@ def error_angles(u: Any, order: Any, state: Any, bound: Any) -> None:
             x = vector_at(u[k, i])
             for _ in when(i > 0):
                 for _ in when(logical_not(is_antipodal(s, x))):
-                    advance(s, x)
+                    add_sample(s, x)
             is_known = (s.nodes >= _BENT) | (i == u.shape[1] - 1)
             bound[k, i] = select(is_known, estimate(s, order), math.inf)

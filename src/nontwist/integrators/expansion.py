@@ -88,7 +88,7 @@ def vectors_of(parts: Parts) -> int:
     return parts.moving + parts.space + 2 * parts.rotor
 
 
-def summed(parts: Parts) -> list[str]:
+def summed_fields(parts: Parts) -> list[str]:
     """Return what is summed, and is not 0."""
     has_moment = parts.moving or parts.space or parts.rotor or parts.damping
     is_made = {
@@ -105,7 +105,7 @@ def summed(parts: Parts) -> list[str]:
 
 def sums_of(parts: Parts) -> list[int]:
     """Return the places in `Sums` of what is summed."""
-    return [fields(Sums)[name].place + k for name in summed(parts) for k in range(fields(Sums)[name].size)]
+    return [fields(Sums)[name].place + k for name in summed_fields(parts) for k in range(fields(Sums)[name].size)]
 
 
 @lru_cache
@@ -238,7 +238,7 @@ class Expansion:
 
     def sum_rates(self, now: Now, p: Quaternion, space: Any) -> list[Any]:
         """Return the rates of the sums: μ, the moment and that of dead forces in space, work, W, t W and twist."""
-        body, parts, found, names = self.body, self.parts, list[Any](), summed(self.parts)
+        body, parts, found, names = self.body, self.parts, list[Any](), summed_fields(self.parts)
         (b0, b1), k = body.off, body.k
         if "mu" in names:
             found.append(now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1])

@@ -207,10 +207,10 @@ class Gauss(Compiled):
     @property
     def needs(self) -> Needs:
         """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
-        return Needs(STAGE, table(self.order), COMPONENTS * self.nodes, scratch_of)
+        return Needs(STAGE, table(self.order), COMPONENTS * self.nodes, scratch_sizes)
 
 
-def scratch_of(internal: int) -> tuple[int, int]:
+def scratch_sizes(internal: int) -> tuple[int, int]:
     """Return the numbers of stages of a body with so many internal states, and of Newton's iteration."""
     side, m = 3 * WIDTH, unknowns(internal) * WIDTH
     newton = side * (2 * side + 3) + 2 * m * (m + 1) + WIDTH + (7 + internal) * (9 + internal)
@@ -322,7 +322,7 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
 
         def moment(stage: View, C: Matrix) -> Vector:
             own, space = C @ stage.own if has_own else None, stage.space if has_push and parts.space else None
-            return sum_of(own, space, stage.called if has_push and parts.calls else None)
+            return sum_of(own, space, stage.of_functions if has_push and parts.calls else None)
 
         found = found._replace(moment=mean(moment), work=work)
     if has_dead:

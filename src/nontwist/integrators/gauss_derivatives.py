@@ -65,7 +65,7 @@ def scratches(s: int, columns: int) -> dict[str, int]:
     }
 
 
-def scratch_of(s: int, columns: int, slopes: int) -> int:
+def scratch_size(s: int, columns: int, slopes: int) -> int:
     """Return how many numbers of a lane a kernel needs; `slopes`: those of functions of the state at a node."""
     return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
 
@@ -491,7 +491,7 @@ class StageEquations(Equations):
             at = nodes.known(i)
             load = nodes.factor * (at.load @ nodes.R) if parts.function else None
             of_potentials = nodes.factor * (at.of_potentials @ nodes.basis) if parts.generalised else None
-            loads = loads._replace(called=load, of_potentials=of_potentials)
+            loads = loads._replace(of_functions=load, of_potentials=of_potentials)
         return P, g, self.now(loads, P, g)
 
     def orbital(self, g: Any) -> Vector:
@@ -503,7 +503,7 @@ class StageEquations(Equations):
         nodes, W = self.nodes, V if self.orbit is None else V + self.orbital(g)
         body = nodes.body
         load, of_potentials = nodes.functions(i).torque(g, W) if self.parts.calls else (None, None)
-        loads = self.sampled(i)._replace(called=load, of_potentials=of_potentials)
+        loads = self.sampled_loads(i)._replace(of_functions=load, of_potentials=of_potentials)
         x, y, z = self.now(loads, body.momentum_of(W), g).rate
         if nodes.force is not None:
             more = ZEROS

@@ -175,7 +175,9 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, axes_at(stage)) if e.parts.calls else {})
+            loads = e.stored_loads(stage)._replace(
+                **self.differentiate_functions(v, i, stage, axes_at(stage)) if e.parts.calls else {}
+            )
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
                 rate = e.now(loads, P, [spatial_dual(c) for c in g], pulled_back_duals).rate
@@ -184,8 +186,8 @@ class Residuals:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
                 rest, stiff = dP - stage.dp, 0.0 * b
                 for c in range(3):
-                    H = b * tangents(rate[c], 3)
-                    row = self.row(i, c, H if g else None, b * tangents(rate[c], 0))
+                    H = b * three_tangents(rate[c], 3)
+                    row = self.row(i, c, H if g else None, b * three_tangents(rate[c], 0))
                     row[m], stiff = rest[c], stiff + taxicab(H)
                 self.stiffness[i] = stiff
                 if e.memory:
@@ -228,7 +230,7 @@ class Residuals:
         change = DIFFERENCE * taxicab(W)
         return select(change > 0.0, change, DIFFERENCE)
 
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
+    def differentiate_functions(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
         """Return what functions give, with their derivatives as differences; one call stands in the code."""
         e, W, found, width, k = self.equations, stage.W, self.found, 9 + self.k, self.k
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
@@ -238,7 +240,7 @@ class Residuals:
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
             with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
-                results = [x or ZEROS for x in e.called(i, rows, w)[3:]]
+                results = [x or ZEROS for x in e.evaluate_functions(i, rows, w)[3:]]
             for j, x in enumerate(y for vector in results for y in vector):
                 found[width * q + j] = x
             for c in loop(k) if k else ():
@@ -252,7 +254,11 @@ class Residuals:
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
-        kinds = ("called", True, True), ("of_potentials", e.parts.generalised, False), ("remembered", e.memory, True)
+        kinds = (
+            ("of_functions", True, True),
+            ("of_potentials", e.parts.generalised, False),
+            ("remembered", e.memory, True),
+        )
         loads = dict[str, Vector]()
         for k, (name, is_there, by_velocity) in enumerate(kinds):
             if is_there:
@@ -313,7 +319,7 @@ class Residuals:
         return self.momenta[q * (self.m + 1) + self.m]
 
 
-def tangents(x: Dual, first: int) -> Vector:
+def three_tangents(x: Dual, first: int) -> Vector:
     """Return three derivatives."""
     found = [*x.tangents[first : first + 3], 0.0, 0.0, 0.0]
     return Vector(*found[:3])
@@ -339,7 +345,7 @@ def newton(
     v.before = zero + OVERFLOW
     if e.parts.calls and not e.memory:  # with memory it begins anew
         for i in loop(stages.number):
-            v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= OVERFLOW)
+            v.is_fine = v.is_fine & (taxicab(stages.one(i).of_functions) <= OVERFLOW)
         note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import body_rows
-from ..engine.functions import Varied
+from ..engine.functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, Step, column_offsets, offsets_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
@@ -33,8 +33,8 @@ from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
-from .gauss_derivatives import scratch_of
-from .load_samples import WIDTHS, as_marched, orbit_of, parts_of, sampled
+from .gauss_derivatives import scratch_size
+from .load_samples import WIDTHS, as_marched, march_parts, orbit_of, sampled
 from .problem import IVP
 from .wheels import as_gyrostat
 
@@ -67,7 +67,7 @@ class Entries(NamedTuple):
         return Entries(self.name, self.component[which], self.parameter[which], self.value[which], step)
 
 
-Sampled = Callable[["Nodes"], Iterable[Entries]]
+EntriesOf = Callable[["Nodes"], Iterable[Entries]]
 StepMask = NDArray[np.int64]
 
 
@@ -167,7 +167,7 @@ class Linearised:
         is_parted = scheme.linear is not None
         known = {"function": not all(has_potential) if is_parted else bool(called)}
         known["generalised"] = is_parted and any(has_potential)
-        (found,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
+        (found,), _ = march_parts(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
         _, self.middles = scheme.stages(found)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
@@ -186,7 +186,7 @@ class Linearised:
                 self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
             self.make = scheme.linear(parts, sizes)
-            self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
+            self._scratch = LANES * scratch_size(s, self.width, 6 * seeds.shape[1])
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
         pack(block, STEPS, stages=s, width=self.width)
@@ -194,7 +194,9 @@ class Linearised:
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
-            self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
+            self._varied = varied = DifferentiableFunctions(
+                functions, scheme.needs.action, not wanted.isdisjoint(("time", "step"))
+            )
             self._seeds = seeds
             pack(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
             pack(block, STEPS, sloped=sloped.address, seeds=seeds)
@@ -220,7 +222,7 @@ class Linearised:
             middles = np.zeros(len(middles))
         return Nodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
 
-    def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
+    def sampled_loads(self, nodes: Nodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
         systems, ends = self.problem.systems, (nodes.begin, nodes.end, nodes.sizes)
         arrays = sampled(systems, self.load, 1.0, lambda: nodes.times, lambda: ends, nodes.middles)
@@ -240,7 +242,11 @@ class Linearised:
             self._varied.require_no_error()
 
     def chunks(
-        self, count: int = 0, entries: Sampled = lambda nodes: (), is_stored: StepMask | None = None, back: bool = False
+        self,
+        count: int = 0,
+        entries: EntriesOf = lambda nodes: (),
+        is_stored: StepMask | None = None,
+        back: bool = False,
     ) -> Iterator[Chunk]:
         """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
 
@@ -350,7 +356,7 @@ def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entr
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
     every = [entry.transformed(steps.input_maps.get(entry.name)).without_zeros() for entry in entries]
-    columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
+    columns, parameters, values = _concatenated(steps, [entry for entry in every if entry.step is None])
     block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
     arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}
     block[CHAIN.fixed] = len(values)
@@ -361,16 +367,16 @@ def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entr
         arrays = {"used": used, "changes": changes}
     if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
         step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
-        columns, parameters, values = _joined(steps, own)
+        columns, parameters, values = _concatenated(steps, own)
         order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
         arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
         arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
     pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
     pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Chunk(first, last, steps.sampled(nodes), block, arrays)
+    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays)
 
 
-def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+def _concatenated(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Return columns of inputs, parameters and values of entries."""
     none: Any = np.zeros(0, dtype=np.int64)
     columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in entries)])

@@ -87,7 +87,7 @@ def has_table(load: Load) -> bool:
     return any(isinstance(term, ForceTable) for term in load.terms)
 
 
-def parts_of(
+def march_parts(
     systems: SystemStack, load: Load, bodies: Array, scheme: Compiled, **known: Any
 ) -> tuple[list[Parts], NDArray[np.int64]]:
     """Return what there is in marches of bodies under a load, as they are marched, and in which one each body is."""

@@ -79,13 +79,15 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
-        if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
+        if failures[i, 0] == Status.STALLED and isinstance(
+            todo.functions.error, Exception
+        ):  # nearby the load has a value
             failures[i, 0] = Status.LOAD if is_one else alone(i).failures[0, 0]
         is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
         if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
+            reasons[i] = todo.functions.reason(todo.last_call) if is_one else alone(i).reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
         if (outputs := dense.outputs(good, end)) is None:
@@ -230,7 +232,7 @@ class SingleStep:
         march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors, **known)
         (parts,) = march.groups
         march.sample(parts, 0, 1)
-        self._middles, self._called = march.stages[parts][1], march.called
+        self._middles, self._functions = march.stages[parts][1], march.functions
         count = self._count = march.count
         nodes = np.zeros((2, count, 3))  # moments in the body and in space
         varies = march.parts.spin
@@ -294,7 +296,7 @@ class SingleStep:
                 begin, end = start + np.array([[number], [number + 1]]) * h
                 return begin, end, np.array([h])
 
-            found = march.sampled_at(lambda: start + (number + middles) * h, ends, middles)
+            found = march.samples_at(lambda: start + (number + middles) * h, ends, middles)
             for name, array, more in zip(WIDTHS, march.loads, found, strict=True):
                 if array is not None and more is not None:
                     array[...] = array + more if name in ("moving", "space") else more
@@ -349,15 +351,15 @@ class SingleStep:
             What interrupted a load in Python.
         """
         status, _, residual, turn = self._march.arrays["failures"][0].tolist()
-        called = self._called
+        functions = self._functions
         try:
-            called.require_no_interrupt()
-            if status == Status.LOAD or called.error is not None:
-                reason = called.reason(self._workspace[WORK.state_call :])
+            functions.require_no_interrupt()
+            if status == Status.LOAD or functions.error is not None:
+                reason = functions.reason(self._workspace[WORK.state_call :])
                 return Failure(Status.LOAD, number, residual, turn, reason)
             return Failure(Status(int(status)), number, residual, turn) if status else None
         finally:
-            called.error = None
+            functions.error = None
 
 
 def _places(*spans: tuple[int, int]) -> Struct:

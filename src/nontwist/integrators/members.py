@@ -82,11 +82,11 @@ def one_by_one(march: Callable[[IVP], Outcome], problem: IVP, threads: int) -> O
 
     in_threads(block, (0, m), BLOCK, threads, progress(problem))
     members = [found[i] for i in range(m)]
-    states = States(*map(_joined, zip(*(one.states for one in members), strict=True)))
+    states = States(*map(_concatenated, zip(*(one.states for one in members), strict=True)))
     good, failures = (np.concatenate([getattr(one, name) for one in members]) for name in ("good", "failures"))
     reasons = {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons}
     means = zip(*(one.intervals for one in members if one.intervals), strict=True)
-    intervals = Intervals(*map(_joined, means)) if problem.intervals else None
+    intervals = Intervals(*map(_concatenated, means)) if problem.intervals else None
     return Outcome(states, good, failures, reasons, intervals)
 
 
@@ -114,5 +114,5 @@ def _padded(array: Any, length: int, value: float) -> NDArray[Any]:
     return np.concatenate([array, missing])[None]
 
 
-def _joined(arrays: tuple[NDArray[Any] | None, ...]) -> Any:
+def _concatenated(arrays: tuple[NDArray[Any] | None, ...]) -> Any:
     return None if any(array is None for array in arrays) else np.concatenate(arrays)  # type: ignore[arg-type]

@@ -289,7 +289,7 @@ def _called(function: Callable[..., Any], given: tuple[Any, ...], shape: tuple[i
         return found
     except ValueError:
         each = [differentiated(function, tuple(_at_one(x, k, True) for x in given), shape) for k in range(count)]
-    return [_joined([one[i] for one in each], numbers[0]) for i in range(len(each[0]))]
+    return [_dual_array([one[i] for one in each], numbers[0]) for i in range(len(each[0]))]
 
 
 def _at_one(x: Any, k: int, is_dual: bool) -> Any:
@@ -301,7 +301,7 @@ def _at_one(x: Any, k: int, is_dual: bool) -> Any:
     return Dual(value, [d if isinstance(d, float) else float(d[k]) for d in x.tangents]) if is_dual else value
 
 
-def _joined(each: list[Any], like: Dual) -> Dual:
+def _dual_array(each: list[Any], like: Dual) -> Dual:
     """Return duals of numbers as one of arrays."""
     count = len(like.tangents)
     tangents = [np.array([y.tangents[j] if isinstance(y, Dual) else 0.0 for y in each]) for j in range(count)]

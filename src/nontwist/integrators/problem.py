@@ -244,7 +244,7 @@ class Outcome(NamedTuple):
         return Failure(Status(int(status)), int(step), residual, turn, self.reasons.get(i, "")) if status else None
 
 
-def scratch(problem: IVP) -> Outcome:
+def empty_outcome(problem: IVP) -> Outcome:
     """Return an outcome in which all states but the first are to be written."""
     m, k = len(problem), len(problem.stored_times)
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)

@@ -411,14 +411,14 @@ def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None
 
 def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
     """Return all moments, and those of the load without dead forces and potentials."""
-    zero, called, own = 0.0 * W, None, None
+    zero, moment, own = 0.0 * W, None, None
     if loads.functions is not None:
-        called = loads.functions.moment(zero, W)
-        own = loads.functions.load(called)
+        moment = loads.functions.moment(zero, W)
+        own = loads.functions.load(moment)
     drag = None if loads.damping is None else -(loads.damping @ W)
     applied = sum_of(loads.moving, loads.space, drag)
     dead = None if loads.dead is None else first_moment(loads.dead)
-    return sum_of(applied, called, dead) or zero, sum_of(applied, own) or zero
+    return sum_of(applied, moment, dead) or zero, sum_of(applied, own) or zero
 
 
 def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:

@@ -19,11 +19,11 @@ from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Chunk, Entries, Linearised, Nodes, Sampled, StepMask, Workspace
+from .linearised import Chunk, Entries, EntriesOf, Linearised, Nodes, StepMask, Workspace
 from .members import PerThread
 
 
-def forward(steps: Linearised, states: States, start: Array, entries: Sampled, is_stored: StepMask) -> Array:
+def forward(steps: Linearised, states: States, start: Array, entries: EntriesOf, is_stored: StepMask) -> Array:
     """Return the changes of the states at the ends of the stored steps, (stored, 6, count): attitude, then W.
 
     `start` is the change of the first one, (rows, count), `is_stored` an array of 0 and 1, one for each step.
@@ -38,7 +38,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, i
 
 
 def back(
-    steps: Linearised, states: States, slopes: Array, entries: Sampled, is_stored: StepMask, count: int
+    steps: Linearised, states: States, slopes: Array, entries: EntriesOf, is_stored: StepMask, count: int
 ) -> tuple[Array, Array]:
     """Return the derivatives of f by the first state, (rows,), and by the parameters of the entries, (count,).
 
@@ -65,7 +65,7 @@ class PreparedTangents:
     is_stored : (steps,) array of 0 and 1
     """
 
-    def __init__(self, steps: Linearised, count: int, entries: Sampled, is_stored: StepMask) -> None:
+    def __init__(self, steps: Linearised, count: int, entries: EntriesOf, is_stored: StepMask) -> None:
         self._steps, self._chunks, self._stored_count = (
             steps,
             list(steps.chunks(count, entries, is_stored)),
@@ -121,7 +121,7 @@ class ForwardTangents:
 
     MOST = 3 * LANES
 
-    def __init__(self, steps: Linearised, start: Array, entries: Sampled, is_stored: StepMask) -> None:
+    def __init__(self, steps: Linearised, start: Array, entries: EntriesOf, is_stored: StepMask) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
         self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
         self._steps, self._stored_count, side = steps, int(is_stored.sum()), machine_code.lanes()

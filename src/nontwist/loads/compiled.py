@@ -153,7 +153,7 @@ class MachineFunction:
         self.address, self.text, self.owners = address_of(self._function), text, owners
 
 
-def function_of(term: Term) -> Any:
+def term_function(term: Term) -> Any:
     """Return the C function that writes what a term gives; a ValueError where its text cannot be traced."""
     own = term.called
     return own if isinstance(own, CFunction) else _made(lambda *given: _traced(term, _numbers(term, *given)))

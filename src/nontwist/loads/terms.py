@@ -141,7 +141,7 @@ class Term(ABC):
     def description(self) -> dict[str, Any]:
         """The record of the term: kind, factor and own fields as plain data; of a function its name."""
         own = [name for name in own_fields(type(self)) if getattr(self, name) is not None]
-        return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
+        return {name: _as_data(getattr(self, name)) for name in ("kind", "scale", *own)}
 
     @classmethod
     def of_record(cls, record: Record) -> Self:
@@ -223,9 +223,9 @@ class Term(ABC):
     @cached_property
     def c_function(self) -> Any:
         """The text of the state as a C function, on demand; None if it runs in Python."""
-        from .compiled import function_of
+        from .compiled import term_function
 
-        return function_of(self) if self.compiled else None
+        return term_function(self) if self.compiled else None
 
     @cached_property
     def slopes(self) -> Any:
@@ -561,7 +561,7 @@ def _is_varied(kind: Any, spec: Spec) -> bool:
     return not spec.is_fixed and (kind is float or bool(spec.shape))
 
 
-def _plain(value: Any) -> Any:
+def _as_data(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else name_of(value) if callable(value) else value
 
 

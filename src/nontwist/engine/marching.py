@@ -1,7 +1,7 @@
 """The march over the time grid: one text for all schemes, for one body and for bodies in lanes.
 
 A kernel is made for the scheme and the `Parts` at hand, when it is first called (`march_kernel`). It takes the address
-of a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into the workspace,
+of a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied to the workspace,
 go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there on; its
 neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in the
 workspace.

@@ -50,7 +50,7 @@ class StateFunctions:
             moment = c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
             self.address = self._address(moment)
         if load.memories:
-            functions = ((term, self._held(term.c_function or evaluated(term))) for term in load.memories)
+            functions = ((term, self._with_address(term.c_function or evaluated(term))) for term in load.memories)
             responses = tuple((function, term.scale, term.state0.size) for term, function in functions)
             self.remembers = self._address(response_of(responses))
         if any(isinstance(term, ForceTerm) for term in load.terms):
@@ -72,10 +72,10 @@ class StateFunctions:
 
     def _address(self, function: Any) -> int:
         """Return the address of a function."""
-        found: int = self._held(function).address
+        found: int = self._with_address(function).address
         return found
 
-    def _held(self, function: Any) -> Any:
+    def _with_address(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""
         if isinstance(function, PythonFunction):
             called = function

@@ -360,8 +360,8 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         begin, W = entered(body, own.first, own.first.shifted(4))
         for _ in when(own.is_first != 0):
-            held = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
-            memory.p, memory.s = begin, held if parts.is_director_scheme else body.momentum_of(held)
+            constrained_W = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
+            memory.p, memory.s = begin, constrained_W if parts.is_director_scheme else body.momentum_of(constrained_W)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):

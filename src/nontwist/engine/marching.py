@@ -1,10 +1,10 @@
 """The march over the time grid: one text for all schemes, for one body and for bodies in lanes.
 
 A kernel is made for the scheme and the `Parts` at hand, when it is first called (`march_kernel`). It takes the address
-of a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied to the workspace,
-go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there on; its
-neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in the
-workspace.
+of a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into its
+workspace, go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there
+on; its neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in
+the workspace.
 
 A scheme is a `Text`. Its step gets
 
@@ -294,10 +294,10 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
     assert text.flow is not None
     b, x = nodes.block, nodes.x
     parts, h, begin, stored, lengths = nodes.parts, nodes.h, b.unloaded_from, b.stored, b.lengths
-    end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
+    end, loaded_from, state_after = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
     mu = cross(v.state.s, parts.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
-    far, nothing = moved(h * (loaded_from - begin))[1], NAN + 0.0 * h
+    far, nothing = state_after(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):
         note(parts, x, far, h != h, far, v.at, nothing, nothing)
         v.alive = without(v.alive, far)
@@ -308,16 +308,16 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
         if parts.observes:
             for number in loop(v.at - begin, until - begin):
                 for node, weight in GAUSS_4:
-                    see(moved(h * (number + node))[0])
+                    see(state_after(h * (number + node))[0])
                     integrate(x, h * weight)
-                see(moved(h * (number + 1))[0])
+                see(state_after(h * (number + 1))[0])
                 x.set_number(NOW + NODAL, -mu)
                 extend(x, h)
         for _ in when(until == stored[v.done + 1]):
-            store(moved(h * (until - begin))[0])
+            store(state_after(h * (until - begin))[0])
         v.at = until
     for _ in when(any_of(v.alive) & ((end == loaded_from) | (b.writes_end != 0))):
-        v.state = moved(h * (end - begin))[0]
+        v.state = state_after(h * (end - begin))[0]
 
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:

@@ -72,9 +72,9 @@ def offsets_of(record: Any) -> Any:
 class Body(NamedTuple):
     """A body in its frame b and in its units."""
 
-    k: Vector  # 1/J_i, 0 in a held direction
+    k: Vector  # 1/J_i, 0 in a constrained direction
     off: Annotated[tuple[Any, ...], 2]  # J31, J32
-    free: float  # 1 or, where the third direction is held, 0
+    free: float  # 1 or, where the third direction is constrained, 0
     E: Vector  # E_ii
     basis: Matrix  # the frame as columns in body components, one after the other
     frame: Quaternion
@@ -112,7 +112,7 @@ class Body(NamedTuple):
         return None
 
     def momentum_of(self, W: Vector) -> Vector:
-        """Return the momentum of a velocity; in a held direction without what the others give."""
+        """Return the momentum of a velocity; in a constrained direction without what the others give."""
         return self.moments * W
 
     def velocity_of(self, P: Vector) -> Vector:
@@ -136,7 +136,7 @@ class Sums(NamedTuple):
     lam: Symmetric
     mu: float
     moment: Vector  # in space
-    dead: Vector  # moment of dead forces on held bodies, in space
+    dead: Vector  # moment of dead forces on constrained bodies, in space
     work: float
     velocity_integral: Vector  # ∫ W dt
     velocity_moment: Vector  # ∫ t W dt, t the time of the caller

@@ -98,8 +98,8 @@ class Functions(NamedTuple):
         for j in loop(3):  # so that the call stands once
             w = Vector(*(x + select(j == k, e, 0.0) for k, x in enumerate(Om)))
             a = select(is_slow, here, f * w)
-            moved = self.moment(a, _shrunk(a, w) if is_shrinking else w)
-            column = (1.0 / e) * (moved - total)
+            changed = self.moment(a, _shrunk(a, w) if is_shrinking else w)
+            column = (1.0 / e) * (changed - total)
             v.S = v.S[1], v.S[2], column
             for _ in when(any_of(is_slow)):
                 a = Vector(*(x + select(j == k, LEAST_TURN, 0.0) for k, x in enumerate(here)))

@@ -44,7 +44,7 @@ class Constants(NamedTuple):
         As `free_bodies`.
     w : tuple
         Weights of the harmonics of the angle.
-    start, x0, y0, extra0 : Vector, float
+    start, x0, y0, angle0 : Vector, float
         The unit momentum and what `phase` gives at t = 0, for long increments.
     """
 
@@ -73,7 +73,7 @@ class Constants(NamedTuple):
     start: Vector
     x0: float
     y0: float
-    extra0: float
+    angle0: float
 
 
 CONSTANTS = size_of(Constants)

@@ -176,8 +176,8 @@ def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
         e1, e2, e3 = sorted((first[0, 0], second[0, 0], third[0, 0]), reverse=True)
         span, upper, lower = e1 - e3, e1 - e2, e2 - e3
     else:
-        real_root, apart = first[0, 0], second[1, 0]
-        span = ((3 * real_root / 2) ** 2 + apart**2).sqrt()
+        real_root, imaginary_part = first[0, 0], second[1, 0]
+        span = ((3 * real_root / 2) ** 2 + imaginary_part**2).sqrt()
         upper, lower = (span / 2 + sign * 3 * real_root / 4 for sign in (1, -1))
     real, imaginary = _half_period(float(span), float(upper)), _half_period(float(span), float(lower))
     ratio = max(real, imaginary) / min(real, imaginary)
@@ -221,9 +221,9 @@ def _roots(g2: Decimal, g3: Decimal) -> tuple[Any, Any, Any]:
     x = x.copy_sign(g3)
     rest = g2 - 3 * x * x
     half = abs(rest).sqrt() / 2
-    apart = number(half) if rest >= 0 else number(ZERO, half)
+    half_difference = number(half) if rest >= 0 else number(ZERO, half)
     middle = number(-x / 2)
-    return number(x), middle + apart, middle - apart
+    return number(x), middle + half_difference, middle - half_difference
 
 
 def _half_period(span: float, part: float) -> float:
@@ -233,12 +233,12 @@ def _half_period(span: float, part: float) -> float:
     return float(ellipkm1(max(part, 0.0) / span)) / math.sqrt(span)
 
 
-def _pole(apart: list[complex], slope: complex) -> complex:
-    """Return a with ℘(a) - e_i = `apart` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut."""
+def _pole(differences: list[complex], slope: complex) -> complex:
+    """Return a with ℘(a) - e_i = `differences` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut."""
     from scipy.special import elliprf
 
-    most = max(abs(x) for x in apart)
-    x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in apart)
+    most = max(abs(x) for x in differences)
+    x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in differences)
     a, b, c = map(cmath.sqrt, (x, y, z))
     sign, shift = (-1.0 if abs(slope - 2 * a * b * c) < abs(slope + 2 * a * b * c) else 1.0), a * b + b * c + c * a
     return complex(sign * elliprf(*((u + shift) / 4 for u in (x, y, z))))
@@ -328,7 +328,7 @@ def gyrostat_motion(J: Array, c: Array, W: Array, times: Array) -> tuple[Array, 
     if not body.pace * abs(times).max(initial=0.0) <= FARTHEST:
         raise ValueError(TOO_FAR)
     if body.lattice is None:
-        return _steady(W, times)
+        return _steady_rotation(W, times)
     first, second = _spinor(body.lattice, body.W, times * body.unit)
     less = np.conj(first) * second
     turned = body.length * np.stack([2 * less.real, 2 * less.imag, -2 * abs(second) ** 2], axis=1)
@@ -338,7 +338,7 @@ def gyrostat_motion(J: Array, c: Array, W: Array, times: Array) -> tuple[Array, 
     return p, velocity
 
 
-def _steady(W: Array, times: Array) -> tuple[Array, Array]:
+def _steady_rotation(W: Array, times: Array) -> tuple[Array, Array]:
     rate = math.hypot(*W)
     axis = W / rate if rate > 0 else W
     half = 0.5 * rate * times

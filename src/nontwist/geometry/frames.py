@@ -163,12 +163,12 @@ def frames_along(
     from .frame_kernels import transport
 
     frames = np.empty((*u.shape, 3))
-    k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
+    k, a, b, far_k, far = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
     if k >= 0:
         one, other = indices_of(lead, k, a % period, b % period)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
-    if wide >= 0:
-        (at,) = indices_of(lead, wide_k, wide % period)
+    if far >= 0:
+        (at,) = indices_of(lead, far_k, far % period)
         message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"
         warnings.warn(message, stacklevel=3)
     return frames

@@ -72,7 +72,7 @@ SIZE = size_of(Path)
 ANTIPODAL_DISTANCE = math.sqrt(ANTIPODAL)
 _EPS = 2.0**-52
 MOST = 0.125  # of the square of an arc: half the square over its half, which no path as short leaves
-_BENT = 5  # nodes from which the curvature has a second derivative
+_RESOLVED = 5  # nodes from which the curvature has a second derivative
 
 
 def begin(s: View, u: Vector, d1: Vector) -> None:
@@ -106,7 +106,7 @@ def add_sample(s: View, u: Vector) -> Any:
             for _ in when(s.nodes > 2.0):
                 s.kappas = (*s.kappas[1:], curvature(s.n1, s.n2, s.n3, s.chords[2], s.chords[3]))
             _settle(s)
-            for _ in when(s.nodes >= _BENT):
+            for _ in when(s.nodes >= _RESOLVED):
                 _settle_errors(s)
     return v.is_node
 
@@ -193,7 +193,7 @@ def _add_error(s: View, error: Any) -> None:
 def _settle_errors(s: View) -> None:
     """Add the error of the last segment but two, which has second derivatives at both ends now."""
     second, (g0, g1, g2, _), (k0, k1, _) = _second_derivative(s), map(_arc, s.chords), s.kappas
-    is_first = s.nodes == _BENT
+    is_first = s.nodes == _RESOLVED
     for _ in when(is_first):
         _add_error(s, _error(g0, g0, k0, 0.5 * g0, g1, k1, 0.5 * g0 + g1, g2, second))
     both = select(logical_not(is_first) & (abs(s.second) < abs(second)), s.second, second)
@@ -203,9 +203,9 @@ def _settle_errors(s: View) -> None:
 
 def estimate(s: View, order: Any) -> Any:
     """Return the estimated largest error angle so far of the frames of this order."""
-    rolls, is_bent = s.rolls + s.roll, s.nodes >= _BENT
+    rolls, has_errors = s.rolls + s.roll, s.nodes >= _RESOLVED
     v = Variables(squares=s.roll_squares + s.roll * s.roll, most=larger(s.roll_most, abs(rolls)))
-    for _ in when(is_bent):  # else the rolls stand for their errors
+    for _ in when(has_errors):  # else the rolls stand for their errors
         (_, g1, g2, g3), (_, k1, k2), second = map(_arc, s.chords), s.kappas, s.second
         inner = _error(g2, g1, k1, -0.5 * g2, g2, k2, 0.5 * g2, g3, second)
         outer = _error(g3, g1, k1, -0.5 * g3 - g2, g2, k2, -0.5 * g3, g3, second)
@@ -233,5 +233,5 @@ def error_angles(u: Any, order: Any, state: Any, bound: Any) -> None:
             for _ in when(i > 0):
                 for _ in when(logical_not(is_antipodal(s, x))):
                     add_sample(s, x)
-            is_known = (s.nodes >= _BENT) | (i == u.shape[1] - 1)
+            is_known = (s.nodes >= _RESOLVED) | (i == u.shape[1] - 1)
             bound[k, i] = select(is_known, estimate(s, order), math.inf)

@@ -80,11 +80,11 @@ def unresolved(problem: IVP, order: int) -> str | None:
         return None
     h, kinks = np.array(grid.sizes), np.sort([grid.borders[0], *problem.load.breakpoints])
     since = grid.borders[:-1] - kinks[np.searchsorted(kinks, grid.borders[:-1], side="right") - 1]
-    lost = h[(h * rate > order) & (order * since < GONE * h)]
-    if not lost.size:
+    coarse = h[(h * rate > order) & (order * since < GONE * h)]
+    if not coarse.size:
         return None
     return (
-        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {lost.max():.6g} s does not "
+        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {coarse.max():.6g} s does not "
         f"resolve: energy does not rise, but those modes are wrong; try step <= {order / rate:.1g}, or none: a "
         "tolerance begins with steps as short"
     )

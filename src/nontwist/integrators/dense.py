@@ -24,7 +24,7 @@ from ..loads.terms import Damping, Momentum
 from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
-from .expansion import APART, RUN, output_kernel
+from .expansion import LARGEST_MISMATCH, RUN, output_kernel
 from .marching import PreparedMarch, intervals_in, states_in
 from .members import PerThread
 from .problem import IVP
@@ -116,14 +116,14 @@ class Between:
     def __init__(
         self, dense: Dense, nodes: dict[str, Array], found: NDArray[np.int64], good: NDArray[np.int64], **changes: Array
     ) -> None:
-        self._kernel, self._apart = dense._kernel, np.zeros(len(good))
+        self._kernel, self._mismatch = dense._kernel, np.zeros(len(good))
         self.arrays, array_addresses = side_by_side(**dense.shapes)
         known = dense._arrays | changes
         steps_taken = np.searchsorted(known["begin"] + 1, found)
         march, (begin, length), n = dense.march, dense._steps, int(steps_taken.max())
         loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
         row, self._keepalive = np.zeros(RUN.size, dtype=np.int64), (known, steps_taken, good, nodes, loads)
-        pack(row, RUN, **dense._counts, **known, steps_taken=steps_taken, good=good, apart=self._apart)
+        pack(row, RUN, **dense._counts, **known, steps_taken=steps_taken, good=good, mismatch=self._mismatch)
         pack(row, RUN, polynomials=loads, degree=degree)
         pack(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
         pack(
@@ -138,7 +138,7 @@ class Between:
     def find(self) -> bool:
         """Find them; return whether the nodes lie on one trajectory."""
         self._kernel(self._address)
-        return not (self._apart > APART).any()
+        return not (self._mismatch > LARGEST_MISMATCH).any()
 
 
 def between(scheme: Compiled, problem: IVP, states: States) -> States | None:

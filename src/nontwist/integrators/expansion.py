@@ -8,9 +8,9 @@ error of the step itself puts them apart, by d in its middle. In between the sta
     x(τ) = a(τ) + w(τ) (b(1 - τ) - a(τ)),        w = τ⁴ (35 - 84 τ + 70 τ² - 20 τ³),
 
 with three continuous derivatives. An invariant is the same along a and b, so along x it is off by d² times its second
-derivative; d up to `APART` is taken, otherwise the integrator takes substeps. The quaternion is normalised. The sums
-over a whole step are those that the scheme has found, so the balances of a run hold between outputs as they do between
-nodes. As ``1 - w`` is small where a(τ) converges last, coefficients of the size `LAST` are left out.
+derivative; d up to `LARGEST_MISMATCH` is taken, otherwise the integrator takes substeps. The quaternion is normalised.
+The sums over a whole step are those that the scheme has found, so the balances of a run hold between outputs as they do
+between nodes. As ``1 - w`` is small where a(τ) converges last, coefficients of the size `LAST` are left out.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_o
 from .gauss_stages import VECTORS, Equations, Now, StageLoads
 
 FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
-LAST, APART, TINY = 2e-12, 1e-7, 1e-300
+LAST, LARGEST_MISMATCH, TINY = 2e-12, 1e-7, 1e-300
 STATE = 7  # numbers of P and p
 UNTIMED = tuple(range(SUMS.work, SUMS.iterations))  # of which a sum is no mean
 
@@ -70,7 +70,7 @@ class Run(NamedTuple):
     quaternions: Doubles  # (m, outputs, 4)
     velocities: Doubles  # (m, outputs, 3)
     sums: Doubles  # (m, outputs - 1, `Sums`)
-    apart: Doubles  # (m,) the largest d
+    mismatch: Doubles  # (m,) the largest d
 
 
 RUN = offsets_of(Run)
@@ -115,7 +115,7 @@ def output_kernel(parts: Parts) -> Kernel:
     def kernel(address: Any) -> None:
         run = View(Run, doubles(address))
         for i in loop(run.first, run.last):
-            run.apart[i] = 0.0
+            run.mismatch[i] = 0.0
             for first in loop(0, run.steps_taken[i], lanes_of_text()):
                 fill(parts, run, i, first)
             join(parts, run, i)
@@ -195,8 +195,8 @@ class Expansion:
         x, y, z, w, *more = (start.load(c * lanes, lanes) for c in range(len(self.unknowns)))
         q = Quaternion(w, x, y, z) @ body.frame
         P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
-        held = select(body.k[2] == 0.0, 0.0, P[2])
-        for one, at in zip(self.unknowns, (P[0], P[1], held, *q, *more[3:]), strict=True):
+        third = select(body.k[2] == 0.0, 0.0, P[2])
+        for one, at in zip(self.unknowns, (P[0], P[1], third, *q, *more[3:]), strict=True):
             one.set_coefficient(0, at)
         for one, at in zip(self.rows, (x for v in self.equations().start for x in v), strict=True):
             one.set_coefficient(0, at + 0.0 * w)
@@ -258,7 +258,7 @@ class Expansion:
 def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
-    arena, own, (signs, apart, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    arena, own, (signs, mismatch, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
     enough = enough.shifted(0, True)
     for _ in range(count):
         arena(MOST * lanes)
@@ -288,9 +288,9 @@ def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     d = [x - y for x, y in zip(a, (*b[:3], *(sign * y for y in b[3:])), strict=True)]
     off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
     signs.store(0, sign, lanes)
-    apart.store(0, select(off <= inf, off, inf), lanes)
+    mismatch.store(0, select(off <= inf, off, inf), lanes)
     for l in loop(smaller(run.steps_taken[i] - first, lanes)):
-        run.apart[i] = larger(run.apart[i], select(enough[l] == 0, inf, apart[l]))
+        run.mismatch[i] = larger(run.mismatch[i], select(enough[l] == 0, inf, mismatch[l]))
         for c, each in enumerate([*series[0], *series[1]]):
             for n in loop(enough[l]):
                 own[c * MOST + n] = each[n * lanes + l]

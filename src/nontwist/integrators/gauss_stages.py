@@ -71,7 +71,7 @@ class Stage(NamedTuple):
     of_potentials: Vector
     remembered: Vector  # along the frame, of loads with memory
     rotor: Vector
-    axial: float  # increment of a held momentum
+    axial: float  # increment of a constrained momentum
     P: Vector
     W: Vector
     V: Vector  # what the vectors turn with

@@ -121,8 +121,8 @@ def states_in(arrays: dict[str, Array], first: int) -> States:
 def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Intervals:
     """Return the means in the arrays of a march, or in those of one member, from interval `first` on.
 
-    The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
-    is not held is not counted where it moves exactly.
+    The moment of all forces of a potential is not summed where it is needed, on constrained bodies. The twist of a body
+    that is not constrained is not counted where it moves exactly.
     """
     sums, is_constrained = arrays["intervals"][..., first:, :], todo.stack.systems.axis is not None
     begin = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu

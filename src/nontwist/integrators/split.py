@@ -276,11 +276,11 @@ def flow(nodes: Nodes, start: State) -> Any:
     motion = free_motion(body.moments, start.s, constants)
     set_origin(motion, constants)
 
-    def moved(t: Any) -> tuple[State, Any]:
+    def state_at(t: Any) -> tuple[State, Any]:
         status, dP, less, v = free_until(motion, t, constants)
         return rotated(start, less, v, dP)[0], status == BAD_TIME
 
-    return moved
+    return state_at
 
 
 def is_too_far(turn: Vector) -> Any:
@@ -331,7 +331,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
 
 
 def quadrature(nodes: Nodes, state: State) -> Step:
-    """Turn a body that is held, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
+    """Turn a constrained body, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
     parts, k, h, P, zero, s = nodes.parts, nodes.body.k, nodes.h, state.s, 0.0 * state.s, nodes.parts.nodes
     rule, means = GAUSS[2 * s], StepSums(nodes)
     M = [nodes.moving(j) if parts.moving else zero for j in range(s)]
@@ -388,7 +388,7 @@ def composed(nodes: Nodes, state: State) -> Step:
 
 
 def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None:
-    """Change the momentum by the moments of a substep; turn a body that is held."""
+    """Change the momentum by the moments of a substep; turn a constrained body."""
     parts, k, now, mu = nodes.parts, nodes.body.k, v.state, 0.0 * h
     if parts.is_explicit:
         (torque, load), R = moments(nodes.loads(), k * now.s), nodes.R
@@ -449,8 +449,8 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
             e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), SMALLEST)
             v.columns = e0, e1, e2
             for j in loop(2 if parts.is_constrained else 3):
-                moved = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
-                v.columns = v.columns[1], v.columns[2], (1.0 / e) * ((moved - at(moved)[0]) - r)
+                shifted = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
+                v.columns = v.columns[1], v.columns[2], (1.0 / e) * ((shifted - at(shifted)[0]) - r)
             c0, c1, c2 = v.columns
             v.inverse = inverse_of(c1, c2, c0) if parts.is_constrained else inverse_of(c0, c1, c2)
         d = v.inverse @ r

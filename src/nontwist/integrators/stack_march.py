@@ -186,13 +186,13 @@ class StackMarch:
         states, k = self.arrays["states"], self.parts.memory
         size = abs(states[:, STATE.s : STATE.compensation]).max() or 1.0
         sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
-        apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
+        differences = [abs(sign * carried[:, :4] - states[:, :4]).max()]
         parts = [slice(STATE.s, STATE.compensation), slice(STATE.auxiliary, STATE.size)]
         parts = parts[: 1 + self.parts.is_director_scheme]
-        apart += [abs(carried[:, part] - states[:, part]).max() / size for part in parts]
-        apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
+        differences += [abs(carried[:, part] - states[:, part]).max() / size for part in parts]
+        differences += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
         z = slice(states.shape[1] - 2 * k, states.shape[1] - k)
-        return np.array_equal(carried[:, z], states[:, z]) and not max(apart) > SAME
+        return np.array_equal(carried[:, z], states[:, z]) and not max(differences) > SAME
 
     def remember(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""

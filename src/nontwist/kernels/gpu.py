@@ -74,8 +74,8 @@ def remainder(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
     first, product = fma(-n, parts[0], x), n * parts[1]
     r = first - product
     back = r - first
-    lost = (first - (r - back)) - (product + back)
-    return r, fma(-n, parts[2], lost - fma(n, parts[1], -product))
+    low = (first - (r - back)) - (product + back)
+    return r, fma(-n, parts[2], low - fma(n, parts[1], -product))
 
 
 def sine_ahead(x: Any, ahead: float) -> Any:

@@ -236,7 +236,7 @@ class View:
 
     def __init__(self, record: Any, memory: Any, lanes: int = 1, stride: int | None = None) -> None:
         stride = lanes if stride is None else stride
-        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _held={})
+        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _references={})
 
     def _field(self, name: str) -> Field:
         if name not in fields(self._record):
@@ -258,7 +258,7 @@ class View:
             getattr(self, name).write(value)
         elif field.kind in WHOLE:
             if isinstance(value, np.ndarray):
-                self._held[name] = value  # as long as the view lives, so does what it points to
+                self._references[name] = value  # as long as the view lives, so does what it points to
                 value = value.ctypes.data
             self._memory.shifted(field.place * self._stride, True)[0] = getattr(value, "address", value)
         else:

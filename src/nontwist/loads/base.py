@@ -30,7 +30,7 @@ from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
-from .friction import DryFriction, Sliding, require_apart
+from .friction import DryFriction, Sliding, require_distinct_axes
 from .kinds import LOADS, load_in_words
 from .memory import Memory
 from .potentials import GravityGradient, Potential
@@ -87,7 +87,7 @@ class Load:
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
             )
-        require_apart(self.terms)
+        require_distinct_axes(self.terms)
 
     def __repr__(self) -> str:
         more = len(self.terms) - MOST
@@ -129,9 +129,12 @@ class Load:
         each = np.concatenate([np.empty((0, 2)), *(term.support for term in self.terms)])
         each = each[np.argsort(each[:, 0])]
         reached = np.maximum.accumulate(each[:, 1])
-        is_apart = each[1:, 0] > reached[:-1]
+        is_disjoint = each[1:, 0] > reached[:-1]
         return np.stack(
-            [each[np.append([True], is_apart)[: len(each)], 0], reached[np.append(is_apart, [True])[: len(each)]]],
+            [
+                each[np.append([True], is_disjoint)[: len(each)], 0],
+                reached[np.append(is_disjoint, [True])[: len(each)]],
+            ],
             axis=1,
         )
 

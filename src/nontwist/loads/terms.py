@@ -201,12 +201,12 @@ class Term(ABC):
         """Return a copy whose parameters hold these numbers, of any kind, for its text; itself without any."""
         if not len(numbers):
             return self
-        first, held = 0, dict[str, Any]()
+        first, values = 0, dict[str, Any]()
         for name in self.varying:
             shape = np.shape(getattr(self, name))
             own = numbers[first : first + prod(shape)]
-            held[name], first = array(own, *shape) if shape else own[0], first + prod(shape)
-        return self._copy(**held)
+            values[name], first = array(own, *shape) if shape else own[0], first + prod(shape)
+        return self._copy(**values)
 
     def seeded(self, name: str) -> Self:
         """Return a copy with the numbers of a field as duals, for its text; of texts of many times at once as rows."""

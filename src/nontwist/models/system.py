@@ -106,8 +106,8 @@ def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = No
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
     a, b, c = principal = np.linalg.eigvalsh(J)
-    is_held = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
-    if (b if is_held else a) <= 4 * np.finfo(float).eps * abs(principal).max():
+    is_massless_about_axis = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
+    if (b if is_massless_about_axis else a) <= 4 * np.finfo(float).eps * abs(principal).max():
         raise ValueError(
             f"inertia is not positive definite: its smallest principal moment is {a:.6g}"
             + (" (0 is accepted about the third axis of nontwisting)" if b > 0 and abs(a) < SYMMETRY * c else "")

@@ -18,7 +18,7 @@ from ..integrators.linearised import Changes, Entries, Nodes, is_in_orbital_fram
 from ..integrators.load_samples import as_marched
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP
-from ..loads.base import is_called, with_moments
+from ..loads.base import is_called, tables_as_moments
 from ..loads.derivatives import (
     Slopes,
     fixed_slopes,
@@ -86,7 +86,7 @@ class Parameters:
     def __init__(self, problem: IVP, names: Any, scheme: Compiled, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
-        self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
+        self.terms = (problem.load if scheme.is_director_scheme else tables_as_moments(problem.load)).terms
         self._orbits = is_in_orbital_frame(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()

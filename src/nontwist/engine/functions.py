@@ -10,10 +10,11 @@ import numpy as np
 
 from ..errors import warn
 from ..geometry.arrays import Array
+from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.calls import REMEDY
-from ..loads.compiled import Moment, address_of, c_function, response_of
+from ..loads.compiled import Moment, c_function, response_of
 from ..loads.derivatives import differenced, slopes_of, value_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
@@ -92,7 +93,7 @@ class StateFunctions:
 
             function = Moment(guarded)
         self.keepalive.append(function)
-        return function if hasattr(function, "address") else Callback(address_of(function))
+        return function if hasattr(function, "address") else Callback(pointer_address(function))
 
     def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..kernels.kernel import address_of
 from ..kernels.memory import Doubles, Wholes, fields
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
 
@@ -31,11 +32,6 @@ def pack(row: NDArray[np.int64], where: Any, **values: Any) -> None:
     """Write numbers, and addresses of arrays, to the places of these names; 0 for None."""
     for name, x in values.items():
         row[getattr(where, name)] = address_of(x) if x is None or isinstance(x, np.ndarray) else x
-
-
-def address_of(array: NDArray[Any] | None) -> int:
-    """Return the address of an array, 0 for None."""
-    return 0 if array is None else array.__array_interface__["data"][0]
 
 
 def side_by_side(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:

@@ -18,7 +18,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
-from ..loads.base import with_moments
+from ..loads.base import tables_as_moments
 from ..loads.potentials import Potential
 from ..loads.terms import Damping, Momentum
 from ..loads.wheels import Wheel
@@ -240,5 +240,5 @@ def can_expand(systems: SystemStack, load: Load) -> bool:
         or isinstance(term, Damping | Momentum)
         or (isinstance(term, Wheel) and term.is_driven)
         or (isinstance(term, Potential) and term.dead_force is not None)
-        for term in with_moments(load).terms
+        for term in tables_as_moments(load).terms
     )

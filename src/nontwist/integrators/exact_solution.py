@@ -28,7 +28,7 @@ from ..exact.gyrostats import gyrostat_motion
 from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
 from ..loads import Load
-from ..loads.base import with_moments as moments_of
+from ..loads.base import tables_as_moments
 from ..models.stack import SystemStack, is_principal
 from ..models.system import DirectorSystem
 from .base import Integrator
@@ -76,7 +76,7 @@ class Exact(Integrator):
         """Evaluate the solutions at the output times; under a load, one body after the other."""
         if (m := len(problem)) == 1:
             problem = problem.member(0)
-        problem = with_moments(problem)
+        problem = with_tables_as_moments(problem)
         self.require(problem)
         systems, load, times = problem.systems, problem.load, problem.stored_times
         is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
@@ -109,7 +109,7 @@ class Exact(Integrator):
 
     def refusal(self, problem: IVP) -> str | None:
         """Return why there is no closed-form solution, as far as that is quick to decide."""
-        systems, load = problem.systems, with_moments(problem).load
+        systems, load = problem.systems, with_tables_as_moments(problem).load
         if load.rotors and not _is_gyrostat(problem):
             return _no_solution(ROTORS)
         if systems.spin is not None:
@@ -135,7 +135,7 @@ class Exact(Integrator):
 
     def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`."""
-        load, pieces = with_moments(problem).load, 0
+        load, pieces = with_tables_as_moments(problem).load, 0
         if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
             waves = loaded_body.expected_pieces(load, problem.t_start, problem.t_end)
             pieces = states + len(load.breakpoints) + int(min(waves, loaded_body.MOST))
@@ -143,9 +143,9 @@ class Exact(Integrator):
         return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
 
-def with_moments(problem: IVP) -> IVP:
+def with_tables_as_moments(problem: IVP) -> IVP:
     """Return a problem with the moments of tables of forces along the directors in their place."""
-    load = moments_of(problem.load)
+    load = tables_as_moments(problem.load)
     return problem if load == problem.load else replace(problem, load=load)
 
 

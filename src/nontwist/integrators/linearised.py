@@ -18,12 +18,12 @@ from ..engine.functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, Step, column_offsets, offsets_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
-from ..engine.records import BODY, address_of, pack
+from ..engine.records import BODY, pack
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
-from ..kernels.kernel import Kernel
+from ..kernels.kernel import Kernel, address_of
 from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.base import is_called

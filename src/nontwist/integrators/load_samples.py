@@ -33,10 +33,11 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from ..engine.generalised import EXACT
-from ..engine.records import BODY, FORCES, Parts, address_of
+from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array
+from ..kernels.kernel import address_of
 from ..loads import Load
-from ..loads.base import forces_sampled, with_moments
+from ..loads.base import forces_sampled, tables_as_moments
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
@@ -131,7 +132,7 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     """
     load, systems = problem.load, problem.systems
     if not is_director_scheme:
-        load = with_moments(load)
+        load = tables_as_moments(load)
     linear = [term for term in load.potentials if term.dead_force is not None]
     if not linear:
         return systems, load

@@ -57,7 +57,7 @@ def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
 def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
-        problem = tangent(problem)
+        problem = on_constraint(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
     todo = march_of(problem, scheme) if dense is None else dense.march
     common, end = None, None
@@ -98,7 +98,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, march_state, end, todo)
 
 
-def tangent(problem: IVP) -> IVP:
+def on_constraint(problem: IVP) -> IVP:
     """Return the problem with tangent velocities and the spin that the constraint prescribes, round-off of it apart."""
     W, axis, systems = problem.velocity, problem.systems.axis, problem.systems
     if axis is not None and systems.spin is not None:
@@ -264,7 +264,7 @@ class SingleStep:
             starts = [place for one, place in wheel_columns(self.load) if not one.is_driven]
             own = [x for place in starts for x in (*z[place : place + 3], 0.0)] + z[size:]
             problem = replace(problem, internal=np.array([own]) if own else None)
-        march.begin(problem if director else tangent(problem))
+        march.begin(problem if director else on_constraint(problem))
         if problem.memory is not None:
             march.remember(problem.memory)
         p, W, march_state = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))

@@ -29,7 +29,7 @@ from ..geometry.attitudes import States, attitudes
 from ..kernels.dual import Dual, plain
 from ..kernels.vectors import Vector, cross
 from ..loads import Load
-from ..loads.base import with_moments
+from ..loads.base import tables_as_moments
 from ..loads.calls import checked, differentiated, name_of
 from ..loads.memory import MOMENTS, Memory
 from ..loads.terms import Damping, OfTime, Rotor
@@ -85,7 +85,7 @@ class RememberingSteps:
         require_derivatives(problem)
         self.problem, self.parameters, self.inertias = problem.member(0), parameters, inertias
         systems, load = as_marched(self.problem, False)
-        load, self.s = with_moments(load), scheme.order // 2
+        load, self.s = tables_as_moments(load), scheme.order // 2
         self.c, self.b = nodes(scheme.order), weights(scheme.order)
         self.a = self.b * matrix(scheme.order)
         found = list(wheel_columns(load))

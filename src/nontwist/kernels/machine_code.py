@@ -102,6 +102,11 @@ def simplify(module: Any, target: Any) -> None:
     manager.run(module, llvm.create_pass_builder(target, options))
 
 
+def pointer_address(pointer: Any) -> int:
+    """Return the address that a function pointer of ctypes holds, 0 for null."""
+    return ctypes.cast(pointer, ctypes.c_void_p).value or 0
+
+
 def function_of(code: str, entry: str, features: str | None = None, kind: Any = KIND) -> Any:
     """Return a function of LLVM code as one of C. It runs without the interpreter lock.
 

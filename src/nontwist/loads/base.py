@@ -378,9 +378,9 @@ def is_called(term: Term) -> bool:
     return not isinstance(term, Potential) or term.dead_force is None
 
 
-def with_moments(load: Load) -> Load:
+def tables_as_moments(load: Load) -> Load:
     """Return a load with the moments of forces that are tables along the directors in the place of these."""
-    terms = tuple(_with_moment(term) for term in load.terms)
+    terms = tuple(_table_as_moment(term) for term in load.terms)
     return load if all(map(is_, terms, load.terms)) else Load(terms)
 
 
@@ -401,7 +401,7 @@ def of_body(load: Load, inertia: Array) -> Load:
     return Load(tuple(term.of_body(inertia) if isinstance(term, GravityGradient) else term for term in load.terms))
 
 
-def _with_moment(term: Term) -> Term:
+def _table_as_moment(term: Term) -> Term:
     """Return a table of forces along the directors as the moment that it is, other terms as they are."""
     if not (isinstance(term, ForceTable) and term.frame == "body"):
         return term

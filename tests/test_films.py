@@ -16,7 +16,7 @@ import nontwist as nt
 from conftest import nontwist
 from nontwist import moment, view
 from nontwist.geometry.stacks import arcs
-from nontwist.geometry.values import shown
+from nontwist.geometry.values import short_repr
 from nontwist.runfile import read_run_file
 from nontwist.viewer import drawing
 from nontwist.viewer.content import content, contents
@@ -175,7 +175,7 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path,
     assert view(*files, labels=["a", "b"]).title == "a and b"
     assert view(files[0], labels="a").title == "a"
     for labels in (["a"], "ab", ["a", 1]):
-        message = f"labels must be two strings, one for each run, got {shown(labels)}"
+        message = f"labels must be two strings, one for each run, got {short_repr(labels)}"
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
             view(*files, labels=labels)
     with pytest.raises(ValueError, match=r"^labels must be one string, got \['a', 'b'\]$"):

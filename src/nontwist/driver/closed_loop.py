@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_number, as_positive, vector
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
@@ -437,7 +437,9 @@ class Stepper:
     @state.setter
     def state(self, state: StepperState) -> None:
         if not isinstance(state, StepperState):
-            raise ValueError(f"state must be a state of a stepper, got {shown(state)}; use reset(...) for other starts")
+            raise ValueError(
+                f"state must be a state of a stepper, got {short_repr(state)}; use reset(...) for other starts"
+            )
         if state._kind != self._kind:
             raise ValueError(
                 "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "

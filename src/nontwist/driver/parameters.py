@@ -12,7 +12,7 @@ from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbe
 from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
-from ..geometry.values import as_list, guess, shown
+from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Changes, Entries, Nodes, is_in_orbital_frame
 from ..integrators.load_samples import as_marched
@@ -92,7 +92,7 @@ class Parameters:
         known = self._known()
         if not words:
             raise ValueError(f"{given} names no parameter; known are {', '.join(known)}")
-        for word in dict.fromkeys(w if isinstance(w, str) else shown(w) for w in words):
+        for word in dict.fromkeys(w if isinstance(w, str) else short_repr(w) for w in words):
             if word not in known:
                 raise ValueError(
                     f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"

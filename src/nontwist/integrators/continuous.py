@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from ..geometry.arrays import Array, as_number
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..loads import Load
 from ..loads.base import forces_at, moment_at
 from ..loads.forces import DirectorForces
@@ -102,12 +102,12 @@ class Continuous(Integrator):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not among(self.method, tuple(TURNS)):
-            raise ValueError(f"method must be one of {', '.join(TURNS)}; got {shown(self.method)}")
+            raise ValueError(f"method must be one of {', '.join(TURNS)}; got {short_repr(self.method)}")
         if not among(self.form, ("split", "director")):
-            raise ValueError(f"form must be 'split' or 'director', got {shown(self.form)}")
+            raise ValueError(f"form must be 'split' or 'director', got {short_repr(self.form)}")
         for name in ("rtol", "atol"):
             if not 0 < as_number(getattr(self, name), name) < 1:
-                raise ValueError(f"{name} must be between 0 and 1, got {shown(getattr(self, name))}")
+                raise ValueError(f"{name} must be between 0 and 1, got {short_repr(getattr(self, name))}")
 
     @classmethod
     def variants(cls) -> list[Self]:

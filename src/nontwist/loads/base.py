@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
 from .friction import DryFriction, Sliding, require_distinct_axes
@@ -79,7 +79,7 @@ class Load:
     def __post_init__(self) -> None:
         if not isinstance(self.terms, tuple) or not all(isinstance(term, Term) for term in self.terms):
             raise ValueError(
-                f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
+                f"terms must be a tuple of Term, got {short_repr(self.terms)}; body_moment and others make loads"
             )
         known: tuple[type, ...] = (*LOADS.values(), Driven, OnBodyAtRest)
         if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, known)]:
@@ -318,7 +318,7 @@ class Load:
         """
         times = as_array(times, "times", (None,))
         if not among(kind, ("body", "space")):
-            raise ValueError(f"kind must be 'body' or 'space', got {shown(kind)}")
+            raise ValueError(f"kind must be 'body' or 'space', got {short_repr(kind)}")
         total = np.zeros((times.size, 3))
         for term in self.terms:
             if term.kind == kind:
@@ -450,8 +450,8 @@ def as_load(value: Any) -> Load:
         raise ValueError("load must be one Load: add the loads of the list with +, as in load=a + b")
     if not isinstance(value, Load):
         raise ValueError(
-            f"load must be a Load or None, got {shown(value)}; moment(function) makes one of a function of the state, "
-            "body_moment(...) and space_moment(...) of a function of time or a table"
+            f"load must be a Load or None, got {short_repr(value)}; moment(function) makes one of a function of the "
+            "state, body_moment(...) and space_moment(...) of a function of time or a table"
         )
     return value
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, increasing
-from ..geometry.values import shown, vector_text
+from ..geometry.values import short_repr, vector_text
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import select, sin
 from ..spec import Spec, as_specified, specs
@@ -130,7 +130,7 @@ class Term(ABC):
         for name, (_, _, spec) in specs(cls).items():
             value = record[name]
             plain = value if isinstance(value, str) else vector_text(value) if len(np.shape(value)) == 1 else ""
-            yield f"{name} {plain or shown(value)} {spec.unit}".strip()
+            yield f"{name} {plain or short_repr(value)} {spec.unit}".strip()
 
     @classmethod
     def sample(cls) -> Self | None:

@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 from conftest import ended
 from fit_errors import csv, off, off_by, share_covered
 from nontwist import fit_inertia, heavy_top, read_motion, rotation, sensors, simulate, standard
-from nontwist.fitting.measuring import continuous, derived_rates
-from nontwist.fitting.readings import noise_of_attitudes, scatter_of_attitudes
 from nontwist.runfile import read_run_file
 from refusals import refused_as, warned
 
@@ -45,21 +43,6 @@ HEADER = "time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw"
 
 
 # The model
-
-
-def test_rates_noise_and_scatter_follow_from_quaternions_of_either_sign():
-    time, rates, read, _ = flight(2, rate=400)
-    q = read.as_quat() * np.random.default_rng(0).choice([-1, 1], size=(len(read), 1))
-    q[7] = np.nan
-    found = continuous(q)
-    good = np.isfinite(found).all(axis=1)
-    assert ((found[good][1:] * found[good][:-1]).sum(axis=1) > 0).all()
-    np.testing.assert_array_equal(abs(found), abs(q))
-    assert noise_of_attitudes(found[8:]) == pytest.approx(TILT, rel=0.3)  # to start from
-    assert scatter_of_attitudes(time[8:], found[8:], rates[8:]) == pytest.approx(TILT, rel=0.1)
-    run = simulate(standard(J), t_end=0.6, step=1 / 400, material_angular_velocity=W)
-    found = derived_rates(run.time.values, continuous(rotation(run).as_quat()))
-    assert abs(found - run.material_angular_velocity.values).max() < 0.03 * np.linalg.norm(W)  # to start from
 
 
 # Estimates
@@ -131,16 +114,6 @@ def test_a_pivoted_body_by_its_attitudes():
     assert fit.unit == "kg m²"
     again = simulate(fit.problem(), times=fit.parts[0].time)
     assert abs(again.material_angular_velocity.values - fit.parts[0].model).max() < 1e-6
-
-
-def test_several_flights_by_attitudes():
-    rng, recordings = np.random.default_rng(8), []
-    for _ in range(2):
-        run = simulate(standard(J), t_end=0.6, step=1 / 100, material_angular_velocity=7 * rng.normal(size=3))
-        recordings.append((run.time.values, tilted(run, TILT, rng)))
-    fit = fit_inertia(recordings, interval="all")
-    assert abs(off(fit, J / np.trace(J))).max() < 4
-    assert abs(fit.cross_validation - 1).max() < 0.2
 
 
 # Files and words

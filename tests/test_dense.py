@@ -134,7 +134,7 @@ def test_series_solve_an_equation_that_scipy_solves():
     recurrence = Recurrence(24)
     x, y, z = unknowns = [recurrence.unknown() for _ in range(3)]
     for one, at in zip(unknowns, (0.3, 0.8, 0.5), strict=True):
-        one.put(0, at)
+        one.set_coefficient(0, at)
     half = x + y
     rates = [y * z, -(x * z), -0.25 * ((half * half) - (x * x + y * y)) + x * 0.1]
     recurrence.solve(unknowns, rates)

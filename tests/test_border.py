@@ -13,6 +13,7 @@ import nontwist as nt
 from nontwist import exact, plot, sphere
 from nontwist.geometry.arrays import as_array, as_floats, as_number
 from nontwist.geometry.values import as_function, as_list, as_path, as_whole
+from nontwist.runfile import read_run_file
 from refusals import refused_as, says
 
 BODY = nt.nontwisting([3, 4, 5])
@@ -142,8 +143,8 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
         lambda: nt.simulate(BODY, t_end=2, start=run().isel(time=[])),
         lambda: nt.simulate_ensemble(BODY, t_end=2, start=many().assign(quaternion=1j * many().quaternion)),
         lambda: nt.open_run(3.5),
-        lambda: nt.runfile.read_run_file(b"x"),
-        lambda: nt.runfile.read_run_file("x", [3]),
+        lambda: read_run_file(b"x"),
+        lambda: read_run_file("x", [3]),
         lambda: nt.save_run(run().assign(a=("time", [1j, 0, 0])), "a.nc"),
         lambda: nt.view(run(), title=3),
         lambda: nt.validate(workers=0),

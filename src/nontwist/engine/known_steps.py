@@ -2,9 +2,9 @@
 
 All is in the frame b of the body, in its units, and relative to the attitude Λ at the beginning: the quaternion that
 the text turns is 1 there, and what is given in space is seen from there, f = Λᵀ m, which a turn δ of the body changes
-by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`Varied`). With the
-constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂ -
-ε̂ A.
+by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`DualBody`). With
+the constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂
+- ε̂ A.
 
 Functions of the state are evaluated once, with their derivatives, and linear from there on (`LinearFunctions`).
 """

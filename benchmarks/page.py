@@ -98,16 +98,11 @@ def write_page() -> None:
     for topic, part in SHOWN.items():
         title, names = TOPICS[topic], dict.fromkeys(name for one in machines for name in one.topics.get(topic, {}))
         names = dict.fromkeys(name for name in names if re.search(part, name))
-        cells = [[name.strip(), *(shown(one, topic, name) for one in machines)] for name in names]
+        figures = [one.topics.get(topic, {}) for one in machines]
+        cells = [[name.strip(), *(one.get(name, Row(name, None, "")).value for one in figures)] for name in names]
         if cells:
             lines += ["", f"## {title}", "", *table(["", *map(str, range(1, len(machines) + 1))], cells)]
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def shown(one: Measured, topic: str, name: str) -> str:
-    """Return a figure of a machine; a dash where it has none."""
-    row = one.topics.get(topic, {}).get(name)
-    return row.value if row else "–"
 
 
 def between(machines: Iterable[Measured], topic: str, part: str) -> str:

@@ -8,7 +8,8 @@ import re
 import warnings
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from subprocess import SubprocessError
 
@@ -65,14 +66,9 @@ def processor() -> str:
 
 def machine() -> str:
     """Return the processor, the system and the versions of all tools; no names, no paths."""
-    found = [f"nontwist {version('nontwist')}"]
-    for name in TOOLS:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            found.append(f"no {name}")
+    tools = [f"{name} {version(name)}" if find_spec(name) else f"no {name}" for name in TOOLS]
     system = f"{os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
-    return f"{processor()}; {system}; {', '.join(found)}"
+    return f"{processor()}; {system}; nontwist {version('nontwist')}, {', '.join(tools)}"
 
 
 def measured(topic: str, folder: Path | None) -> list[Row]:

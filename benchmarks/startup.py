@@ -74,10 +74,9 @@ def _of_the_command_line(folder: Path) -> dict[str, list[str]]:
     """Return commands of `nontwist`, which write to `folder`."""
     script = Path(sys.executable).with_name("nontwist")
     command = [str(script)] if script.exists() else [sys.executable, "-m", "nontwist"]
-    subprocess.run([*command, "example", "case3", "--out", str(folder / "run.toml")], check=True)
-    recording = str(Path(__file__).parents[1] / "examples" / "imu" / "quaternion.csv")
+    run, recording = str(folder / "run.toml"), str(Path(__file__).parents[1] / "examples" / "imu" / "quaternion.csv")
+    child([*command, "example", "case3", "--out", run])
     twist = [*command, "twist", recording, "--inverse", "--degrees", "--force"]
-    run = str(folder / "run.toml")
     return {
         "nontwist --help": [*command, "--help"],
         "nontwist check FILE": [*command, "check", run],

@@ -35,12 +35,8 @@ def shuffled(
 
 def fastest(calls: Mapping[Hashable, Callable[[], Any]], passes: int = 5) -> dict[Hashable, float]:
     """Return the least seconds of each call, which take turns after one that is not counted; for long calls."""
-    times = {key: float("inf") for key in calls}
-    for k in range(passes + 1):
-        for key, call in calls.items():
-            seconds = _timed(call, 1)
-            times[key] = min(times[key], seconds) if k else times[key]
-    return times
+    times = [{key: _timed(call, 1) for key, call in calls.items()} for _ in range(passes + 1)][1:]
+    return {key: min(one[key] for one in times) for key in calls}
 
 
 def _timed(call: Callable[[], Any], count: int) -> float:

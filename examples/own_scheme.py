@@ -25,7 +25,7 @@ from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads.terms import Damping
 
 
-def step(nodes: Nodes, state: State, is_open: Any) -> Step:
+def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     """Take the step."""
     body, h, zero = nodes.body, nodes.h, 0.0 * nodes.h
     W = body.velocity_of(state.s)
@@ -38,7 +38,7 @@ def step(nodes: Nodes, state: State, is_open: Any) -> Step:
     P, compensation = compensated(state.s, state.compensation, h * torque)
     never, turn = zero > 1.0, 2.0 * sqrt(half @ half)
     found = Step(State(p, P, compensation, c, state.auxiliary), never, never, gap, zero, zero, turn)
-    if nodes.parts.tells:
+    if nodes.parts.needs_means:
         found = found._replace(mu=zero, twist=2.0 * (body.axis @ half))
         if drag is not None:
             found = found._replace(moment=nodes.R @ drag, work=h * (W @ drag))

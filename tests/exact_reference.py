@@ -136,14 +136,6 @@ def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35, rotor=(0, 0, 0))
     return _matrix((s, a, b, c)), np.array([float(Fraction(v, 1 << BITS)) for v in rates])
 
 
-def symmetric_top(A, C, W, t):
-    """Λ of a body with the moments (A, A, C) in mpmath: two rotations, as quaternions."""
-    with mp.workdps(40):
-        A, C, t = mp.mpf(float(A)), mp.mpf(float(C)), mp.mpf(float(t))
-        W = [mp.mpf(float(w)) for w in W]
-        return _matrix(_product(_turn([W[0], W[1], C * W[2] / A], t), _turn([0, 0, (A - C) / A * W[2]], t)))
-
-
 def steady(W, t):
     """exp(t Ŵ) in mpmath."""
     with mp.workdps(40):
@@ -154,17 +146,6 @@ def _turn(w, t):
     rate = mp.sqrt(sum(x * x for x in w))
     f = mp.sin(rate * t / 2) / rate if rate else t / 2
     return [mp.cos(rate * t / 2), *(f * x for x in w)]
-
-
-def _product(p, q):
-    s, x, y, z = p
-    d, u, v, w = q
-    return [
-        s * d - x * u - y * v - z * w,
-        s * u + x * d + y * w - z * v,
-        s * v + y * d + z * u - x * w,
-        s * w + z * d + x * v - y * u,
-    ]
 
 
 def _matrix(q):

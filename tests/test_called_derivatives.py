@@ -224,28 +224,6 @@ def test_energy_is_differentiated(kind, scheme, order):
     assert abs(change - change[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
 
 
-@pytest.mark.filterwarnings(IGNORED)
-def test_a_function_in_c_and_in_python():
-    """A spring as a function in Python, in C, with its own derivative, and as a potential."""
-
-    def upright(t, d, w):
-        return 2 * d[2, 1], -2 * d[2, 0], 0.0
-
-    def slope(t, d, w):
-        by = np.zeros((3, 3, 3))
-        by[0, 2, 1], by[1, 2, 0] = 2, -2
-        return by, np.zeros((3, 3))
-
-    def in_c(t, d, w, m):
-        m[0], m[1], m[2] = 2 * d[7], -2 * d[6], 0.0
-
-    how = {"t_end": 2, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load_scale", "principal_inertia"]}
-    loads = nt.moment(upright), nt.moment(Moment(in_c)), nt.potential((0, 0, 1), linear=(0, 0, -2))
-    own = nt.sensitivities(nt.standard(J), load=nt.moment(upright, derivative=slope), **how).d_rotation
-    for load, bound in zip(loads, (1e-10, 1e-10, 1e-8), strict=True):  # a potential turns in a step in another way
-        assert abs(nt.sensitivities(nt.standard(J), load=load, **how).d_rotation - own).max() < bound
-
-
 def test_differences_are_announced_once():
     """Functions of a script are named as it names them."""
 

@@ -10,7 +10,6 @@ import pytest
 from conftest import ended
 from nontwist import integrate, nontwisting, propagator, pulse, simulate, simulate_ensemble, standard
 from nontwist.errors import SimulationError
-from nontwist.geometry.rotations import hat
 from nontwist.integrators import Gauss, LieMidpoint, Split
 from nontwist.integrators.gauss import LARGEST_TURN
 from nontwist.integrators.gauss_coefficients import nodes
@@ -113,37 +112,6 @@ def test_limits_of_gauss_follow_from_its_matrix(order):
     assert abs(abs(stages) ** 2 - 1).max() <= (0.25 if order == 2 else 0.1)
     assert turning(1.01 * limit, Gauss(order=order)) is not None
     assert order < 6 or turning(0.99 * limit, Gauss(order=order), 1) is None
-
-
-def collocated(A, y, J, h):
-    """Return the stages of free motion, rows of (P, c_1, c_2, c_3), by fixed points."""
-    Y = np.tile(y, (len(A), 1))
-    for _ in range(300):
-        P, C = Y[:, :3], Y[:, 3:].reshape(-1, 3, 3)
-        before, Y = Y, y + h * A @ np.hstack([np.cross(P, P / J), np.cross(C, (P / J)[:, None]).reshape(-1, 9)])
-        if abs(Y - before).max() < 1e-14:
-            break
-    return Y
-
-
-@pytest.mark.parametrize("order", Gauss.orders)
-def test_limits_of_gauss_hold_for_tumbling_bodies(order):
-    """Where the fastest stage turns by the limit, the iteration contracts by 0.5, and stages leave SO(3) by 0.1."""
-    r, limit, A = np.random.default_rng(order), LARGEST_TURN[order], stage_matrix(order)
-    for _ in range(3):
-        m, W = r.uniform(0.05, 1, 3), r.normal(size=3)
-        J, h = m.sum() - m, limit / np.linalg.norm(W)
-        y = np.concatenate([J * W, np.eye(3).ravel()])
-        for _ in range(4):  # until the fastest stage turns by the limit
-            Y = collocated(A, y, J, h)
-            Ws = Y[:, :3] / J
-            h *= limit / (h * np.linalg.norm(Ws, axis=1).max())
-        gyration = [(hat(P) / J - hat(W), -hat(W)) for P, W in zip(Y[:, :3], Ws, strict=True)]
-        for which in (0, 1):  # of the momentum, of the rows
-            matrix = np.block([[h * a * block[which] for a, block in zip(row, gyration, strict=True)] for row in A])
-            assert abs(np.linalg.eigvals(matrix)).max() < 0.51
-        C = Y[:, 3:].reshape(-1, 3, 3)
-        assert abs(C @ C.swapaxes(1, 2) - np.eye(3)).max() <= (0.25 if order == 2 else 0.1)
 
 
 def test_an_error_of_a_tenth_is_told_where_steps_are_short_and_none_of_closed_solutions():

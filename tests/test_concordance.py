@@ -26,32 +26,21 @@ ROWS = [
 ]
 LABELLED = {row[0].rpartition("`")[0].rpartition("`")[2] or row[0]: row for row in ROWS}
 A_DOCUMENT = r"""
-\documentclass{article}
-\newtheorem{theorem}{Theorem}[section]
-\begin{document}
+\documentclass{article} \newtheorem{theorem}{Theorem}[section] \begin{document}
 \section{One} \label{sec one} % \label{in a comment}
 \begin{equation} x = 100\% \label{eq first} \end{equation}
 \begin{equation}\begin{split} a &= b \\ &= c \end{split}\label{eq split}\end{equation}
 \subsection{One, one}\label{sub one}
 \begin{align} a &= 1 \label{eq row one} \\ b &= 2 \nonumber \\[2pt] c &= 3 \label{eq row two} \end{align}
-\begin{theorem}\end{theorem}
-\section{Two: \emph{a title}}
-\subsection{Two, one}\label{sub two}
-\begin{theorem} \label{th first}
-  \begin{subequations}
+\begin{theorem}\end{theorem} \section{Two: \emph{a title}} \subsection{Two, one}\label{sub two}
+\begin{theorem} \label{th first} \begin{subequations}
     \begin{align} a &= \begin{pmatrix} 1 \\ 2 \end{pmatrix} \label{eq sub a} \\ b &= 2 \label{eq sub b} \end{align}
-    \label{eq whole}
-  \end{subequations}
-\end{theorem}
-\begin{equation*} y \end{equation*}
+    \label{eq whole} \end{subequations}
+\end{theorem} \begin{equation*} y \end{equation*}
 \begin{figure}[h!]\begin{tabular}{cc} a \\ b \end{tabular}\caption{Some} \label{fig one}\end{figure}
 \begin{table}\caption{Some}\label{tab one}\end{table}
-\begin{equation}\label{eq last} z \end{equation}
-\begin{theorem}\end{theorem}
-\appendix
-\section*{Not counted}
-\section{More}\label{sec more}
-\end{document}
+\begin{equation}\label{eq last} z \end{equation} \begin{theorem}\end{theorem}
+\appendix \section*{Not counted} \section{More}\label{sec more} \end{document}
 """
 
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import nontwist
+from conftest import ended, nontwist
 from nontwist import save_run, simulate, standard, sweep
-from nontwist.errors import InputError, InputWarning
 from nontwist.geometry.attitudes import euler_angles
 from nontwist.io.results import with_euler
 from nontwist.runfile import read_run_file
+from refusals import refused, warned
 
 LETTERS = ["".join(x) for x in product("xyz", repeat=3) if x[0] != x[1] != x[2]]
-LETTERS += [x.upper() for x in LETTERS]
 TILTED = {"rotation": Rotation.from_euler("ZXZ", [0.3, 0.9, -0.4]), "material_angular_velocity": (0.3, 0.5, 0.8)}
 
 
@@ -25,7 +24,7 @@ def run():
     return simulate(standard([3, 4, 5]), t_end=1, step=1e-3, **TILTED)
 
 
-@pytest.mark.parametrize("letters", LETTERS)
+@pytest.mark.parametrize("letters", [*LETTERS, *(x.upper() for x in LETTERS)])
 def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
     found = with_euler(run, letters)
     angles, rates, h = found.euler_angles.values, found.euler_rates.values, 1e-3
@@ -39,23 +38,13 @@ def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
 def test_in_gimbal_lock_the_outer_rates_are_infinite_and_said_to_be(letters, middle):
     start = {"rotation": Rotation.from_euler(letters, [0.2, middle, 0.4]), "material_angular_velocity": (1, 2, 3)}
     run = simulate(standard([3, 4, 5]), t_end=1, step=0.5, **start)
-    with pytest.warns(InputWarning) as caught:
+    with warned("gimbal-lock") as said:
         found = with_euler(run, letters)
-    (said,) = caught
-    assert said.message.code == "gimbal-lock"
-    assert said.message.fields == {"letters": letters, "count": 1, "along": "time", "first": "0"}
-    assert np.isinf(found.euler_rates.values[0, [0, 2]]).all()
-    assert np.isfinite(found.euler_rates.values[0, 1])
-    assert np.isfinite(found.euler_rates.values[1:]).all()
+    assert said[0].fields == {"letters": letters, "count": 1, "along": "time", "first": "0"}
+    assert np.argwhere(np.isinf(found.euler_rates.values)).tolist() == [[0, 0], [0, 2]]
+    assert not np.isnan(found.euler_rates.values).any()
     turned = Rotation.from_euler(letters, found.euler_angles.values[0])
     assert (turned.inv() * start["rotation"]).magnitude() < 1e-7
-
-
-@pytest.mark.parametrize("letters", ["ZxZ", "ZZX", "ZX", "ABC", "", "ZXZX"])
-def test_letters_are_refused_by_name(letters):
-    with pytest.raises(InputError) as caught:
-        euler_angles(np.array([[0, 0, 0, 1.0]]), np.zeros((1, 3)), letters)
-    assert (caught.value.code, caught.value.fields) == ("euler", {"letters": letters})
 
 
 def test_the_export_has_them(run, tmp_path):
@@ -66,9 +55,10 @@ def test_the_export_has_them(run, tmp_path):
     names = [f"euler_{x}_{k} [degree{per}]" for x, per in (("angles", ""), ("rates", " s-1")) for k in (1, 2, 3)]
     assert list(columns) == ["time [s]", "kinetic_energy [J]", *names]
     assert np.allclose([columns[name][0] for name in names[:3]], np.degrees([0.3, 0.9, -0.4]))
-    wrong = nontwist("export", "run.nc", "--euler", "ZxZ")
-    assert wrong.exit_code == 3
-    assert "--euler requires 3 axes" in wrong.stderr
+    for wrong in ("ZxZ", "ZZX", "ZX", "ABC", "", "ZXZX"):
+        with refused("euler", letters=wrong):
+            euler_angles(np.array([[0, 0, 0, 1.0]]), np.zeros((1, 3)), wrong)
+    assert "--euler requires 3 axes" in ended(3, "export", "run.nc", "--euler", "ZxZ").stderr
     locked = simulate(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
     save_run(locked, tmp_path / "locked.nc")
     shown = nontwist("export", "locked.nc", "--euler", "ZXZ", "--out", "locked.csv")

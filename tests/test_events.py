@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import ended
@@ -15,6 +14,8 @@ from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
 from nontwist.runfile import read_run_file
 from refusals import refused_as, says
+from test_times import R0, TOP, top_rates
+from test_times import W0 as W_TOP
 
 BODY, W0 = nt.standard([3, 4, 5]), (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
@@ -50,25 +51,15 @@ def test_a_steady_turn_has_events_where_it_should(integrator):
 
 
 def test_events_of_a_top_are_those_of_scipy():
-    top = nt.heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
-    J, f = top.convected_inertia, top.dead_force
-    R0, W = Rotation.from_rotvec([0.5, 0.1, 0]), (1.0, -2.0, 6.0)
-
-    def rates(t, y):
-        p, W = y[:4] / np.linalg.norm(y[:4]), y[4:]
-        q = Rotation.from_quat(p).as_matrix().T
-        M = sum(np.cross(np.eye(3)[i], q @ f[i]) for i in range(3))
-        v = np.array([*(p[3] * W + np.cross(p[:3], W)), -p[:3] @ W]) / 2
-        return np.concatenate([v, np.linalg.solve(J, np.cross(J @ W, W) + M)])
-
     def faster(t, y):
         return y[6] - 6.2
 
     faster.direction = 1
-    truth = solve_ivp(rates, (0, 5), [*R0.as_quat(), *W], "DOP853", rtol=2.3e-14, atol=1e-14, events=faster).t_events[0]
+    begin, close = [*R0.as_quat(), *W_TOP], {"rtol": 2.3e-14, "atol": 1e-14}
+    truth = solve_ivp(top_rates, (0, 5), begin, "DOP853", events=faster, **close).t_events[0]
     mine = with_attributes(lambda t, state: state.material_angular_velocity[2] - 6.2, direction=1)
-    how = {"rotation": R0, "material_angular_velocity": W, "integrator": Gauss(order=16), "step": 0.2}
-    (found,) = nt.integrate(top, t_end=5, events=mine, **how).t_events
+    how = {"rotation": R0, "material_angular_velocity": W_TOP, "integrator": Gauss(order=16), "step": 0.2}
+    (found,) = nt.integrate(TOP, t_end=5, events=mine, **how).t_events
     assert len(truth) > 2
     assert found == pytest.approx(truth, abs=1e-11)
 

@@ -46,17 +46,7 @@ def distance(a, b):
     return np.linalg.norm(a - b) / np.sqrt(2)
 
 
-def near_separatrix(moments, side, M1=0.4, M2=0.6):
-    """W with 2K J_mid/|π|² - 1 = `side` to first order, and the value itself."""
-    I1, I2, I3 = moments
-    rest = side * (M1**2 * (1 + (I2 - I1) * I3 / (I1 * (I3 - I2))) + M2**2)
-    M3 = np.sqrt((M1**2 * (I2 - I1) / I1 - rest) * I3 / (I3 - I2))
-    return np.array([M1, M2, M3]) / moments
-
-
-BRANCHES = {
-    "about the largest moment": ([3, 4, 5], [1, 1, 5]),
-    "about the smallest moment": ([3, 4, 5], [5, 1, 1]),
+BRANCHES = {  # beside those of the checks of validation, which are compared with many digits as well
     "all signs negative": ([3, 4, 5], [-3, -1, -0.2]),
     "moments in another order": ([5, 3, 4], [1, 2, -3]),
     "moments in an odd order": ([4, 5, 3], [-1, 2, -3]),
@@ -64,21 +54,15 @@ BRANCHES = {
     "k² just below 1/2": ([3, 4, 5], [1.5, 1, 1.95]),
     "k² just above 1/2": ([3, 4, 5], [1.5, 1, 1.94]),
     "rod": ([0.2, 4, 4.1], [30, 2, 1]),
-    "rod across": ([0.2, 4, 4.1], [0.4, 2, 1]),
     "plate": ([1, 2, 3], [1, 2, 3]),
     "moments far apart in scale": ([3e-9, 4e-9, 5e-9], [1e5, 2e5, 1e5]),
     "nearly prolate": ([3, 5, 5 * (1 + 1e-11)], [1, 2, 3]),
-    "nearly oblate": ([3, 3 * (1 + 1e-11), 5], [1, 2, 3]),
     "nearly oblate, across": ([3, 3 * (1 + 1e-8), 5], [1, 2, 1e-5]),
     "nearly spherical": ([3, 3 * (1 + 1e-9), 3 * (1 + 3e-9)], [1, 2, 3]),
     "near the largest axis": ([3, 4, 5], [1e-7, 2e-7, 3]),
     "near the smallest axis": ([3, 4, 5], [3, 2e-7, -1e-7]),
     "near the middle axis": ([3, 4, 5], [1e-7, 2, 1e-6]),
     "near the middle axis, the other side": ([3, 4, 5], [1e-6, -2, 1e-7]),
-    **{
-        f"separatrix {side:+.0e}": ([3, 4, 5], near_separatrix([3, 4, 5], side))
-        for side in (1e-4, -1e-4, 1e-8, -1e-8, 1e-12, -1e-12)
-    },
 }
 
 
@@ -122,59 +106,48 @@ def test_all_phases_where_the_nome_is_largest(W):
         assert distance(R, reference.elliptic_top([3, 4, 5], W, t)) < 1e-14
 
 
-@pytest.mark.parametrize("branch", ["about the largest moment", "rod across", "separatrix -1e-08"])
-def test_the_two_references_agree(branch):
-    moments, W = BRANCHES[branch]
-    t = turns(W, 4)
-    assert distance(reference.taylor_top(moments, W, t)[0], reference.elliptic_top(moments, W, t)) < 1e-15
+def test_the_two_references_agree():
+    for moments, W in (
+        ([3, 4, 5], [1, 1, 5]),
+        ([0.2, 4, 4.1], [0.4, 2, 1]),
+        ([3, 4, 5], [0.4 / 3, 0.15, (1 + 1e-8) * np.sqrt(0.8 / 3) / 5]),
+    ):
+        found, known = reference.taylor_top(moments, W, 2.0)[0], reference.elliptic_top(moments, W, 2.0)
+        assert distance(found, known) < 1e-15
 
 
-DEGENERATE = {
-    "oblate": (lambda W, t: reference.symmetric_top(3, 5, W, t), [3, 3, 5], [1, 2, 3]),
-    "oblate, across": (lambda W, t: reference.symmetric_top(3, 5, W, t), [3, 3, 5], [1, 2, 0]),
-    "oblate, along": (lambda W, t: reference.symmetric_top(3, 5, W, t), [3, 3, 5], [0, 0, -3]),
-    "prolate": (lambda W, t: reference.symmetric_top(3, 1, W, t), [3, 3, 1], [1, 2, -3]),
-    "prolate, across": (lambda W, t: reference.symmetric_top(3, 1, W, t), [3, 3, 1], [-1, 2, 0]),
-    "prolate, along": (lambda W, t: reference.symmetric_top(3, 1, W, t), [3, 3, 1], [0, 0, 3]),
-    "sphere": (reference.steady, [2, 2, 2], [1, -2, 3]),
-    "smallest axis": (reference.steady, [3, 4, 5], [2, 0, 0]),
-    "middle axis": (reference.steady, [3, 4, 5], [0, 2, 0]),
-    "middle axis, backwards": (reference.steady, [3, 4, 5], [0, -2, 0]),
-    "largest axis": (reference.steady, [3, 4, 5], [0, 0, -2]),
-    "rest": (reference.steady, [3, 4, 5], [0, 0, 0]),
+DEGENERATE = {  # moments (A, A, C), or a permanent rotation
+    "oblate, across": ([3, 3, 5], [1, 2, 0]),
+    "oblate, along": ([3, 3, 5], [0, 0, -3]),
+    "prolate, across": ([3, 3, 1], [-1, 2, 0]),
+    "prolate, along": ([3, 3, 1], [0, 0, 3]),
+    "sphere": ([2, 2, 2], [1, -2, 3]),
+    "middle axis, backwards": ([3, 4, 5], [0, -2, 0]),
+    "rest": ([3, 4, 5], [0, 0, 0]),
 }
 
 
 @pytest.mark.parametrize("case", DEGENERATE)
 def test_degenerate_bodies_and_permanent_rotations(case):
-    at, moments, W = DEGENERATE[case]
+    moments, W = map(np.array, DEGENERATE[case])
+    A, C = (moments[0], moments[2]) if moments[0] == moments[1] else (1.0, 1.0)
     times = turns(W if np.any(W) else [1, 0, 0], 10) * np.array([-0.2, 0, 0.5, 1])
     got, velocity = exact.free_standard(moments, W, times)
-    for R, t in zip(got, times, strict=True):
-        assert distance(R, at(np.array(W, float), t)) <= 1e-13
-    assert got @ (moments * velocity)[..., None] == pytest.approx(np.tile(np.multiply(moments, W)[:, None], (4, 1, 1)))
+    spin = Rotation.from_rotvec(np.outer(times, [0, 0, (A - C) / A * W[2]]))
+    known = (Rotation.from_rotvec(np.outer(times, W * [1, 1, C / A])) * spin).as_matrix()
+    assert max(map(distance, got, known)) <= 1e-13
+    assert got @ (moments * velocity)[..., None] == pytest.approx(np.tile((moments * W)[:, None], (4, 1, 1)))
 
 
 @pytest.mark.parametrize(
-    ("J", "W"),
-    [(PAPER_J, [6, -18, 1]), (FULL, [1, -2, 3]), (FULL, [3, -1, 0.3]), (2 * np.eye(3) + 1e-9 * FULL, [1, 2, 3])],
+    ("J", "W"), [(PAPER_J, [6, -18, 1]), (FULL, [3, -1, 0.3]), (2 * np.eye(3) + 1e-9 * FULL, [1, 2, 3])]
 )
 def test_principal_axes_that_are_not_the_directors(J, W):
-    t = turns(W, 10)
+    t = turns(W, 4)
     got, velocity = exact.free_standard(J, W, [t])
     R, w = reference.taylor_top(J, W, t)
     assert distance(got[0], R) <= 1e-13
     assert velocity[0] == pytest.approx(w, abs=1e-13 * np.linalg.norm(W))
-
-
-def test_the_error_grows_by_1e15_a_radian():
-    moments, W = [3, 4, 5], np.array([1.0, 1, 5])
-    for n in (100, 10_000, 1_000_000):
-        t = turns(W, n)
-        angle = np.linalg.norm(W) * t
-        effect = ulp_effect(reference.elliptic_top, moments, W, t)
-        error = distance(exact.free_standard(moments, W, [t])[0][0], reference.elliptic_top(moments, W, t))
-        assert error <= max(1e-15 * angle, 2 * effect)
 
 
 @settings(max_examples=60, deadline=None)
@@ -219,48 +192,33 @@ def test_chained_calls_do_not_drift_over_a_million_steps():
 
 
 def test_chained_ensembles_do_not_drift():
-    rng = np.random.default_rng(1)
-    body, W = standard(FULL), 2 * rng.normal(size=(50, 3))
-    how = {"integrator": "exact", "step": 2e-3, "progress": False}
-    first = simulate_ensemble(body, material_angular_velocity=W, t_end=2e-3, **how)
-    run = first
-    for k in range(1, 100):
+    W = 2 * np.random.default_rng(1).normal(size=(50, 3))
+    body, how = standard(FULL), {"integrator": "exact", "step": 2e-3, "progress": False}
+    direct = simulate_ensemble(body, material_angular_velocity=W, t_end=0.1, **how)
+    run = simulate_ensemble(body, material_angular_velocity=W, t_end=2e-3, **how)
+    for k in range(1, 50):
         run = simulate_ensemble(body, start=run, t_end=(k + 1) * 2e-3, **how)
-    direct = simulate_ensemble(body, material_angular_velocity=W, t_end=0.2, **how)
     gap = run.material_angular_velocity.values[:, -1] - direct.material_angular_velocity.values[:, -1]
     assert np.abs(gap).max() < 2e-14
 
 
 def test_start_and_order_of_times():
     R0 = Rotation.from_rotvec([1, 2, 3])
-    a, v = exact.free_standard(FULL, [1, -2, 3], [2, 0, 1], R0)
-    b, _ = exact.free_standard(FULL, [1, -2, 3], [0, 1, 2], R0.as_matrix())
-    assert np.array_equal(a[[1, 2, 0]], b)
-    assert a[1] == pytest.approx(R0.as_matrix(), abs=2e-15)
-    assert v[1] == pytest.approx([1, -2, 3], abs=1e-14)
-    assert exact.free_standard([1, 2, 2.5], [1, 1, 1], 0.5)[0].shape == (1, 3, 3)
-    assert exact.free_standard([1, 2, 2.5], [1, 1, 1], [])[0].shape == (0, 3, 3)
-
-
-def test_symmetric_top():
-    for moments, W in (([3, 3, 5], [1, 2, 3]), ([3, 3, 1], [1, 2, -3]), ([2, 2, 2], [1, 2, 3])):
-        t = np.linspace(-2, 9, 12)
-        a, b = exact.symmetric_top(moments, W, t), exact.free_standard(moments, W, t)
-        assert a[0] == pytest.approx(b[0], abs=1e-13)
-        assert a[1] == pytest.approx(b[1], abs=1e-13)
-        assert a[0][-1] == pytest.approx(reference.symmetric_top(moments[0], moments[2], W, 9), abs=3e-14)
-
-
-def test_free_nontwisting():
-    W, t = [6, -18, 0], turns([6, -18, 0], 10)
-    R, w = exact.free_nontwisting(PAPER_J, W, [t, 0.5, 0])
-    assert distance(R[0], reference.steady(W, t)) <= 3e-14
-    assert distance(R[1], reference.steady(W, 0.5)) <= 1e-15
-    assert np.array_equal(R[2], np.eye(3))
-    assert np.array_equal(w, np.tile(W, (3, 1)))
-    start = Rotation.from_rotvec([1, 2, 3])
-    assert exact.free_nontwisting(PAPER_J, W, [0.5], start)[0][0] == pytest.approx(start.as_matrix() @ R[1], abs=1e-15)
-    assert np.array_equal(exact.free_nontwisting([1, 2, 2.5], [0, 0, 0], [3])[0], np.eye(3)[None])
+    for solution, J, W in ((exact.free_standard, FULL, [1, -2, 3]), (exact.free_nontwisting, PAPER_J, [6, -18, 0])):
+        a, v = solution(J, W, [2, 0, 1], R0)
+        b, _ = solution(J, W, [0, 1, 2], R0.as_matrix())
+        assert np.array_equal(a[[1, 2, 0]], b)
+        assert a[1] == pytest.approx(R0.as_matrix(), abs=2e-15)
+        assert v[1] == pytest.approx(W, abs=1e-14)
+        assert a[2] == pytest.approx(R0.as_matrix() @ solution(J, W, [1])[0][0], abs=1e-15)
+        assert solution([1, 2, 2.5], [1, 1, 0], 0.5)[0].shape == (1, 3, 3)
+        assert solution([1, 2, 2.5], [1, 1, 0], [])[0].shape == (0, 3, 3)
+        assert np.array_equal(solution([1, 2, 2.5], [0, 0, 0], [3])[0], np.eye(3)[None])
+    t = turns([6, -18, 0], 10)
+    R, w = exact.free_nontwisting(PAPER_J, [6, -18, 0], [t, 0.5, 0])
+    assert distance(R[0], reference.steady([6, -18, 0], t)) <= 3e-14
+    assert distance(R[1], reference.steady([6, -18, 0], 0.5)) <= 1e-15
+    assert np.array_equal(w, np.tile([6, -18, 0], (3, 1)))
 
 
 @pytest.mark.parametrize("body", [standard, nontwisting])
@@ -296,9 +254,10 @@ W_SUSLOV = np.array([1.0, -2.0, 0.1])  # 0.3 - 0.4 + 0.1 = 0
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 
 
-def test_the_discrete_scheme_in_closed_form():
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+def test_the_discrete_schemes_in_closed_form(scheme):
     W, h = [6, -18, 0], 0.02
-    run = integrate(nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator="energy-momentum")
+    run = integrate(nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator=scheme)
     R, w = exact.discrete_free(PAPER_J, W, h, 100)
     assert np.swapaxes(R, 1, 2) == pytest.approx(run.directors, abs=1e-13)
     assert np.array_equal(w, np.tile(W, (101, 1)))
@@ -357,24 +316,20 @@ def test_momenta_are_quadratures_also_with_kinks_and_jumps(breakpoints):
     assert not Pi[:, 2].any()
 
 
-SUSLOV = {
-    "cos θ0 > 0": [1.0, 0.5],
-    "cos θ0 < 0": [-1.0, -0.5],
-    "from the equilibrium that repels": [0.3, -0.4001],
-    "backwards": [2, -1],
-}
-
-
-@pytest.mark.parametrize("case", SUSLOV)
-def test_suslov_against_50_digits(case):
-    J = np.array([[3, 0, 0.4], [0, 4, -0.3], [0.4, -0.3, 5]])
-    W, t = np.array([*SUSLOV[case], 0.0]), -6.0 if case == "backwards" else 9.0
-    attitude, velocity = exact.suslov(J, [0, 0, 2], W, [t, 0.0, t / 3])
-    R, w = reference.taylor_top(J, W, t, axis3=True)
-    assert velocity[0] == pytest.approx(w, abs=1e-13)
-    assert attitude[0] == pytest.approx(R, abs=1e-12)
-    assert attitude[1] == pytest.approx(np.eye(3), abs=1e-15)
-    assert attitude[2] == pytest.approx(reference.taylor_top(J, W, t / 3, axis3=True)[0], abs=1e-12)
+def test_suslov_from_the_equilibrium_that_repels():
+    """Other motions are checks of validation."""
+    J, W, times = [[3, 0, 0.4], [0, 4, -0.3], [0.4, -0.3, 5]], np.array([0.3, -0.4001, 0.0]), [9.0, 0.0, 3.0]
+    for R, w, t in zip(*exact.suslov(J, [0, 0, 2], W, times), times, strict=True):
+        attitude, velocity = reference.taylor_top(J, W, t, axis3=True)
+        assert pytest.approx(velocity, abs=1e-13) == w
+        assert pytest.approx(attitude, abs=1e-12 if t else 1e-15) == R
+    flat = exact.suslov_velocity([3, 4, 5], [0, 0, 1], [1, 2, 0], [0, 7.0])
+    assert np.array_equal(flat, np.tile([1, 2, 0], (2, 1)))
+    W = exact.suslov_velocity(TILTED, AXIS, W_SUSLOV, [-400.0, 1, 400])
+    assert pytest.approx(0, abs=1e-14) == W @ AXIS
+    assert (TILTED @ W[-1]) @ AXIS == pytest.approx(0, abs=1e-13)  # M3 = 0: nothing turns W any more
+    rest = exact.suslov_velocity(TILTED, AXIS, W[-1], [0, 5])
+    assert rest == pytest.approx(np.tile(W[-1], (2, 1)), abs=1e-13)
 
 
 STRONG = np.array([[2, 0, 0.8], [0, 2.5, -0.6], [0.8, -0.6, 3]])
@@ -385,7 +340,7 @@ def test_suslov_long_after_it_has_settled():
     """50 digits until W is steady, from there exp(t Ŵ) of the W that the energy gives: round-off of the turn."""
     settled, times = 80.0, np.array([80.0, 81.0, 1e6, 1e8, 1e12])
     attitude, velocity = exact.suslov(STRONG, [0, 0, 1], START, times)
-    R, _ = reference.taylor_top(STRONG, START, settled, axis3=True)
+    R, _ = reference.taylor_top(STRONG, START, settled, axis3=True, order=60, turn=0.8)
     with mpmath.workdps(40):
         J, W = mpmath.matrix(STRONG), mpmath.matrix(START)
         e = mpmath.matrix([-J[1, 2], J[0, 2], 0])  # n × J n
@@ -399,75 +354,52 @@ def test_suslov_long_after_it_has_settled():
     assert back[:3] == pytest.approx(attitude[:3], abs=1e-8)
 
 
-def test_suslov_reaches_its_permanent_rotation():
-    t = np.array([-400.0, -1, 0, 1, 400])
-    W = exact.suslov_velocity(TILTED, AXIS, W_SUSLOV, t)
-    assert pytest.approx(0, abs=1e-14) == W @ AXIS
-    assert (TILTED @ W[-1]) @ AXIS == pytest.approx(0, abs=1e-13)  # M3 = 0: nothing turns W any more
-    rest = exact.suslov_velocity(TILTED, AXIS, W[-1], [0, 5])
-    assert rest == pytest.approx(np.tile(W[-1], (2, 1)), abs=1e-13)
-    flat = exact.suslov_velocity([3, 4, 5], [0, 0, 1], [1, 2, 0], [0, 7.0])
-    assert np.array_equal(flat, np.tile([1, 2, 0], (2, 1)))
-
-
 def test_turn_of_frames_around_circles_and_polygons():
     theta = np.array([0, 0.3, np.pi / 2, np.pi])
     assert exact.latitude_turn(theta) == pytest.approx(2 * np.pi * (1 - np.cos(theta)), abs=1e-14)
     phi = np.linspace(0, 2 * np.pi, 4001)[:-1]
     circle = np.stack([np.sin(0.3) * np.cos(phi), np.sin(0.3) * np.sin(phi), np.full(4000, np.cos(0.3))], axis=1)
     assert exact.polygon_turn(circle) == pytest.approx(float(exact.latitude_turn(0.3)), abs=1e-6)
-    assert exact.polygon_turn(np.eye(3)) == pytest.approx(np.pi / 2, abs=1e-15)
-    assert exact.polygon_turn(np.eye(3)[::-1]) == pytest.approx(-np.pi / 2, abs=1e-15)
+    assert [exact.polygon_turn(np.eye(3)[::k]) for k in (1, -1)] == pytest.approx([np.pi / 2, -np.pi / 2], abs=1e-15)
     rng = np.random.default_rng(1)
-    for n in (2, 3, 5, 8):
+    for n in (2, 3, 8):
         u = rng.normal(size=(n, 3))
         u /= np.linalg.norm(u, axis=1, keepdims=True)
-        got = exact.polygon_turn(u)
         turn = Rotation.identity()
         for a, b in zip(u, np.roll(u, -1, axis=0), strict=True):
             normal = np.cross(a, b)
-            turn = (
-                Rotation.from_rotvec(np.arctan2(np.linalg.norm(normal), a @ b) * normal / np.linalg.norm(normal)) * turn
-            )
-        assert turn.as_matrix() == pytest.approx(rotations.exp(got * u[0]), abs=1e-13)
+            size = np.linalg.norm(normal)
+            turn = Rotation.from_rotvec(np.arctan2(size, a @ b) * normal / size) * turn
+        assert turn.as_matrix() == pytest.approx(rotations.exp(exact.polygon_turn(u) * u[0]), abs=1e-13)
     assert float(holonomy(np.eye(3))) == pytest.approx(np.pi / 2)
     assert -np.pi < exact.montgomery_angle([3, 4, 5], [5, 1, -1]) <= np.pi
     assert exact.momentum_period([3, 3, 5], [1, 2, 3]) == pytest.approx(2 * np.pi / (2 / 3 * 3))
 
 
+ANOTHER = DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0])
 FREE = {
-    "standard": (BODIES["standard"], None),
-    "nontwisting": (BODIES["nontwisting"], None),
-    "another axis": (lambda: DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0]), None),
+    "standard": (BODIES["standard"](), (1, -2, 0.5), None),
+    "nontwisting": (BODIES["nontwisting"](), (1, -2, 0), None),
+    "another axis": (ANOTHER, (0, -2, 0.5), None),
     "axis fixed under load": (
-        BODIES["nontwisting"],
+        BODIES["nontwisting"](),
+        (1, -2, 0),
         pulse(PAPER_J @ [4, -8, 0], 0.3, 0.9) + body_moment([0, 1, 2], [[0, 0, 1], [0, 0, 2], [0, 0, 0]]),
     ),
-    "another axis, under load": (
-        lambda: DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0]),
-        sine([1, -8, 2.5], 0.8),
-    ),
+    "another axis, under load": (ANOTHER, (0, -2, 0.5), sine([1, -8, 2.5], 0.8)),
 }
 
 
 @pytest.mark.parametrize("case", FREE)
 def test_the_integrator_against_the_continuous_equations(case):
-    make, load = FREE[case]
-    W = {"s": [1, -2, 0.5], "a": [0, -2, 0.5], "n": [1, -2, 0]}[case[0]]
-    W = [1, -2, 0] if case == "axis fixed under load" else W
-    kick = {"t_start": 0.1, "times": [0.1, 0.35, 1, 1.7], "material_angular_velocity": W, "load": load}
-    start = Rotation.from_rotvec([1, 2, 3])
-    a = integrate(make(), integrator="exact", rotation=start, **kick)
-    b = integrate(make(), integrator=FINE, rotation=start, **kick)
-    for name, tolerance in (
-        ("directors", 1e-11),
-        ("director_velocities", 1e-10),
-        ("multipliers", 1e-10),
-        ("moment", 1e-10),
-        ("load_work", 1e-10),
-    ):
+    body, W, load = FREE[case]
+    how = {"t_start": 0.1, "times": [0.1, 0.35, 1, 1.7], "rotation": Rotation.from_rotvec([1, 2, 3])}
+    how |= {"material_angular_velocity": W, "load": load}
+    a, b = (integrate(body, integrator=integrator, **how) for integrator in ("exact", FINE))
+    for name in ("directors", "director_velocities", "multipliers", "moment", "load_work"):
         assert getattr(a, name).shape == getattr(b, name).shape
-        assert getattr(a, name) == pytest.approx(getattr(b, name), abs=tolerance), name
+        bound = 1e-11 if name == "directors" else 1e-10
+        assert getattr(a, name) == pytest.approx(getattr(b, name), abs=bound), name
     assert a.newton_iterations is None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import mpmath
 import numpy as np
@@ -17,7 +18,7 @@ from nontwist.integrators import Continuous, Gauss
 from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
 
 ORDERS = Gauss.orders
-MARKED = [pytest.param(k, marks=[] if k in (6, 16) else [pytest.mark.long]) for k in ORDERS]
+FEW = [pytest.param(k, marks=[] if k in (2, 6, 16) else [pytest.mark.long]) for k in ORDERS]
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 START = {"angular_velocity": [1, -2, 0.5], "rotation": [0.5, 0.5, -0.5, 0.5], "scalar_first": False, "project": True}
 HOW = {**START, "t_end": 2, "step": 0.1, "integrator": "gauss"}
@@ -25,32 +26,37 @@ HOW = {**START, "t_end": 2, "step": 0.1, "integrator": "gauss"}
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_coefficients_are_the_nearest_doubles(order):
-    s = order // 2
+    """And symplectic and symmetric to the last bit."""
+    s, mu = order // 2, matrix(order)
     with mpmath.workdps(50):
         near = np.polynomial.legendre.leggauss(s)[0]
         c = [(1 + mpmath.findroot(lambda x: mpmath.legendre(s, x), x)) / 2 for x in near]
-
-        def lagrange(j, t):
-            return mpmath.fprod((t - c[k]) / (c[j] - c[k]) for k in range(s) if k != j)
-
-        b = [mpmath.quad(lambda t, j=j: lagrange(j, t), [0, 1]) for j in range(s)]
-        a = [[mpmath.quad(lambda t, j=j: lagrange(j, t), [0, x]) for j in range(s)] for x in c]
-        guess = [[sum(a[i][k] * lagrange(j, 1 + c[k]) for k in range(s)) / b[j] for j in range(s)] for i in range(s)]
-        assert nodes(order).tolist() == [float(x) for x in c]
-        assert weights(order).tolist() == [float(x) for x in b]
-        mu = np.array([[float(a[i][j] / b[j]) for j in range(s)] for i in range(s)])
-        inverse = mpmath.matrix(a) ** -1
+        # x^m at the nodes, and its integrals from 0 to them, to 1, and to 1 + a node
+        powers, inner = mpmath.matrix([[x**m for m in range(s)] for x in c]) ** -1, range(1, s + 1)
+        b, a, ahead = (
+            mpmath.matrix([[x**m / m for m in inner] for x in ends]) * powers
+            for ends in ([mpmath.mpf(1)], c, [1 + x for x in c])
+        )
+        guess = mpmath.matrix([[ahead[i, j] / b[j] - 1 for j in range(s)] for i in range(s)])
+        inverse = a**-1
         sums = [float(sum(inverse[i, :])) for i in range(s)]
-        expected = {"guess": guess, "a": a, "inverse": inverse.tolist()}
-        expected = {name: np.array(rows, dtype=float) for name, rows in expected.items()}
-    assert abs(matrix(order) - mu).max() <= 2.0**-52
+        ratio = np.array([[float(a[i, j] / b[j]) for j in range(s)] for i in range(s)])
+        expected = {"a": a, "inverse": inverse, "guess": guess}
+        expected = {name: np.array(rows.tolist(), dtype=float) for name, rows in expected.items()}
+    assert nodes(order).tolist() == [float(x) for x in c]
+    assert weights(order).tolist() == [float(x) for x in b]
+    assert abs(mu - ratio).max() <= 2.0**-52
     for name, rows in expected.items():
         found = table(order)[getattr(TABLE, name) :][:64].reshape(8, 8)[:s, :s].T
-        assert found == pytest.approx(rows, rel=1e-14)
+        assert found == pytest.approx(rows, rel=1e-14), name
     assert table(order)[TABLE.sums :][:s] == pytest.approx(sums, rel=1e-14)
+    assert (mu + mu.T == 1).all()
+    assert np.array_equal(mu[::-1, ::-1], mu.T)
+    assert np.array_equal(weights(order), weights(order)[::-1])
+    assert nodes(order) + nodes(order)[::-1] == pytest.approx(1, abs=2**-52)
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", FEW)
 @pytest.mark.parametrize("scale", [1e-8, 1.0, 1e6])
 def test_a_body_at_rest_begins_to_fall(order, scale):
     """From rest gravity acts on P, then on g, then on P again; and the iteration of Newton has no speed yet."""
@@ -66,7 +72,7 @@ def test_a_body_at_rest_begins_to_fall(order, scale):
         assert abs(E - E[0]).max() <= 1e-12 * (abs(E[0]) + ds.kinetic_energy.values.max())
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", FEW)
 @pytest.mark.parametrize("name", ["standard", "non-twisting", "heavy"])
 def test_the_faintest_turns_are_sound(name, order):
     """Squares of 1e-204 are zero."""
@@ -79,13 +85,8 @@ def test_the_faintest_turns_are_sound(name, order):
         assert abs(run.quaternion[:, :3]).max() <= 10 * W + 1e-17  # round-off
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_coefficients_are_symplectic_and_symmetric_to_the_last_bit(order):
-    mu, b, c = matrix(order), weights(order), nodes(order)
-    assert (mu + mu.T == 1).all()
-    assert np.array_equal(mu[::-1, ::-1], mu.T)
-    assert np.array_equal(b, b[::-1])
-    assert c + c[::-1] == pytest.approx(1, abs=2**-52)
+def forces_of_several_directions():
+    return replace(nt.standard(TILTED), dead_force=np.array([[1.0, 2, -1], [0.5, -3, 1], [2, 1, 0.4]]))
 
 
 def wave(t):
@@ -93,7 +94,7 @@ def wave(t):
 
 
 def collocated(body, q, W, h, order, load):
-    """Return Λ and W after a step: the equations of the module for P and the rows of Λ, iterated; and the stages."""
+    """Return Λ and W after a step: the equations of the module for P and the rows of Λ, iterated."""
     s, c, b = order // 2, nodes(order), weights(order)
     a = matrix(order) * b
     J, n = body.inertia, body.axis
@@ -117,18 +118,18 @@ def collocated(body, q, W, h, order, load):
     for _ in range(200):
         k = np.array([rates(h * t, x[:3], x[3:].reshape(3, 3)) for t, x in zip(c, y + h * a @ k, strict=True)])
     end = y + h * b @ k
-    return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3]), y + h * a @ k
+    return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3])
 
 
 @pytest.mark.parametrize("order", [2, 6, pytest.param(4, marks=pytest.mark.long)])
-@pytest.mark.parametrize(("name", "load"), thinned(3, BODIES, LOADS))
+@pytest.mark.parametrize(("name", "load"), [*thinned(3, BODIES, LOADS), ("several", "sum")])
 def test_a_step_solves_the_equations_of_collocation(name, load, order):
     """Where a load acts, or a heavy body stands under one: the rows are those of collocation."""
-    body, load = BODIES[name](), LOADS[load]()
+    body, load = (BODIES | {"several": forces_of_several_directions})[name](), LOADS[load]()
     R = Rotation.from_quat(START["rotation"]).as_matrix()
     W = R.T @ START["angular_velocity"]
     W = W if body.axis is None else W - (body.axis @ W) * body.axis
-    end, V, _ = collocated(body, R, W, 0.2, order, load)
+    end, V = collocated(body, R, W, 0.2, order, load)
     run = nt.integrate(
         body, t_end=0.2, step=0.2, rotation=R, material_angular_velocity=W, load=load, integrator=Gauss(order)
     )
@@ -146,7 +147,7 @@ KEYS = "directors", "director_velocities", "multipliers", "moment", "load_work"
 STEPS = {2: (256, 512), 4: (128, 192), 6: (96, 128), 8: (64, 80), 12: (14, 20), 16: (10, 16)}
 
 
-@pytest.mark.parametrize("order", MARKED)
+@pytest.mark.parametrize("order", [16, *(pytest.param(k, marks=pytest.mark.long) for k in STEPS if k < 16)])
 @pytest.mark.parametrize("name", FAST)
 def test_orders_of_fast_motions(name, order):
     """Of attitude, velocity, multiplier, mean moment and work."""
@@ -164,74 +165,41 @@ def test_orders_of_fast_motions(name, order):
     assert (fine < np.maximum(300 * fine[0], 1e-11)).all()
 
 
-def impulses(body, h, order):
-    """Return Δπ of a step, h Σ b_i Λ_i Σ e_j × Λ_iᵀ f^j, and h Σ b_i Σ d_j × f^j, with those of the rows."""
-    R, W = Rotation.from_quat(START["rotation"]).as_matrix(), np.array([1.0, -2, 0.5])
-    how = {"rotation": R, "material_angular_velocity": W, "integrator": "gauss", "order": order}
-    run = nt.integrate(body, t_end=h, step=h, **how)
-    *_, found = collocated(body, R, W, h, order, nt.Load())
-    stages = [x[3:].reshape(3, 3) for x in found]
-    torques = [cross(np.eye(3), body.dead_force @ L).sum(0) for L in stages]
-    moments = [cross(L.T, body.dead_force).sum(0) for L in stages]
-    seen = [L @ M for L, M in zip(stages, torques, strict=True)]
-    pi = [L.as_matrix() @ body.inertia @ V for L, V in zip(run.rotation, run.material_angular_velocity, strict=True)]
-    return pi[1] - pi[0], h * weights(order) @ seen, h * weights(order) @ moments
-
-
-@pytest.mark.parametrize("order", [2, 4, 8])
-def test_impulse_of_forces_of_several_directions(order):
-    """It is that of the torques at the stages, which are not orthonormal; the moments in space are something else."""
-    body = replace(nt.standard(TILTED), dead_force=np.array([[1.0, 2, -1], [0.5, -3, 1], [2, 1, 0.4]]))
-    change, of_torques, of_moments = impulses(body, 0.6, order)
-    assert change == pytest.approx(of_torques, abs=1e-12)
-    assert abs(change - of_moments).max() > 1e-7
-
-
-@pytest.mark.parametrize("order", [2, 4, 6])
-def test_impulse_of_a_body_that_turns_by_the_vertical(order):
-    """The vertical part is exact, the horizontal one to the order."""
-    body, gaps = nt.with_gravity(nt.standard(TILTED), 2.0, [0.1, 0.2, 0.5]), []
-    for h in (0.05, 0.025):
-        change, of_torques, _ = impulses(body, h, order)
-        assert abs(change[2]) < 1e-13
-        gaps.append(abs(change - of_torques).max())
-    assert gaps[0] > 1e-12
-    assert gaps[0] / gaps[1] > 0.8 * 2 ** (order + 1)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_momenta_of_the_non_twisting_body(order):
+@pytest.mark.parametrize("order", FEW)
+def test_momenta(order):
+    """Of the non-twisting body, by the impulse of a moment and without; the vertical one of a heavy body."""
     M = np.array([1.0, -2, 0.7])
     run = nt.simulate(nt.nontwisting(PAPER_J), load=nt.body_moment(lambda t: M * t), order=order, **HOW)
     impulse = np.outer(run.midtime, M[:2]) * 0.1
-    Pi = run.material_momentum.values
-    assert np.diff(Pi[:, :2], axis=0) == pytest.approx(impulse, abs=1e-13)
+    assert np.diff(run.material_momentum.values[:, :2], axis=0) == pytest.approx(impulse, abs=1e-13)
     free = nt.simulate(nt.nontwisting(PAPER_J), order=order, **HOW)
     assert np.ptp(free.material_momentum.values, axis=0).max() < 1e-14
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_vertical_momentum(order):
-    run = nt.simulate(nt.with_gravity(nt.standard(TILTED), 0.5, [0.1, 0.3, 0.2]), order=order, **HOW)
-    pi = run.spatial_momentum.values
+    heavy = nt.with_gravity(nt.standard(TILTED), 0.5, [0.1, 0.3, 0.2])
+    pi = nt.simulate(heavy, order=order, **HOW).spatial_momentum.values
     assert np.ptp(pi[:, 2]) < 1e-14 * abs(pi).max()
     assert np.ptp(pi[:, 0]) > 0.1
 
 
-@pytest.mark.parametrize("order", MARKED)
-@pytest.mark.parametrize("name", BODIES)
-def test_drag_never_lets_the_energy_rise(name, order):
-    """At h λ up to 1000, where a run says that modes are not resolved."""
-    body = nt.suslov(TILTED, [0.3, 0.2, 1]) if name == "heavy_top" else BODIES[name]()
-    for drag in (0.1, 10.0, 1e4):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if drag < 1:
-                warnings.filterwarnings("error", "damping slows the body down")
-            run = nt.simulate(body, load=nt.damping([drag, 2 * drag, 3 * drag]), order=order, **{**HOW, "step": 0.25})
+def push(t, d, w):
+    return d[0, 1] - 900 * w[0], d[1, 2] * w[0] - 1000 * w[1], -d[2, 0] - 100 * w[2]
+
+
+@pytest.mark.parametrize("order", FEW)
+def test_drag_never_lets_the_energy_rise_and_stiff_moments_are_solved(order):
+    """At h λ up to a million, where a run says that modes are not resolved; energy goes where the work says."""
+    bodies = nt.suslov(TILTED, [0.3, 0.2, 1]), nt.nontwisting(PAPER_J), nt.standard(TILTED)
+    loads = [nt.damping([drag, 2 * drag, 3 * drag]) for drag in (0.1, 10.0, 1e4, 2e6)]
+    for body, load in [*product(bodies, loads), (bodies[-1], nt.moment(push, compiled=True))]:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            run = nt.simulate(body, load=load, order=order, **{**HOW, "step": 0.25, "t_end": 5})
+        slow = [one for one in told if "damping slows the body down" in str(one.message)]
+        assert bool(slow) == (load.damping.max() > 50)
         K = run.kinetic_energy.values
-        assert np.diff(K).max() <= 4e-16 * K[0]
         assert np.diff(K) == pytest.approx(run.load_work.values, abs=1e-14 * K[0])
+        assert np.diff(K).max() <= 4e-16 * K[0] or not load.damping.any()
+        if body is bodies[-1] and load not in loads[:3]:
+            assert run.newton_iterations.max() < 20
 
 
 def test_a_run_says_that_damped_modes_are_not_resolved():
@@ -249,32 +217,7 @@ def test_a_run_says_that_damped_modes_are_not_resolved():
         nt.simulate(nt.nontwisting([3, 4, 5]), load=nt.damping([1, 1, 600]), **how)
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_damping_at_a_million_rates_a_step(order):
-    """The equations are solved, and energy goes where the work says."""
-    with pytest.warns(UserWarning, match="does not resolve"):
-        run = nt.simulate(
-            nt.standard(TILTED), load=nt.damping([4e6, 5e6, 6e6]), order=order, **{**HOW, "step": 0.25, "t_end": 5}
-        )
-    K = run.kinetic_energy.values
-    assert np.diff(K).max() <= 4e-16 * K[0]
-    assert np.diff(K) == pytest.approx(run.load_work.values, abs=1e-13 * K[0])
-    assert run.newton_iterations.max() < 20
-
-
-def push(t, d, w):
-    return d[0, 1] - 900 * w[0], d[1, 2] * w[0] - 1000 * w[1], -d[2, 0] - 100 * w[2]
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_stiff_moments_of_the_state_are_solved(order):
-    run = nt.simulate(nt.standard(TILTED), load=nt.moment(push, compiled=True), order=order, **{**HOW, "step": 0.25})
-    K = run.kinetic_energy.values
-    assert np.diff(K) == pytest.approx(run.load_work.values, abs=1e-13 * K[0])
-    assert run.newton_iterations.max() < 20
-
-
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", FEW)
 def test_steps_of_two_radians(order):
     """Where fixed points do not contract, at low orders: energy and momentum stay."""
     run = nt.simulate(
@@ -284,7 +227,7 @@ def test_steps_of_two_radians(order):
         assert np.ptp(kept, axis=0).max() < 1e-13 * abs(kept).max()
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", FEW)
 def test_needles_keep_their_energy_though_their_spin_is_round_off(order):
     """Where W_1 = P_1 / J_1 has the round-off of all P, fixed points stand still far from the stages."""
     inertia, start = np.diag([1, 1e-7, 1 + 5e-8]), {"material_angular_velocity": (0.3, 0.2, 2.0)}
@@ -304,15 +247,10 @@ def test_needles_keep_their_energy_though_their_spin_is_round_off(order):
 
 def test_averages_over_the_stages_have_the_order_of_the_scheme():
     """Of the energy of a heavy top, against fine steps."""
-    body, how = nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)), {**START, "t_end": 2, "integrator": "gauss", "order": 8}
-    W = how.pop("angular_velocity")
-    how.pop("project")
-    coarse, middle, fine = (
-        nt.simulate_ensemble(body, angular_velocity=[W], step=2 / n, reduce=("averages",), store="end", **how)
-        for n in (10, 14, 80)
-    )
-    name = next(key for key in fine.data_vars if "kinetic_energy" in key)
-    errors = [abs(float(run[name].squeeze() - fine[name].squeeze())) for run in (coarse, middle)]
+    how = {"t_end": 2, "integrator": "gauss", "order": 8, "reduce": ("averages",), "angular_velocity": [1, -2, 0.5]}
+    body = nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5))
+    means = [nt.simulate_ensemble(body, step=2 / n, **how).kinetic_energy_mean.item() for n in (10, 14, 80)]
+    errors = np.abs(means[:2] - np.array(means[2]))
     assert np.log(errors[0] / errors[1]) / np.log(1.4) == pytest.approx(8, abs=1)
 
 

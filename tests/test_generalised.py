@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import dataclass
-from functools import cache
+from itertools import product
 from typing import Annotated
 from unittest.mock import patch
 
@@ -78,30 +78,28 @@ def forces(t, d, w):
 
 
 Q = np.array([[2, 0.3, 0], [0.3, -1, 0.5], [0, 0.5, 4]])
-QUADRATIC = potential((0, 0, 1), linear=(1, 2, -1), quadratic=Q)
+SPRING = {"stiffness": 8, "point": (0.2, 0.1, 0.8), "anchor": (0, 0, 1.5)}
 POTENTIALS = {
-    "quadratic": QUADRATIC,
-    "spring": spring(8, (0.2, 0.1, 0.8), (0, 0, 1.5), 0.7),
-    "function": potential((0, 0, 1.0), well, slope),
-    "linear": spring(8, (0.2, 0.1, 0.8), (0, 0, 1.5)) + dipole((1, 2, -3), (0, 0, 2)),
+    "quadratic": (QUADRATIC := potential((0, 0, 1), linear=(1, 2, -1), quadratic=Q)),
+    "spring": spring(*SPRING.values(), 0.7),
+    "function": potential((0, 0, 1.0), well, slope, compiled=True),
+    "linear": spring(*SPRING.values()) + dipole((1, 2, -3), (0, 0, 2)),
+    "two": potential([(0, 0, 1), (1, 0, 0)], pair, slope_of_pair, compiled=True),
 }
-TWO = potential([(0, 0, 1), (1, 0, 0)], pair, slope_of_pair)
 
 
-def truth(load, t_end=2.0, J=J):
-    """Directors at t_end, and the work of the load, from Euler's equations for (Λ, π, A) alone."""
+def truth(load):
+    """Directors after 2 s, and the work of the load, from Euler's equations for (Λ, π, A) alone."""
     q0 = START["rotation"].as_matrix().T
 
     def rates(t, y):
         q, pi = y[:9].reshape(3, 3), y[9:12]
         w = np.linalg.solve(J, q @ pi) @ q
-        m, work = np.zeros(3), 0.0
-        for f in load(t, q, w):
-            m, work = m + cross(q, f).sum(0), work + np.sum(f * cross(w, q))
-        return np.concatenate([cross(w, q).ravel(), m, [work]])
+        f = load(t, q, w)
+        return np.concatenate([cross(w, q).ravel(), cross(q, f).sum(0), [np.sum(f * cross(w, q))]])
 
     start = np.concatenate([q0.ravel(), (J @ START["material_angular_velocity"]) @ q0, [0.0]])
-    done = solve_ivp(rates, (0, t_end), start, "DOP853", rtol=1e-12, atol=1e-13, max_step=0.05).y[:, -1]
+    done = solve_ivp(rates, (0, 2.0), start, "DOP853", rtol=1e-12, atol=1e-13, max_step=0.05).y[:, -1]
     return done[:9].reshape(3, 3), done[12]
 
 
@@ -119,26 +117,47 @@ class Forces(DirectorForces):
         return self.strength * forces(t, directors, angular_velocity)
 
 
-LOADS = {
-    "table in space": (lambda: director_forces(TIMES, FORCES), lambda t, q, w: [table_at(t)]),
-    "table along directors": (lambda: director_forces(TIMES, FORCES, frame="body"), lambda t, q, w: [table_at(t) @ q]),
-    "function": (lambda: director_forces(forces), lambda t, q, w: [forces(t, q, w)]),
-    "function along directors": (lambda: director_forces(forces, frame="body"), lambda t, q, w: [forces(t, q, w) @ q]),
-    "term of one's own": (lambda: 2 * Forces(0.5), lambda t, q, w: [forces(t, q, w)]),
-    "compiled": (lambda: 2 * director_forces(forces, compiled=True), lambda t, q, w: [2 * forces(t, q, w)]),
+def along(a, gradient):
+    """The forces of a potential of the components of the directors along a."""
+    return -np.outer(gradient, a)
+
+
+def of_spring(q, rest):
+    length = np.linalg.norm(np.array(SPRING["point"]) @ q - SPRING["anchor"])
+    return along(SPRING["anchor"], -8 * (1 - rest / length) * np.array(SPRING["point"]))
+
+
+def of_orbit(t, q):
+    c, s = np.cos(0.7 * (t - 0.3)) / np.sqrt(2), np.sin(0.7 * (t - 0.3)) / np.sqrt(2)
+    r = np.array([c - s, c + s, 0])
+    return along(r, 3 * 0.49 * J @ (q @ r))
+
+
+UP = np.array([0, 0, 1.0])
+FORCED = {  # loads of forces, of potentials, and what they are by hand
+    "table in space": (lambda: director_forces(TIMES, FORCES), lambda t, q, w: table_at(t)),
+    "table along directors": (lambda: director_forces(TIMES, FORCES, frame="body"), lambda t, q, w: table_at(t) @ q),
+    "function along directors": (lambda: director_forces(forces, frame="body"), lambda t, q, w: forces(t, q, w) @ q),
+    "term of one's own": (lambda: 2 * Forces(0.5), forces),
+    "compiled": (lambda: 2 * director_forces(forces, compiled=True), lambda t, q, w: 2 * forces(t, q, w)),
+    "quadratic": (lambda: QUADRATIC, lambda t, q, w: along(UP, (1, 2, -1) + Q @ q[:, 2])),
+    "spring": (lambda: POTENTIALS["spring"], lambda t, q, w: of_spring(q, 0.7)),
+    "linear": (lambda: POTENTIALS["linear"], lambda t, q, w: of_spring(q, 0.0) + along(UP, (-2, -4, 6))),
+    "function": (lambda: POTENTIALS["function"], lambda t, q, w: along(UP, slope(q[:, 2]))),
+    "two": (
+        lambda: POTENTIALS["two"],
+        lambda t, q, w: sum(map(along, np.eye(3)[[2, 0]], np.array(slope_of_pair(q.T[[2, 0]])))),
+    ),
+    "orbit": (lambda: gravity_gradient(0.7, (1, 1, 0), (0, 0, 2), 0.3), lambda t, q, w: of_orbit(t, q)),
 }
 
 
-@cache
-def made(name):
-    return LOADS[name][0]()
-
-
 @patch.dict(KINDS, strength=Forces)
-@pytest.mark.parametrize("name", LOADS)
-def test_director_forces_in_every_integrator(name):
-    load, of_truth = made(name), LOADS[name][1]
-    directors, work = truth(of_truth)
+@pytest.mark.parametrize("name", FORCED)
+def test_motion_and_work_in_every_integrator(name):
+    """The order of both; and momentum changes by the moment, energy by the work."""
+    load, by_hand = FORCED[name][0](), FORCED[name][1]
+    directors, work = truth(by_hand)
     assert load.breakpoints == (tuple(TIMES) if name.startswith("table") else ())
     for form in ("split", "director"):
         run = simulate(FREE, times=[0, 2.0], load=load, integrator=Continuous(form=form), **START)
@@ -147,92 +166,96 @@ def test_director_forces_in_every_integrator(name):
         errors = []
         for n in (64, 128):
             run = simulate(FREE, t_end=2, step=2 / n, load=load, integrator=scheme, order=order, **START)
-            off = abs(run.directors.values[-1] - directors).max()
-            errors.append((off, abs(run.load_work.values.sum() - work)))
-        assert np.log2(errors[0][0] / errors[1][0]) == pytest.approx(order or 2, abs=0.25)
-        assert np.log2(errors[0][1] / errors[1][1]) == pytest.approx(order or 2, abs=0.25)
+            gap = abs(run.load_work.values.sum() - work)
+            errors.append((abs(run.directors.values[-1] - directors).max(), gap))
+        orders = np.log2(errors[0]) - np.log2(errors[1])
+        assert orders[0] == pytest.approx(order or 2, abs=0.25)
+        if load.potentials:
+            continue
+        assert orders[1] == pytest.approx(order or 2, abs=0.25)
         gained = np.diff(run.kinetic_energy.values[[0, -1]])[0]
-        assert gained == pytest.approx(run.load_work.values.sum(), abs=1e-12 * abs(work).max() + 1e-12)
+        assert gained == pytest.approx(run.load_work.values.sum(), abs=1e-12 * abs(work) + 1e-12)
         impulse = run.moment.values.T @ np.diff(run.time.values)
         assert impulse == pytest.approx(np.diff(run.spatial_momentum.values[[0, -1]], axis=0)[0], abs=1e-12)
+    if load.potentials:
+        run = integrate(FREE, t_end=2, step=1 / 32, load=load, integrator="gauss", order=8, **START)
+        assert abs(run.directors[-1] - directors).max() < 1e-9
+
+
+def require_same(run, known, directors=1e-13, multipliers=1e-10):
+    assert abs(run.directors - known.directors).max() < directors
+    assert abs(run.multipliers - known.multipliers).max(initial=0) < multipliers
 
 
 @pytest.mark.parametrize("body", [FREE, HELD, SLANTED], ids=["standard", "nontwisting", "suslov"])
-@pytest.mark.parametrize("name", ["table in space", "table along directors", "function", "term of one's own"])
 @patch.dict(KINDS, strength=Forces)
-def test_director_scheme_is_that_of_the_paper(body, name):
-    how = {
-        "t_end": 0.4,
-        "step": 0.02,
-        "load": made(name) + moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0])),
-        **START,
-    }
+def test_director_scheme_is_that_of_the_paper(body):
+    names = ("table in space", "table along directors", "function along directors", "term of one's own")
+    load = sum((FORCED[name][0]() for name in names), moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0])))
+    how = {"t_end": 0.2, "step": 0.02, "load": load, **START}
     run = integrate(body, integrator="energy-momentum", **how)
     known = integrate(body, integrator=ReferenceEnergyMomentum(), **how)
-    assert abs(run.directors - known.directors).max() < 1e-13
-    assert abs(run.multipliers - known.multipliers).max() < 1e-10 * abs(known.multipliers).max()
+    require_same(run, known, multipliers=1e-10 * abs(known.multipliers).max())
     assert abs(run.moment - known.moment).max() < 1e-12
     assert abs(run.load_work - known.load_work).max() < 1e-13
 
 
-def test_director_forces_as_dead_forces():
-    """A table that is constant is a dead force, to round-off, with its multipliers."""
-    rho, g = np.array([0.1, 0.2, 0.5]), np.array([0, 0, -9.81])
-    heavy = with_gravity(FREE, 1.5, rho, g)
-    load = director_forces([0, 1], [1.5 * np.outer(rho, g)] * 2)
+def test_director_forces_that_are_something_else():
+    """Constant: dead forces. Along a, of a quadratic potential: that. x × d_i at mean directors: an exact moment."""
+    rho, g, how = np.array([0.1, 0.2, 0.5]), np.array([0, 0, -9.81]), {"t_end": 1, "step": 0.05, **START}
+    heavy, dead = with_gravity(FREE, 1.5, rho, g), director_forces([0, 1], [1.5 * np.outer(rho, g)] * 2)
     for scheme in ("lie-midpoint", "energy-momentum", "gauss"):
-        known = integrate(heavy, t_end=1, step=0.02, integrator=scheme, **START)
-        run = integrate(FREE, t_end=1, step=0.02, integrator=scheme, load=load, **START)
-        assert abs(run.directors - known.directors).max() < 1e-12
-        assert abs(run.multipliers - known.multipliers).max(initial=0) < 1e-10
+        run = integrate(FREE, integrator=scheme, load=dead, **how)
+        require_same(run, integrate(heavy, integrator=scheme, **how), 1e-12)
         drop = abs(run.load_work.sum() - 1.5 * g @ ((run.directors[-1] - run.directors[0]).T @ rho))
         assert drop < 1e-12
-
-
-def test_exact_moments_have_the_moment_and_the_work():
-    load = space_moment(lambda t: (3, -2, 1)) + pulse((0, 2, 1), end=0.8)
-    exact = integrate(FREE, t_end=1, step=0.1, load=load, integrator=EXACT, **START)
-    paper = integrate(FREE, t_end=1, step=0.1, load=load, integrator="energy-momentum", **START)
-    h_m = 0.1 * np.array([3, -2, 1.0])
-    for run, is_exact in ((exact, True), (paper, False)):
-        Pi = run.to_dataset().spatial_momentum.values
-        gap = abs(np.diff(Pi, axis=0)[-2:] - h_m).max()  # the pulse is over
-        assert (gap < 1e-13) == is_exact
-        balance = np.diff(run.to_dataset().kinetic_energy.values) - run.load_work
-        assert abs(balance).max() < 1e-13
-    mean = (exact.directors[1:] + exact.directors[:-1]) / 2
-    assert abs(np.swapaxes(mean, 1, 2) @ mean - np.eye(3)).max() > 1e-3  # so the paper's moment is another one
-
-
-def test_exact_moments_are_what_director_forces_are():
-    """The same moment as forces x × d_i, computed at the mean directors."""
+    by_forces = director_forces(lambda t, d, w: along(UP, np.array([1.0, 2, -1]) + Q @ (d @ UP)))
+    for body in (FREE, HELD):
+        for scheme in ("lie-midpoint", "energy-momentum"):
+            known = integrate(body, load=by_forces, integrator=scheme, **how)
+            require_same(integrate(body, load=QUADRATIC, integrator=scheme, **how), known, 1e-12, 1e-9)
 
     def as_forces(t, d, w):
         D = d.T @ d
         return np.cross(np.linalg.solve(np.trace(D) * np.eye(3) - D, [3.0, -2, 1]), d)
 
-    how = {"t_end": 1, "step": 0.05, **START}
     known = integrate(FREE, load=director_forces(as_forces), integrator="energy-momentum", **how)
     run = integrate(FREE, load=space_moment(lambda t: (3, -2, 1)), integrator=EXACT, **how)
-    assert abs(run.directors - known.directors).max() < 1e-13
-    assert abs(run.multipliers - known.multipliers).max() < 1e-10
+    require_same(run, known)
     assert abs(run.load_work - known.load_work).max() < 1e-13
 
 
-@pytest.mark.parametrize(("body", "name"), thinned(2, [FREE, HELD, SLANTED], [*POTENTIALS, "two"]))
+GYROSTATS = {f"{name}, rotor": POTENTIALS[name] + rotor((1, 0, 0.5), 0.8) for name in ("quadratic", "linear")}
+
+
+CASES = [*thinned(2, [FREE, HELD, SLANTED], POTENTIALS), *product([FREE], GYROSTATS)]
+
+
+@pytest.mark.parametrize(("body", "name"), CASES)
 def test_energy_and_vertical_momentum_are_kept_at_large_steps(body, name):
-    load = TWO if name == "two" else POTENTIALS[name]
-    by_coefficients = name in ("quadratic", "linear")
     for scheme, order in (("lie-midpoint", 2), ("energy-momentum", 2), (EXACT, None), ("gauss", 2), ("gauss", 6)):
+        load = (POTENTIALS | GYROSTATS)[name]
         run = simulate(body, t_end=20, step=0.1, load=load, integrator=scheme, order=order, **START)
-        found = drifts(run)
-        if by_coefficients or scheme != "gauss":
-            assert found["total_energy"].relative < 2e-13, scheme
+        kept = {drift.symbol: drift.relative for drift in drifts(run).values()}
+        energy, vertical = ("K+V−A", "(π+Λh)·g") if name in GYROSTATS else ("K+V", "π·g")
+        if name not in ("function", "spring", "two") or scheme != "gauss":
+            assert kept[energy] < 2e-13, scheme
         assert np.ptp(run.potential_energy.values) > 0.5
-        assert abs(run.load_work.values).max() == abs(run.moment.values).max() == 0
-        assert ("vertical_momentum" in found) == (body is FREE and name != "two")
-        if "vertical_momentum" in found:
-            assert found["vertical_momentum"].relative < 2e-13, scheme
+        assert (vertical in kept) == (body is FREE and name != "two")
+        assert kept.get(vertical, 0) < 2e-13, scheme
+        if name in GYROSTATS:
+            assert np.ptp(run.spatial_momentum.values[:, 2]) > 0.1  # of the body alone it is not kept
+        else:
+            assert abs(run.load_work.values).max() == abs(run.moment.values).max() == 0
+
+
+def test_compiled_potential_is_the_one_in_python():
+    plain = potential((0, 0, 1.0), well, slope)
+    for scheme in ("gauss", "lie-midpoint", "energy-momentum", "split"):
+        how = {"t_end": 1, "step": 0.05, "integrator": scheme, **START}
+        one, other = (integrate(FREE, load=load, **how) for load in (plain, POTENTIALS["function"]))
+        assert abs(one.directors - other.directors).max() < 1e-12
+        assert one.to_dataset().potential_energy.values == pytest.approx(other.to_dataset().potential_energy.values)
 
 
 def test_gauss_keeps_other_potentials_to_its_order():
@@ -241,77 +264,6 @@ def test_gauss_keeps_other_potentials_to_its_order():
         run = simulate(FREE, t_end=4, step=4 / n, load=POTENTIALS["function"], integrator="gauss", order=4, **START)
         errors.append(drifts(run)["total_energy"].relative)
     assert 1e-10 < errors[1] < errors[0] / 10
-
-
-@pytest.mark.parametrize("name", [*POTENTIALS, "two", "orbit"])
-def test_motion_under_potentials(name):
-    load = {**POTENTIALS, "two": TWO, "orbit": gravity_gradient(0.7, (1, 1, 0), (0, 0, 2), 0.3)}[name]
-    by_hand = {
-        "quadratic": lambda t, q: [((0, 0, 1.0), (1, 2, -1) + Q @ q[:, 2])],
-        "spring": lambda t, q: [_spring_by_hand(q, 8, (0.2, 0.1, 0.8), (0, 0, 1.5), 0.7)],
-        "linear": lambda t, q: [
-            _spring_by_hand(q, 8, (0.2, 0.1, 0.8), (0, 0, 1.5), 0.0),
-            ((0, 0, 1.0), -2 * np.array([1.0, 2, -3])),
-        ],
-        "function": lambda t, q: [((0, 0, 1.0), slope(q[:, 2]))],
-        "two": lambda t, q: list(zip(np.eye(3)[[2, 0]], slope_of_pair(q.T[[2, 0]]), strict=True)),
-        "orbit": lambda t, q: [(r := _radius(0.7 * (t - 0.3)), 3 * 0.49 * J @ (q @ r))],
-    }[name]
-    directors, _ = truth(lambda t, q, w: [-np.outer(dV, a) for a, dV in by_hand(t, q)])
-    run = simulate(FREE, times=[0, 2.0], load=load, integrator="continuous", **START)
-    assert abs(run.directors.values[-1] - directors).max() < 1e-9
-    for scheme, order in (*STEPPING, ("gauss", 8)):
-        errors = []
-        for n in (64, 128):
-            run = integrate(FREE, t_end=2, step=2 / n, load=load, integrator=scheme, order=order, **START)
-            errors.append(abs(run.directors[-1] - directors).max())
-        if order == 8:
-            assert errors[0] < 1e-9
-        else:
-            assert np.log2(errors[0] / errors[1]) == pytest.approx(order or 2, abs=0.25)
-
-
-def _spring_by_hand(q, k, rho, anchor, rest):
-    length = np.linalg.norm(np.array(rho) @ q - anchor)
-    return np.array(anchor), -k * (1 - rest / length) * np.array(rho)
-
-
-def _radius(angle):
-    c, s = np.cos(angle) / np.sqrt(2), np.sin(angle) / np.sqrt(2)
-    return np.array([c - s, c + s, 0])
-
-
-def test_potential_is_its_forces_on_directors():
-    """The discrete gradient of a quadratic potential is that at the mean, so the multipliers λ are those of forces."""
-    a = np.array([0, 0, 1.0])
-    by_forces = director_forces(lambda t, d, w: -np.outer(np.array([1.0, 2, -1]) + Q @ (d @ a), a))
-    for body in (FREE, HELD):
-        for scheme in ("lie-midpoint", "energy-momentum"):
-            known = integrate(body, t_end=1, step=0.05, load=by_forces, integrator=scheme, **START)
-            run = integrate(body, t_end=1, step=0.05, load=QUADRATIC, integrator=scheme, **START)
-            assert abs(run.directors - known.directors).max() < 1e-12
-            assert abs(run.multipliers - known.multipliers).max(initial=0) < 1e-9
-
-
-def test_compiled_potential_is_the_one_in_python():
-    compiled = potential((0, 0, 1.0), _compilable, _its_slope, compiled=True)
-    plain = potential((0, 0, 1.0), _compilable, _its_slope)
-    for scheme in ("gauss", "lie-midpoint", "energy-momentum", "split"):
-        runs = [
-            integrate(FREE, t_end=1, step=0.05, load=load, integrator=scheme, **START) for load in (compiled, plain)
-        ]
-        assert abs(runs[0].directors - runs[1].directors).max() < 1e-12
-        assert runs[0].to_dataset().potential_energy.values == pytest.approx(
-            runs[1].to_dataset().potential_energy.values
-        )
-
-
-def _compilable(g):
-    return 2 * np.cos(g[0]) + g[1] ** 3
-
-
-def _its_slope(g):
-    return -2 * np.sin(g[0]), 3 * g[1] ** 2, 0.0
 
 
 def test_nutation_of_a_symmetric_top_on_a_spring():
@@ -348,7 +300,7 @@ def test_nutation_of_a_symmetric_top_on_a_spring():
 
 
 def test_pitch_of_a_satellite_at_finite_amplitude():
-    """θ'' = -(3n²/2)((J_roll - J_yaw)/J_pitch) sin 2θ is a pendulum: 100 periods against the elliptic integral."""
+    """θ'' = -(3n²/2)((J_roll - J_yaw)/J_pitch) sin 2θ is a pendulum: 20 periods against the elliptic integral."""
     n, yaw, roll, pitch, amplitude = 1.0, 2.0, 4.0, 5.0, 0.9
     rate = n * np.sqrt(3 * (roll - yaw) / pitch)
     period = 4 * ellipk(np.sin(amplitude) ** 2) / rate
@@ -360,71 +312,35 @@ def test_pitch_of_a_satellite_at_finite_amplitude():
     upright.direction = 1
     start = {"rotation": Rotation.from_euler("z", amplitude), "material_angular_velocity": (0, 0, n)}
     how = {"load": gravity_gradient(n), "order": 12, "events": [upright]}
-    run = simulate(standard([yaw, roll, pitch]), t_end=101 * period, step=101 * period / 4000, **start, **how)
+    run = simulate(standard([yaw, roll, pitch]), t_end=21 * period, step=21 * period / 840, **start, **how)
     times = run.t_events.values
-    assert len(times) == 101
-    assert (times[100] - times[0]) / 100 == pytest.approx(period, rel=1e-9)
+    assert len(times) == 21
+    assert (times[20] - times[0]) / 20 == pytest.approx(period, rel=1e-9)
     assert times[0] == pytest.approx(0.75 * period, rel=1e-9)
     assert drifts(run)["jacobi_integral"].relative < 1e-13
 
 
-def test_roll_and_yaw_of_a_satellite():
-    """Small oscillations: the eigenvalues of the tangent of a run against those of the linear equations."""
-    n, (A, B, C) = 1.0, (2.0, 4.0, 5.0)  # about the radius, along the track, normal to the orbit
-    k_r, k_y = (C - A) / B, (C - B) / A
-    # Roll φ about the track, yaw ψ about the radius: φ'' + 4n²k_r φ = n(1 - k_r)ψ', ψ'' + n²k_y ψ = -n(1 - k_y)φ'.
-    b, c = 1 + 3 * k_r + k_r * k_y, 4 * k_r * k_y
-    known = n * np.sqrt((b + np.array([-1, 1]) * np.sqrt(b * b - 4 * c)) / 2)
-    body, t_end, e = standard([A, B, C]), 0.5, 1e-5
-
-    def after(x):
-        """The state relative to the orbit: the rotation vector and the rates of its beginning."""
-        turn = Rotation.from_rotvec([x[0], x[1], 0])
-        W = turn.inv().apply([0, 0, n]) + np.array([x[2], x[3], 0])
-        how = {"t_end": t_end, "step": 0.01, "order": 12, "load": gravity_gradient(n), "store": "end"}
-        run = integrate(body, rotation=turn, material_angular_velocity=W, **how)
-        orbit = Rotation.from_rotvec([0, 0, n * t_end])
-        end = orbit.inv() * run.rotation[-1]
-        rates = run.material_angular_velocity[-1] - end.inv().apply([0, 0, n])
-        return np.concatenate([end.as_rotvec()[:2], rates[:2]])
-
-    tangent = np.array([(after(e * x) - after(-e * x)) / (2 * e) for x in np.eye(4)]).T
-    found = np.sort(abs(np.angle(np.linalg.eigvals(tangent))) / t_end)[::2]
-    assert found == pytest.approx(known, rel=1e-8)
-
-
-@pytest.mark.parametrize("order", [2, 4, 8, 12])
-def test_gauss_keeps_the_integral_of_the_orbit(order):
-    load = gravity_gradient(0.7, (1, 1, 0), (0, 0, 2), 0.3)
-    run = simulate(FREE, t_end=100, step=0.25, load=load, integrator="gauss", order=order, **START)
-    assert drifts(run)["jacobi_integral"].relative < 1e-13
-    assert run.orthonormality_defect.max() < 1e-14
+@pytest.mark.parametrize("wheel", [None, rotor((0.6, 0, 0.8), 2), rotor((0.6, 0, 0.8), [0, 1.5, 30], [0, 3, 1])])
+def test_the_integral_of_an_orbit_is_kept_and_counts_the_wheels(wheel):
+    """K + V - A - n o·(π + Λh), by gauss to round-off where no wheel turns; other loads and constraints leave none."""
+    n, o, orbit = 0.7, np.array([0, 0, 1.0]), gravity_gradient(0.7, (1, 1, 0), (0, 0, 2), 0.3)
+    load = orbit + wheel if wheel else orbit
+    ways = ((4, 0.1), (4, 0.05), (12, 0.05)) if wheel else ((2, 0.25), (12, 0.25))
+    runs = [simulate(FREE, t_end=30, step=h, load=load, order=order, **START) for order, h in ways]
+    found, run = [drifts(run)["jacobi_integral"].relative for run in runs], runs[-1]
     energy = (run.kinetic_energy + run.potential_energy).values
-    assert np.ptp(energy) > 0.1  # K + V is not kept
-    if order == 8:
-        other = simulate(FREE, t_end=100, step=0.25, load=load + 0 * pulse((1, 0, 0)), order=order, **START)
-        assert abs(other.directors.values - run.directors.values)[:40].max() < 1e-6
-
-
-@pytest.mark.parametrize("wheel", [rotor((0.6, 0, 0.8), 2), rotor((0.6, 0, 0.8), [0, 1.5, 30], [0, 3, 1])])
-def test_the_integral_of_an_orbit_counts_the_wheels(wheel):
-    """K + V - A - n o·(π + Λh), to the error of the run; other loads and constraints leave none."""
-    n, o = 0.7, np.array([0, 0, 1.0])
-    load = gravity_gradient(n, (1, 1, 0), o, 0.3) + wheel
-    runs = [
-        simulate(FREE, t_end=30, step=h, load=load, order=order, **START)
-        for order, h in ((4, 0.1), (4, 0.05), (12, 0.05))
-    ]
-    coarse, half, fine = (drifts(run)["jacobi_integral"] for run in runs)
-    assert fine.symbol == "K+V−A−n o·(π+Λh)"
-    assert fine.relative < 1e-13
-    assert coarse.relative / half.relative == pytest.approx(16, rel=0.25)
-    run = runs[-1]
-    energy = run.kinetic_energy + run.potential_energy
+    assert found[-1] < 1e-13
+    assert run.orthonormality_defect.max() < 1e-14
+    if not wheel:
+        assert max(found) < 1e-13
+        assert np.ptp(energy) > 0.1  # K + V is not kept
+        return
+    assert drifts(run)["jacobi_integral"].symbol == "K+V−A−n o·(π+Λh)"
+    assert found[0] / found[1] == pytest.approx(16, rel=0.25)
     work = np.append(0, np.cumsum(run.load_work.values))
-    kept = energy.values - work - n * run.total_momentum.values @ o
+    kept = energy - work - n * run.total_momentum.values @ o
     assert np.ptp(kept) < 1e-12
-    assert np.ptp(energy.values - work) > 0.1
+    assert np.ptp(energy - work) > 0.1
     assert np.ptp(kept + n * (run.total_momentum - run.spatial_momentum).values @ o) > 0.1  # without the wheel
     for other in (load + pulse((0, 1, 0), end=1), load + POTENTIALS["spring"]):
         assert "jacobi_integral" not in drifts(simulate(FREE, t_end=1, step=0.1, load=other, **START))
@@ -477,56 +393,34 @@ def test_records_make_the_load_again():
     load = sum((POTENTIALS["spring"], gravity_gradient(0.3, start=2), director_forces(TIMES, FORCES)), QUADRATIC)
     assert load_of(json.loads(json.dumps(load.description))) == load
     with says():
-        load_of(POTENTIALS["function"].description)
-
-
-@pytest.mark.parametrize(
-    ("integrator", "order"), [("lie-midpoint", 2), ("energy-momentum", 2), (EXACT, None), ("gauss", 4)]
-)
-@pytest.mark.parametrize("name", ["quadratic", "linear"])
-def test_a_gyrostat_under_a_potential_keeps_energy_and_vertical_momentum(integrator, order, name):
-    wheel = rotor((1, 0, 0.5), 0.8)
-    run = simulate(FREE, t_end=2, step=0.05, integrator=integrator, order=order, load=POTENTIALS[name] + wheel, **START)
-    kept = drifts(run)
-    assert {"K+V−A", "(π+Λh)·g"} <= {drift.symbol for drift in kept.values()}
-    assert max(drift.relative for drift in kept.values()) < 1e-13
-    assert np.ptp(run.spatial_momentum.values[:, 2]) > 0.1  # of the body alone it is not kept
+        load_of(potential((0, 0, 1.0), well, slope).description)
 
 
 @pytest.mark.parametrize(("integrator", "order", "bound"), [("lie-midpoint", 2, 2e-3), ("gauss", 8, 1e-11)])
 def test_a_prescribed_spin_under_potentials_and_forces(integrator, order, bound):
     load = POTENTIALS["spring"] + director_forces(TIMES, FORCES, frame="body") + rotor((0, 0, 1), 0.5)
     how = {"load": load, "rotation": START["rotation"], "material_angular_velocity": (1, 2, 0)}
-    body, asked = nontwisting([3, 4, 5], spin=0.7), [0, 1, 2.0]
-    known = simulate(body, times=asked, integrator=Continuous(form="split"), **how)
+    body = nontwisting([3, 4, 5], spin=0.7)
+    known = simulate(body, times=[0, 1, 2.0], integrator=Continuous(form="split"), **how)
     run = simulate(body, t_end=2, step=0.02, store=50, integrator=integrator, order=order, **how)
     assert abs(run.directors.values - known.directors.values).max() < bound
 
 
-def test_the_moment_of_the_constraint_is_left_out_where_that_of_a_potential_is_not_known():
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum", "gauss", "split"])
+def test_the_moment_of_the_constraint_is_left_out_where_that_of_a_potential_is_not_known(integrator):
     start = START | {"material_angular_velocity": (1, 2, 0)}
-    for integrator in ("lie-midpoint", "energy-momentum", "gauss", "split"):
-        how = {"t_end": 1, "step": 1 / 64, "integrator": integrator, **start}
-        run = simulate(HELD, load=POTENTIALS["quadratic"], **how)
-        assert "spatial_reaction_moment" not in run
-        run = simulate(HELD, load=dipole((1, 2, -3), (0, 0, 2)), **how)
-        d3 = (run.directors.values[1:, 2] + run.directors.values[:-1, 2]) / 2
-        assert abs(run.spatial_reaction_moment.values - run.reaction_moment.values[:, None] * d3).max() < 0.05
-    run = simulate(
-        HELD, times=[0, 1.0], load=dipole((1, 2, -3), (0, 0, 2)), integrator=Continuous(form="split"), **start
-    )
-    assert "spatial_reaction_moment" not in run
+    load, how = dipole((1, 2, -3), (0, 0, 2)), {"t_end": 1, "step": 1 / 64, "integrator": integrator, **start}
+    assert "spatial_reaction_moment" not in simulate(HELD, load=QUADRATIC, **how)
+    split = Continuous(form="split")
+    assert "spatial_reaction_moment" not in simulate(HELD, times=[0, 1.0], load=load, integrator=split, **start)
+    run = simulate(HELD, load=load, **how)
+    d3 = (run.directors.values[1:, 2] + run.directors.values[:-1, 2]) / 2
+    assert abs(run.spatial_reaction_moment.values - run.reaction_moment.values[:, None] * d3).max() < 0.05
 
 
 @pytest.mark.parametrize(
     ("name", "order"),
-    [
-        ("gauss", 2),
-        ("gauss", 8),
-        pytest.param("gauss", 16, marks=pytest.mark.long),
-        ("lie-midpoint", 2),
-        ("energy-momentum", 2),
-    ],
+    [("gauss", 8), pytest.param("gauss", 16, marks=pytest.mark.long), ("lie-midpoint", 2), ("energy-momentum", 2)],
 )
 @pytest.mark.parametrize("kind", [standard, nontwisting])
 def test_bodies_that_springs_and_drag_bring_to_rest_stay_there(name, order, kind):

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import ctypes
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from threading import Event
 
 import numpy as np
 import pytest
 
 import nontwist as nt
-import texts_rule
 from conftest import thinned
+from nontwist.engine import marching
 from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
-from nontwist.integrators.gauss_newton import Dual, Matrix, Vector, pulled_back, pulled_back_duals, turned
 from nontwist.integrators.members import in_threads
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
 
-SOURCE = Path(nt.__file__).parent
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
 START = {"angular_velocity": (0.3, -0.2, 1.5), "t_end": 0.25, "step": 0.05, "project": True}
 STIFF = {**START, "t_end": 0.5, "step": 0.25}
@@ -129,40 +126,21 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, request, monkeypat
             assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
 
 
-def test_values_are_arguments(monkeypatch):
-    made = []
-    own = machine_code.function_of
-    monkeypatch.setattr(machine_code, "function_of", lambda *args: made.append(args) or own(*args))
-    nt.simulate(nt.standard([3, 4, 5]), load=nt.sine((1, 2, 3), 0.7), integrator="energy-momentum", **START)
-    made.clear()
-    for k in range(1, 51):
-        body, about = nt.standard([3 + 0.1 * k, 4, 5]), {**START, "step": 0.25 / k}
-        load = nt.sine((1, 2 + k, 3), 0.7 * k)
-        nt.simulate(body, load=load, integrator=nt.integrators.EnergyMomentum(), **about)
-    assert not made
+def test_values_and_functions_are_arguments():
+    """A body, a step and a load of other numbers, or with another function, need no other kernel."""
 
+    def other(t, d, w):
+        return (t, w[2], d[0, 0] * 3)
 
-@pytest.mark.parametrize("place", ["engine", "integrators"])
-def test_nothing_changes_behind_the_back_of_a_trace(place):
-    for file in (SOURCE / place).glob("*.py"):
-        assert not texts_rule.faults(file.read_text(encoding="utf-8")), file
-
-
-def test_rows_that_turn_with_the_body():
-    """Of C⁻¹ f, the derivatives by turns and by f are those of differences."""
-    rng = np.random.default_rng(1)
-    C, f, df = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=(3, 6))
-    rows = Matrix(*(turned(Vector(*row)) for row in C))
-    given = Vector(*(Dual(x, list(row)) for x, row in zip(f, df, strict=True)))
-    found, e = pulled_back_duals(rows, given), 1e-6
-    for j in range(6):
-        changes = []
-        for sign in (1, -1):
-            axis = np.eye(3)[j - 3] if j > 2 else np.zeros(3)
-            turned_rows = C + sign * e * np.cross(C, axis)
-            changes.append(pulled_back(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
-        slope = [(a - b) / (2 * e) for a, b in zip(*changes, strict=True)]
-        assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
+    before, about = None, {"integrator": "energy-momentum", **START}
+    for k in range(1, 6):
+        load, about["step"] = nt.sine((1, 2 + k, 3), 0.7 * k), 0.25 / k
+        nt.simulate(nt.standard([3 + 0.1 * k, 4, 5]), load=load, **about)
+        for functions in ([pushing], [other], [pushing, other]):
+            load = sum((nt.moment(f, compiled=True) for f in functions), nt.Load())
+            assert abs(nt.simulate(HELD, load=load, **about).load_work).max() > 1e-7
+        before = before or dict(marching._kernels)
+        assert marching._kernels == before
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import cross
-from nontwist.driver.grid import automatic_grid, graded, stretches_of
+from nontwist.driver.grid import automatic_grid
 from nontwist.integrators.costs import damping_rate, largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
@@ -124,16 +124,6 @@ def test_ensembles_take_such_steps():
     alone = [nt.integrate(OIL, **how(1e4) | {"load": f * nt.damping(1e4)}, store="end") for f in (0.5, 1, 2)]
     W = runs.material_angular_velocity.values[:, -1]
     assert pytest.approx(W, rel=1e-6, abs=1e-12) == [run.material_angular_velocity[-1].tolist() for run in alone]
-
-
-def test_steps_grow_with_the_time_behind_a_kink():
-    borders, sizes = graded(np.array([0.0, 1.0, 5.0]), 0.5, 1e6, 0.25)
-    kink = np.where(borders[:-1] < 1, 0.0, 1.0)
-    assert np.all(sizes <= np.minimum(0.25 * np.maximum(borders[:-1] - kink, 1e-6), 0.5) * (1 + 1e-9))
-    assert {0.0, 1.0, 5.0} <= set(borders)
-    assert len(sizes) < 2 * np.log2(1e6 / 0.25)
-    assert graded(np.array([1e9, 1e9 + 1.0]), 0.5, 1e6, 0.25)[1].min() > 16 * np.spacing(1e9)
-    assert stretches_of(Load(), 0, 5, 0.5, decay=0.4, part=0.25).sizes == (0.5,)
 
 
 def test_what_damping_bounds():

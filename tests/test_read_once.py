@@ -20,28 +20,18 @@ angular_velocity = { body = [1, 2, 3] }
 kind = "csv"
 frame = "body"
 file = "load.csv"
-[[load]]
-kind = "sine"
-frame = "body"
-amplitude = [1, 0, 0]
-frequency = 1
 [time]
 t_end = 1
 step = 0.01
 """
 
 
-@pytest.fixture
-def files(tmp_path, monkeypatch):
-    """A mesh and a table that the run file names."""
+def test_what_was_read_is_what_is_run_and_hashed_and_a_changed_copy_is_prepared_anew(tmp_path, monkeypatch):
+    """Even where a mesh or a table that the run file names was changed since."""
     trimesh = pytest.importorskip("trimesh")
     monkeypatch.chdir(tmp_path)
     trimesh.creation.box((1, 2, 3)).export("box.obj")
     Path("load.csv").write_text("t,a,b,c\n0,1,2,3\n1,0,0,0\n", encoding="utf-8")
-
-
-@pytest.mark.usefixtures("files")
-def test_a_changed_copy_is_prepared_anew():
     Path("run.toml").write_text(RUN, encoding="utf-8")
     run_file = read_run_file("run.toml")
     later = run_file.model_copy(update={"time": Time(t_end=2, step=0.01)})
@@ -51,14 +41,8 @@ def test_a_changed_copy_is_prepared_anew():
     with pytest.raises(RunFileError) as info:
         simulate(wrong.problem)
     assert [problem.key for problem in info.value.problems] == ["body.inertia", "time.t_end"]
-
-
-@pytest.mark.usefixtures("files")
-def test_what_was_read_is_what_is_run_and_hashed():
-    """Even where the file was changed since."""
-    Path("run.toml").write_text(RUN, encoding="utf-8")
-    run_file = read_run_file("run.toml")
     first = simulate(run_file.problem)
     Path("load.csv").write_text("t,a,b,c\n0,9,2,3\n1,0,0,0\n", encoding="utf-8")
+    trimesh.creation.box((1, 2, 4)).export("box.obj")
     assert simulate(run_file.problem).identical(first)
     assert not simulate(read_run_file("run.toml").problem).directors.identical(first.directors)

@@ -41,7 +41,7 @@ def test_grids_begin_and_end_exactly():
     for t_end, N in zip(ends, counts, strict=True):
         t_start = 0.0 if rng.random() < 0.7 else float(rng.normal())
         t_end += t_start
-        times, plain = grid(t_start, t_end, N).output, t_start + (t_end - t_start) * np.arange(N + 1) / N
+        times, plain = grid(t_start, t_end, N).stored_times, t_start + (t_end - t_start) * np.arange(N + 1) / N
         assert (times[0], times[-1]) == (t_start, t_end)
         assert (np.diff(times) > 0).all()
         assert np.array_equal(times[:-1], plain[:-1])
@@ -253,7 +253,7 @@ def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
     for first in (simulate_ensemble(BODY, t_end=T, **W, **how), simulate(BODY, t_end=T, **W, **how)):
         rest = simulate_ensemble(BODY, t_end=2 * T, start=first, store=1, load=LOAD, **how)
         assert (rest.attrs["step"], rest.attrs["origin"]) == (first.attrs["step"], 0.0)
-        assert np.array_equal(rest.time[1:], grid(0.0, 2 * T, 2 * N).output[N + 1 :])
+        assert np.array_equal(rest.time[1:], grid(0.0, 2 * T, 2 * N).stored_times[N + 1 :])
 
 
 def test_a_damaged_start_is_refused():

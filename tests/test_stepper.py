@@ -88,18 +88,6 @@ def test_it_continues_a_run_with_its_bits(body, integrator, order):
         require_same_bits(found, whole)
 
 
-def test_a_moment_in_space_stands_still_on_an_orbit():
-    """The run of the same moments by DOP853: without them, `gauss` sees the body from the orbit."""
-    load, moment, start = nt.gravity_gradient(0.6), (0.3, 0.5, -0.2), {"angular_velocity": (0.9, -1.3, 0.6)}
-    loop = nt.stepper(nt.standard([3, 4, 5]), 0.125, integrator=Gauss(order=8), load=load)
-    loop.reset(**start)
-    for _ in range(12):
-        state = loop.step(space_moment=moment)
-    load = load + nt.space_moment(lambda t: moment)
-    run = nt.integrate(nt.standard([3, 4, 5]), times=[0, 1.5], integrator="continuous", load=load, **start)
-    np.testing.assert_allclose(state.material_angular_velocity, run.material_angular_velocity[-1], atol=1e-11)
-
-
 def test_the_constraint_bears_the_moment_about_its_axis():
     loop = nt.stepper(nt.nontwisting([3, 4, 5]), 0.01)
     assert loop.state.reaction_moment == 0

@@ -8,9 +8,9 @@ import pytest
 
 import nontwist as nt
 from conftest import thinned
-from nontwist.driver.grid import automatic_grid, kinks, stretches_of
+from nontwist.driver.grid import kinks, stretches_of
 from nontwist.driver.planning import planned
-from nontwist.driver.single_run import PreparedPlan, integrated
+from nontwist.driver.single_run import integrated
 from nontwist.driver.starts import start_of_one
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
@@ -58,12 +58,20 @@ def ends(run):
     return run.stretches.numbers[:-1], run.stretches.numbers[1:]
 
 
+def started(name, order, store, velocities=((1.3, -0.7, 2.1),)):
+    """A plan, starts, and a grid of stretches."""
+    plan = planned(BODY, LOAD, name, order, 0, 2, None, None, store)
+    begin = start_of_one(BODY, None, None, None, (1, 1, 1), None, False)
+    velocities = np.array(velocities)
+    begin = begin._replace(velocity=velocities, quaternion=np.repeat(begin.quaternion, len(velocities), axis=0))
+    return plan, begin, stretches_of(LOAD, 0, 2, 0.05)
+
+
 def test_jumps_cost_no_order():
     """A rectangle at times that no equal steps meet; order 4 at half the step is 16 times nearer to the truth."""
     load, scheme = LOAD, INTEGRATORS["continuous"](rtol=1e-12, atol=1e-14)
     truth = nt.integrate(BODY, times=[2.0], integrator=scheme, load=load, **W).directors[-1]
-    plan = planned(BODY, load, "gauss", 4, 0, 2, None, None, "end")
-    begin = start_of_one(BODY, None, None, None, W["material_angular_velocity"], None, False)
+    plan, begin, _ = started("gauss", 4, "end")
     errors = [
         abs(integrated(plan, begin, stretches_of(load, 0, 2, h)).directors[-1] - truth).max()
         for h in (0.08, 0.04, 0.02)
@@ -75,18 +83,13 @@ def test_jumps_cost_no_order():
 
 
 @pytest.mark.parametrize("name", STEPPING)
-@pytest.mark.parametrize("store", [1, 7])
-def test_a_member_has_the_bits_of_a_run(name, store):
-    plan = planned(BODY, LOAD, name, 2 if name == "gauss" else None, 0, 2, None, None, store)
-    rng = np.random.default_rng(0)
-    velocities = rng.normal(size=(11, 3))
-    one = start_of_one(BODY, None, None, None, velocities[0], None, False)
-    grid = stretches_of(LOAD, 0, 2, 0.05)
-    many = one._replace(velocity=velocities, quaternion=np.repeat(one.quaternion, 11, axis=0))
+def test_a_member_has_the_bits_of_a_run(name):
+    plan, many, grid = started(name, 2 if name == "gauss" else None, 7, np.random.default_rng(0).normal(size=(11, 3)))
     for threads in (1, 3):
         outcome = plan.scheme.march(replace(plan.problem(many, grid), intervals=True), threads)
         for i in range(11):
-            run = integrated(plan, one._replace(velocity=velocities[i : i + 1]), grid)
+            one = many._replace(velocity=many.velocity[i : i + 1], quaternion=many.quaternion[:1])
+            run = integrated(plan, one, grid)
             assert np.array_equal(outcome.states.quaternion[i], run.quaternion)
             assert np.array_equal(outcome.states.velocity[i], run.material_angular_velocity)
             assert np.array_equal(outcome.intervals.moment[i], run.moment)
@@ -97,57 +100,35 @@ def test_a_member_has_the_bits_of_a_run(name, store):
     ("name", "reference"), [("lie-midpoint", ReferenceLieMidpoint), ("energy-momentum", ReferenceEnergyMomentum)]
 )
 def test_the_march_is_that_of_the_reference(name, reference):
-    begin = start_of_one(BODY, None, None, None, W["material_angular_velocity"], None, False)
-    plan = planned(BODY, LOAD, name, 2, 0, 2, None, None, 6)
-    grid = stretches_of(LOAD, 0, 2, 0.05)
+    plan, begin, grid = started(name, 2, 6)
     run, plain = (integrated(plan._replace(scheme=scheme), begin, grid) for scheme in (plan.scheme, reference()))
-    assert np.allclose(run.directors, plain.directors, rtol=0, atol=1e-13)
-    assert np.allclose(run.director_velocities, plain.director_velocities, rtol=0, atol=2e-12)
-    assert np.allclose(run.moment, plain.moment, rtol=0, atol=1e-12)
-    assert np.allclose(run.load_work, plain.load_work, rtol=0, atol=1e-12)
+    for key, bound in (("directors", 1e-13), ("director_velocities", 2e-12), ("moment", 1e-12), ("load_work", 1e-12)):
+        assert np.allclose(getattr(run, key), getattr(plain, key), rtol=0, atol=bound), key
     assert np.array_equal(run.newton_iterations > 0, plain.newton_iterations > 0)
 
 
 @pytest.mark.parametrize("name", STEPPING)
-@pytest.mark.parametrize("store", [1, 10, "end"])
-def test_means_are_weighted_by_time(name, store):
+def test_means_are_weighted_by_time(name):
     """The impulse of the mean moments is the change of momentum, over intervals with steps of several sizes."""
-    run = nt.simulate(BODY, t_end=2, load=LOAD, integrator=name, store=store, **W)
-    impulse = run.moment.values * np.diff(run.time.values)[:, None]
-    assert np.allclose(impulse, np.diff(run.spatial_momentum.values, axis=0), rtol=0, atol=2e-13)
-    assert run.load_work.values == pytest.approx(np.diff(run.kinetic_energy.values), abs=2e-13)
-    many = nt.simulate_ensemble(
-        BODY, t_end=2, load=LOAD, integrator=name, store=store, reduce=["drift", "averages"], **W
-    )
+    how, means = {"t_end": 2, "load": LOAD, "integrator": name, **W}, []
+    for store in (1, 10, "end"):
+        run = nt.simulate(BODY, store=store, **how)
+        impulse = run.moment.values * np.diff(run.time.values)[:, None]
+        assert np.allclose(impulse, np.diff(run.spatial_momentum.values, axis=0), rtol=0, atol=2e-13)
+        assert run.load_work.values == pytest.approx(np.diff(run.kinetic_energy.values), abs=2e-13)
+        means.append(np.trapezoid(run.kinetic_energy, run.time) / 2)
+    many = nt.simulate_ensemble(BODY, store=10, reduce=["drift", "averages"], **how)
     assert float(many.energy_drift.max()) <= 1e-13
-    every = nt.simulate(BODY, t_end=2, load=LOAD, integrator=name, **W)
-    mean = np.trapezoid(every.kinetic_energy, every.time) / 2
-    assert many.kinetic_energy_mean.item() == pytest.approx(mean, rel=2e-3)
+    assert many.kinetic_energy_mean.item() == pytest.approx(means[0], rel=2e-3)
 
 
 @pytest.mark.parametrize("name", STEPPING)
-def test_what_is_prepared_has_the_same_bits(name):
-    plan = planned(BODY, LOAD, name, None, 0, 2, None, None, 4)
-    begin = start_of_one(BODY, None, None, None, W["material_angular_velocity"], None, False)
-    grid = automatic_grid(stacked(BODY), begin.velocity, LOAD, 0, 2)
-    problem = replace(plan.problem(begin, grid), intervals=True)
-    outcome = plan.scheme.march(problem)
-    prepared = PreparedPlan(plan, grid)
-    for _ in range(2):
-        run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), 1.0)
-        if run is None:  # damping is scaled
-            break
-        assert np.array_equal(run.quaternion, outcome.states.quaternion[0])
-        assert np.array_equal(run.moment, outcome.intervals.moment[0])
-        assert np.array_equal(run.memory, outcome.memory[0])
-        assert run.stretches == grid
-
-
-def test_a_propagator_takes_the_grid_of_each_start():
-    run = nt.propagator(BODY, t_end=2, load=LOAD)
-    for speed in (1.0, 3.0):
+def test_a_propagator_takes_the_grid_of_each_start(name):
+    how = {"t_end": 2, "load": LOAD, "integrator": name, "store": "end" if name == "gauss" else 4}
+    run = nt.propagator(BODY, **how)
+    for speed in (1.0, 3.0, 3.0):
         start = {"material_angular_velocity": (0, speed, 0.1)}
-        assert_same(run(**start), nt.integrate(BODY, t_end=2, load=LOAD, store="end", **start))
+        assert_same(run(**start), nt.integrate(BODY, **how, **start))
 
 
 @pytest.mark.parametrize(("after", "name"), thinned(3, [2, 3, 4], STEPPING))

@@ -17,10 +17,9 @@ from nontwist.errors import SimulationError
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import gyration_rate, largest_velocity
-from nontwist.integrators.stack_march import StackMarch
 from nontwist.models.stack import stacked
 from refusals import refused_as, says
-from tolerance_problems import Motion, Task, error_of, generated, truth
+from tolerance_problems import Task, error_of, generated, truth
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 W = {"material_angular_velocity": (1.3, -0.7, 2.1)}
@@ -45,16 +44,6 @@ def ratios(seeds):
         assert run.error_estimate <= run.tolerance == task.tolerance
         found[seed] = error_of(run, task) / task.tolerance
     return found
-
-
-def test_states_that_are_shown_take_no_march_of_their_own(monkeypatch):
-    marched, run = [], StackMarch.run
-    monkeypatch.setattr(StackMarch, "run", lambda own, *more: marched.append(own.stack.steps) or run(own, *more))
-    found = [nt.integrate(BODY, t_end=2, **W, **how) for how in ({}, {"times": [0.5, 2]})]
-    coarse = marched[0]
-    assert marched == 2 * [coarse, coarse, coarse // 2 * 3]  # two trials, and the floor with the first
-    assert len(found[0].time) > marched[2]
-    assert np.array_equal(*(one.material_angular_velocity[-1] for one in found))
 
 
 def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
@@ -95,15 +84,6 @@ def test_the_truth_is_that_of_34_digits(seed):
     few = truth(task, [task.t_end])
     assert abs(many[0].astype(float) - few[0].astype(float)).max() <= 4e-16
     assert abs((many[0][0].astype(np.longdouble) - few[0][0]).astype(float)).max() <= 1e-15
-
-
-def test_the_truth_is_that_of_a_steady_rotation():
-    start = {"material_angular_velocity": (1.0, -2.0, 0.0), "rotation": np.eye(3)}
-    task = Task(nt.nontwisting([3, 4, 5]), nt.body_moment(lambda t: (0, 0, 0)), start, 2.0, 1e-12, "end")
-    R, velocity, _ = truth(task, [2.0])
-    assert abs(R[0].astype(float) - nt.rotations.exp([2.0, -4.0, 0.0])).max() <= 5e-16
-    assert velocity[0].astype(float) == pytest.approx((1, -2, 0), abs=1e-16)
-    assert Motion(task, np.longdouble).J.dtype == np.longdouble
 
 
 def test_the_choice_is_recorded_and_the_order_may_be_fixed():

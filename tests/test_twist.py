@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from nontwist import integrate, simulate, standard, twist
-from nontwist.curves import nontwisting_frame, solid_angle
+from nontwist.curves import solid_angle
 from nontwist.integrators import Continuous
 from refusals import says
 
@@ -30,31 +30,18 @@ def smooth(seed, n=400):
     return t, Rotation.from_rotvec(f @ a) * Rotation.from_rotvec(f[::-1] @ b) * Rotation.from_rotvec([0.5, -1, 2])
 
 
-def modulo(x):
-    return (np.asarray(x) + np.pi) % (2 * np.pi) - np.pi
-
-
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_swing_twist_minus_twist_is_the_solid_angle(seed, order):
     t, R = smooth(seed)
     result = twist(R, t, axis=np.random.default_rng(seed).normal(size=3), order=order)
     assert result.twist_angle[0] == 0
-    assert modulo(result.swing_twist_angle - result.twist_angle - result.solid_angle) == pytest.approx(0, abs=1e-14)
+    require_balance(result)
 
 
-def test_solid_angle_against_a_frame_transported_there_and_back():
-    """Independently of the triangles: the frame on the dense path, closed by a dense great circle, turns by Ω."""
-    t, R = smooth(3, 400)
-    dense = smooth(3, 20000)[1]
-    result = twist(R, t)
-    d = dense.apply([0, 0, 1])
-    back = np.linspace(0, 1, 2000)[:, None]
-    way = d[-1] + back * (d[0] - d[-1])
-    loop = np.concatenate([d, way[1:] / np.linalg.norm(way[1:], axis=1)[:, None]])
-    frame = nontwisting_frame(loop, order=2)
-    turned = np.arctan2(frame[-1, 0] @ frame[0, 1], frame[-1, 0] @ frame[0, 0])
-    assert modulo(turned - float(result.solid_angle[-1])) == pytest.approx(0, abs=3e-6)
+def require_balance(result):
+    rest = result.swing_twist_angle - result.twist_angle - result.solid_angle
+    assert (np.asarray(rest) + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0, abs=1e-14)
 
 
 @functools.cache
@@ -85,7 +72,7 @@ CARRIER = smooth(7, 601)[1]
 
 
 @pytest.mark.parametrize("seen", SEEN)
-@pytest.mark.parametrize("delta", [0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-8, 1e-7, 1e-3])
+@pytest.mark.parametrize("delta", [0, 1e-15, 1e-14, 1e-12, 1e-8, 1e-3])
 def test_solid_angle_past_the_antipode_of_the_start(delta, seen):
     """Three passes on either side, against the closed form; straight through counts as on the left."""
     for side in (1, -1):
@@ -94,11 +81,9 @@ def test_solid_angle_past_the_antipode_of_the_start(delta, seen):
         gap = result.solid_angle - expected
         if side < 0 and delta < 1e-13:  # on which side nobody can tell
             gap = (gap + 2 * np.pi) % (4 * np.pi) - 2 * np.pi
-        far = distance > 1e-13
         allowed = abs(result.error_estimate) + 1e-13 + 1e-14 / np.maximum(distance, 1e-15)
-        assert np.all((abs(gap) <= allowed)[far])
-        rest = result.swing_twist_angle - result.twist_angle - result.solid_angle
-        assert modulo(rest) == pytest.approx(0, abs=1e-14)
+        assert np.all((abs(gap) <= allowed)[distance > 1e-13])
+        require_balance(result)
         assert np.all((-np.pi <= result.swing_twist_angle) & (result.swing_twist_angle <= np.pi))
 
 
@@ -111,7 +96,7 @@ def test_solid_angle_of_a_great_circle_that_has_a_sample_at_the_antipode():
     assert result.twist_angle.values == pytest.approx(2 * t, abs=1e-14)
 
 
-@pytest.mark.parametrize("meridian", [0.5, -2, 3, np.pi, 0])
+@pytest.mark.parametrize("meridian", [0.5, -2, np.pi, 0])
 def test_solid_angle_from_the_start_to_its_antipode_and_back(meridian):
     """There along the meridian 0, back along another, with a stay at the antipode: a lune of twice their angle.
 
@@ -121,19 +106,15 @@ def test_solid_angle_from_the_start_to_its_antipode_and_back(meridian):
     stay = np.linspace([0, np.pi, 0], [meridian, np.pi, 0.7], 9)
     angles = np.concatenate([theta * [0, 1, 0], stay, [meridian, 0, 0.7] + theta[::-1] * [0, 1, 0]])
     result = twist(Rotation.from_euler("ZYZ", angles), order=2)
-    expected = np.repeat([0, 2 * meridian], [31, 20])
-    assert result.solid_angle.values == pytest.approx(expected, abs=1e-13)
-    rest = result.swing_twist_angle - result.twist_angle - result.solid_angle
-    assert modulo(rest) == pytest.approx(0, abs=1e-14)
+    assert result.solid_angle.values == pytest.approx(np.repeat([0, 2 * meridian], [31, 20]), abs=1e-13)
+    require_balance(result)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 3])
 def test_solid_angle_is_that_of_the_polygon_so_far(seed):
     """Of random walks with wide steps, with the start as the pole; samples close to the antipode among them."""
-    rng = np.random.default_rng(seed)
-    steps = Rotation.from_rotvec(rng.normal(size=(60, 3)) * 0.7)
     walk = [Rotation.from_rotvec([1, 2, 3])]
-    for step in steps:
+    for step in Rotation.from_rotvec(np.random.default_rng(seed).normal(size=(60, 3)) * 0.7):
         walk.append(walk[-1] * step)
     walk[30] = walk[0] * Rotation.from_rotvec([np.pi - 10.0 ** -(3 + seed), 0, 0])
     motion = Rotation.concatenate(walk)
@@ -143,79 +124,25 @@ def test_solid_angle_is_that_of_the_polygon_so_far(seed):
     assert result.solid_angle.values == pytest.approx(expected, abs=1e-8)
 
 
-@pytest.mark.parametrize("order", [2, 4])
-def test_order_of_the_twist_angle(order):
-    """Against ∫ w·d3 of a motion whose angular velocity is known."""
-
-    def motion(n):
-        t = np.linspace(0, 2, n + 1)
-        return t, Rotation.from_euler("ZYZ", np.stack([2 * t + 0.3 * np.cos(t), 1 + 0.4 * np.sin(3 * t), t**2], axis=1))
-
-    # for ZYZ angles (φ, θ, χ) the twist rate about the body's z axis is χ' + φ' cos θ
-    x, weights = np.polynomial.legendre.leggauss(60)
-    x = x + 1
-    exact = 4.0 + weights @ ((2 - 0.3 * np.sin(x)) * np.cos(1 + 0.4 * np.sin(3 * x)))
-    errors, estimates = [], []
-    for n in (80, 160, 320):
-        t, R = motion(n)
-        result = twist(R, t, order=order)
-        errors.append(abs(float(result.twist_angle[-1]) - exact))
-        estimates.append(float(result.error_estimate[-1]))
-    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(order, abs=0.1)
-    assert all(e <= s <= 500 * e for e, s in zip(errors, estimates, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("radius", "sigma", "n", "order", "factor"),
-    [
-        (0, 1e-3, 400, 2, 1),
-        (0, 1e-2, 1000, 2, 1),
-        (0, 1e-3, 400, 4, 1.5),
-        (0.8, 1e-4, 100, 2, 1),
-        (0.8, 1e-4, 100, 4, 1),
-    ],
-)
-def test_noise_of_the_samples_turns_the_frame_by_a_random_area(radius, sigma, n, order, factor):
-    """σ s/√n of a path of length s and σ² √(n/2), which grows; a standard deviation of 400 is right to 3.5 %."""
-    phi = np.linspace(0, 2 * np.pi, n + 1)
-    d3 = np.stack([radius * np.cos(phi), radius * np.sin(phi), np.full(n + 1, np.sqrt(1 - radius**2))], axis=1)
-    noise = sigma * np.random.default_rng(3).normal(size=(400, n + 1, 3))
-    noise[:, [0, -1]] = 0
-    noisy = d3 + noise
-    noisy /= np.linalg.norm(noisy, axis=2, keepdims=True)
-    frame, true = nontwisting_frame(noisy, order=order)[:, -1], nontwisting_frame(d3, order=order)[-1]
-    turned = np.arctan2(frame[:, 0] @ true[1], frame[:, 0] @ true[0])
-    expected = np.hypot(sigma * 2 * np.pi * radius / np.sqrt(n), factor * sigma**2 * np.sqrt(n / 2))
-    assert turned.std() == pytest.approx(expected, rel=0.12)
-    assert abs(turned.mean()) < 4 * expected / 20
-
-
-def test_twist_rate_is_the_derivative():
+def test_twist_rate_is_the_derivative_and_turns_are_right_to_round_off():
     t = np.linspace(0, 2, 2001)
-    R = Rotation.from_rotvec(np.outer(np.sin(t), [0, 0, 1]))
-    result = twist(R, t)
+    result = twist(Rotation.from_rotvec(np.outer(np.sin(t), [0, 0, 1])), t)
     assert result.twist_rate.values == pytest.approx(np.cos(t), abs=2e-6)
     assert result.path_length[-1] < 1e-12
     assert result.twist_angle.values == pytest.approx(np.sin(t), abs=1e-14)
+    slow = Rotation.from_rotvec(np.outer(np.arange(5), [0, 0, 1e-9])).as_quat()
+    for signs in (1, [[1], [-1], [1], [1], [-1]]):
+        found = twist(slow * signs, scalar_first=False).attrs["largest_turn_between_samples"]
+        assert found == pytest.approx(1e-9, rel=1e-6)
 
 
-@pytest.mark.parametrize(("frame", "variable"), [("body", "twist_rate"), ("space", "angular_velocity")])
-def test_a_simulated_standard_body_twists_by_the_integral_of_its_rate(frame, variable):
+def test_a_simulated_body_turns_about_an_axis_in_space_by_the_integral_of_its_rate():
+    """About its own axis: nontwist.validation."""
     run = simulate(standard([3, 4, 5]), times=np.linspace(0, 3, 1201), angular_velocity=[1, 2, 3], integrator=FINE)
-    rate = run[variable] if frame == "body" else run[variable].sel(axis="z")
-    h = 3 / 1200
-    weights = np.tile([4.0, 2.0], 600)
-    integral = h / 3 * (rate.values[0] - rate.values[-1] + weights @ rate.values[1:])
-    result = twist(run, axis_frame=frame)
-    error = abs(float(result.twist_angle[-1]) - integral)
-    assert error < result.error_estimate[-1] < 1e-7
-
-
-def test_relative_twist_of_a_joint():
-    t, A = smooth(1)
-    _, B = smooth(2)
-    expected = twist(B.inv() * A, t).twist_angle.values
-    assert twist(A, t, relative_to=B).twist_angle.values == pytest.approx(expected, abs=1e-12)
+    rate, weights = run.angular_velocity.sel(axis="z").values, np.tile([4.0, 2.0], 600)
+    integral = (rate[0] - rate[-1] + weights @ rate[1:]) / 1200
+    result = twist(run, axis_frame="space")
+    assert abs(float(result.twist_angle[-1]) - integral) < result.error_estimate[-1] < 1e-7
 
 
 T, R = smooth(5, 60)
@@ -239,67 +166,51 @@ def table(names=("Time (s)", "W", "X", "Y", "Z"), time=T):
 
 
 def matrix_table():
-    cells = {f"R{i + 1}{j + 1}": R.as_matrix()[:, i, j] for i in range(3) for j in range(3)}
-    return pandas.DataFrame({"t": T, **cells})
+    return pandas.DataFrame({"t": T} | {f"R{i + 1}{j + 1}": R.as_matrix()[:, i, j] for i in range(3) for j in range(3)})
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_every_form_of_motion(form):
     motion, time = FORMS[form]()
-    result = twist(motion, time, scalar_first=False)
-    expected = twist(R, T)
-    for name in expected.data_vars:
+    result, expected = twist(motion, time, scalar_first=False), twist(R, T)
+    for name in (*expected.data_vars, "time"):
         assert result[name].values == pytest.approx(expected[name].values, abs=1e-9), name
-    assert result.time.values == pytest.approx(T)
 
 
-def test_a_trajectory():
-    run = integrate(standard([1, 2, 2.5]), t_end=1, step=0.01, angular_velocity=[1, 2, 3])
-    assert np.array_equal(twist(run).twist_angle, twist(run.to_dataset()).twist_angle)
-
-
-def test_units_dates_and_no_times():
+def test_units_dates_and_no_times_and_a_trajectory():
     milliseconds = table(("time (ms)", "w", "x", "y", "z"), 1000 * T)
     assert twist(milliseconds).time.values == pytest.approx(T)
     dates = pandas.Timestamp("2026-01-01") + pandas.to_timedelta(T, unit="s")
     assert twist(R, dates).time.values == pytest.approx(T, abs=1e-8)
     plain = twist(R)
-    assert "twist_rate" not in plain
-    assert plain.time.attrs["units"] == "1"
-
-
-def spoiled(change):
-    """The quaternions and times of R with `change(values, time)` made to them."""
-    values, time = R.as_quat(), T.copy()
-    change(values, time)
-    return values, time
+    assert ("twist_rate" in plain, plain.time.attrs["units"]) == (False, "1")
+    run = integrate(standard([1, 2, 2.5]), t_end=1, step=0.01, angular_velocity=[1, 2, 3])
+    assert np.array_equal(twist(run).twist_angle, twist(run.to_dataset()).twist_angle)
 
 
 def test_rows_that_are_not_finite_are_dropped_with_a_warning():
-    def change(values, time):
-        values[[7, 8]] = np.nan
-        values[20] = 0
-        time[30] = np.nan
-
-    values, time = spoiled(change)
+    values, time = R.as_quat(), T.copy()
+    values[[7, 8]], values[20], time[30] = np.nan, 0, np.nan
     with says(UserWarning):
         result = twist(values, time, scalar_first=False)
-    assert result.sizes["time"] == 56
-    assert result.attrs["samples_left_out"] == 4
-    assert np.isfinite(result.twist_angle).all()
+    assert (result.sizes["time"], result.attrs["samples_left_out"]) == (56, 4)
     kept = np.setdiff1d(np.arange(60), [7, 8, 20, 30])
     assert np.array_equal(result.twist_angle, twist(R[kept].as_quat(), T[kept], scalar_first=False).twist_angle)
+    values[9] *= 1.5  # named by its number in the recording
+    with pytest.raises(ValueError, match=re.escape("quaternion[9] must have the length 1, it has 1.5")):
+        quietly(lambda: twist(values, time, scalar_first=False))
 
 
 def test_unsorted_and_duplicate_times_are_repaired_with_a_warning():
-    order = np.arange(60)
-    order[[10, 11]] = [11, 10]
-    with pytest.warns(UserWarning, match="times are not in order, the first at row 11; rows are sorted by time"):
-        result = twist(R[order], T[order])
-    assert result.twist_angle.values == pytest.approx(twist(R, T).twist_angle.values)
-    double = np.insert(np.arange(60), 31, 30)
-    with pytest.warns(UserWarning, match="^dropped 1 row with duplicate timestamps, the first is row 31$"):
-        assert twist(R[double], T[double]).sizes["time"] == 60
+    swapped, double = np.arange(60), np.insert(np.arange(60), 31, 30)
+    swapped[[10, 11]] = [11, 10]
+    for order, told in (
+        (swapped, "times are not in order, the first at row 11; rows are sorted by time"),
+        (double, "^dropped 1 row with duplicate timestamps, the first is row 31$"),
+    ):
+        with pytest.warns(UserWarning, match=told):
+            result = twist(R[order], T[order])
+        assert result.twist_angle.values == pytest.approx(twist(R, T).twist_angle.values)
 
 
 def test_gaps_and_wide_steps_are_warned_of():
@@ -334,20 +245,17 @@ def quietly(call):
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_refused_with_the_row(case):
-    call = REFUSED[case]
     with says():
-        quietly(call)
+        quietly(REFUSED[case])
 
 
-def test_a_row_is_named_by_its_number_in_the_recording():
-    values, time = spoiled(lambda values, time: values.__setitem__(3, np.nan))
-    values[9] *= 1.5
-    with pytest.raises(ValueError, match=re.escape("quaternion[9] must have the length 1, it has 1.5")):
-        quietly(lambda: twist(values, time, scalar_first=False))
-
-
-ROWS = st.lists(st.deferred(lambda: st.lists(VALUES, min_size=4, max_size=4)), min_size=1, max_size=8)
+KNOWN = [[0, 0, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0.6, 0, 0, 0.8], [np.nan] * 4, [0.5, 0.5, 0.5, 0.5]]
 VALUES = st.one_of(st.floats(-1, 1), st.sampled_from([np.nan, np.inf, 0.0, 1.0, -1.0, 1e300, 1e-300]))
+ROWS = st.one_of(
+    st.lists(st.lists(VALUES, min_size=4, max_size=4), min_size=1, max_size=8),
+    st.lists(st.sampled_from(KNOWN), min_size=2, max_size=12),
+)
+TIMES = st.lists(VALUES, min_size=12, max_size=12)
 
 
 def fuzz(rows, times):
@@ -366,33 +274,22 @@ def fuzz(rows, times):
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)
-@given(ROWS, st.lists(VALUES, min_size=8, max_size=8))
+@given(ROWS, TIMES)
 def test_fuzzed_recordings(rows, times):
     fuzz(rows, times)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
-@given(st.lists(st.sampled_from(range(6)), min_size=2, max_size=12), st.lists(VALUES, min_size=12, max_size=12))
-def test_fuzzed_sequences_of_rotations(choice, times):
-    known = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0.6, 0, 0, 0.8], [np.nan] * 4, [0.5, 0.5, 0.5, 0.5]])
-    fuzz(known[choice], times)
-
-
 @pytest.mark.long
 @settings(max_examples=10_000, deadline=None, derandomize=True)
-@given(ROWS, st.lists(VALUES, min_size=8, max_size=8))
+@given(ROWS, TIMES)
 def test_ten_thousand_fuzzed_recordings(rows, times):
     fuzz(rows, times)
 
 
-TINY = [
-    0.0,
-    *(10.0**-k for k in (3, 8, 20, 50, 90, 100, *range(103, 110), 130, 150, 154, 158, 160, 162, 200, 300, 320)),
-]
+TINY = [0.0, *(10.0**-k for k in (3, 20, 90, *range(103, 110), 154, 158, 162, 300, 320))]
 MORE = [10.0**-k for k in range(3, 321)]
 OFFSETS = {
     "random": lambda n, rng: rng.standard_normal((n, 2)),
-    "smooth": lambda n, rng: np.stack([np.sin(np.arange(n) / 100), np.cos(np.arange(n) / 77)], axis=1),
     "of all sizes": lambda n, rng: rng.standard_normal((n, 2)) * 10.0 ** rng.uniform(-300, 0, (n, 1)),
     "growing": lambda n, rng: rng.standard_normal((n, 2)) * np.geomspace(1e-300, 1, n)[:, None],
 }
@@ -406,25 +303,16 @@ def test_an_axis_that_moves_by_next_to_nothing(order, offsets, sizes):
 
     The area that is swept is less than the square of the offset, 5 of which are the largest, at each step.
     """
-    n = 2000
+    n = 400
     t, rng = np.arange(n) / 100, np.random.default_rng(0)
     spin = np.tile([1e-14, 1.0], (n, 1))
     for size in sizes:
-        q = np.concatenate([size * OFFSETS[offsets](n, rng), spin], axis=1)
-        for time in (t, None):
-            found = twist(Rotation.from_quat(q), time, order=order)
-            for name in found.data_vars:
-                assert np.isfinite(found[name]).all(), (size, name)
+        motion = Rotation.from_quat(np.concatenate([size * OFFSETS[offsets](n, rng), spin], axis=1))
+        for found in (twist(motion, t, order=order), twist(motion, order=order)):
+            assert np.isfinite(found.to_array()).all(), size
             assert abs(found.twist_angle.values).max() < 1e-14 + n * (10 * size) ** 2
             assert found.error_estimate.values[-1] < 2e-14 + n * (10 * size) ** 2
             assert found.noise_estimate.values[-1] <= 4 * size
-
-
-def test_the_turn_between_samples_is_right_to_round_off():
-    slow = Rotation.from_rotvec(np.outer(np.arange(5), [0, 0, 1e-9]))
-    assert twist(slow).attrs["largest_turn_between_samples"] == pytest.approx(1e-9, rel=1e-6)
-    flipped = twist(slow.as_quat() * [[1], [-1], [1], [1], [-1]], scalar_first=False)
-    assert flipped.attrs["largest_turn_between_samples"] == pytest.approx(1e-9, rel=1e-6)
 
 
 @pytest.mark.parametrize(("word", "axis"), [("x", [1, 0, 0]), ("z", [0, 0, 1]), ("-Y", [0, -1, 0])])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import thinned
 from nontwist import TwistCounter, twist
 from test_twist import smooth
 
@@ -25,33 +24,34 @@ def quietly(*arguments, **options):
         return twist(*arguments, scalar_first=False, **options)
 
 
-@pytest.mark.parametrize(("seed", "order", "axis_frame"), thinned(3, range(4), [2, 4], ["body", "space"]))
+@pytest.mark.parametrize(
+    ("seed", "order", "axis_frame"), [(0, 2, "body"), (1, 4, "body"), (2, 2, "space"), (3, 4, "space")]
+)
 def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(seed, order, axis_frame):
-    axis = np.random.default_rng(seed).normal(size=3)
-    how = {"axis": axis, "order": order, "axis_frame": axis_frame}
-    q = raw(seed)
-    whole, counter = quietly(q, **how), TwistCounter(**how, scalar_first=False)
-    for k in range(len(q)):
-        count = counter.update(q[k])
-        if k:
-            far = quietly(q[: k + 1], **how)
-            assert count.twist == far.twist_angle.values[-1]
-            assert count.error_estimate == far.error_estimate.values[-1]
-        if order == 2:
-            assert count.twist == whole.twist_angle.values[k]
-        if k > 2:
-            assert counter.settled == whole.twist_angle.values[k - 1]
+    """Also after a start from rest."""
+    how = {"axis": np.random.default_rng(seed).normal(size=3), "order": order, "axis_frame": axis_frame}
+    rest = 1e-9 * np.random.default_rng(1).normal(size=(20, 4)) + raw(2)[0]
+    for q, moving in ((raw(seed, 40), 3), (np.concatenate([rest, raw(2, 10)[1:]]), 99)):
+        whole, counter = quietly(q, **how), TwistCounter(**how, scalar_first=False)
+        for k, x in enumerate(q):
+            count = counter.update(x)
+            if k:
+                far = quietly(q[: k + 1], **how)
+                assert count == (far.twist_angle.values[-1], far.error_estimate.values[-1])
+            if order == 2:
+                assert count.twist == whole.twist_angle.values[k]
+            if k >= moving:
+                assert counter.settled == whole.twist_angle.values[k - 1]
 
 
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("size", [1e-104, 1e-108, 1e-160, 1e-300])
+@pytest.mark.parametrize("size", [1e-104, 1e-160, 1e-300])
 def test_an_axis_that_moves_by_next_to_nothing_counts_as_in_twist(size, order):
     q = np.concatenate([size * np.random.default_rng(0).standard_normal((60, 2)), np.tile([0.6, 0.8], (60, 1))], axis=1)
-    whole, counter = quietly(q, order=order), TwistCounter(order=order, scalar_first=False)
-    for k, x in enumerate(q):
-        count = counter.update(x)
-        assert np.isfinite([count.twist, count.error_estimate]).all()
-        assert count.twist == pytest.approx(whole.twist_angle.values[k], abs=1e-15)
+    counter = TwistCounter(order=order, scalar_first=False)
+    found = np.array([counter.update(x) for x in q])
+    assert np.isfinite(found).all()
+    assert found[:, 0] == pytest.approx(quietly(q, order=order).twist_angle.values, abs=1e-15)
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -68,55 +68,37 @@ def test_rests_and_repetitions_count_as_in_twist(order):
     assert counter.settled == whole.twist_angle.values[-2]
 
 
-def test_a_start_from_rest_counts_as_in_twist():
-    rng = np.random.default_rng(1)
-    q = np.concatenate([np.repeat(raw(2)[:1], 20, axis=0) + 1e-9 * rng.normal(size=(20, 4)), raw(2)[1:]])
-    counter = TwistCounter(scalar_first=False)
-    for k, x in enumerate(q):
-        count = counter.update(x)
-        if k in (20, 21, 22, 23, 24, 50):
-            far = quietly(q[: k + 1])
-            assert count == (far.twist_angle.values[-1], far.error_estimate.values[-1])
-
-
 @pytest.mark.parametrize("order", [2, 4])
 def test_many_streams_are_as_one_each(order):
     q = np.stack([raw(seed) for seed in range(6)], axis=1).reshape(60, 2, 3, 4)
-    many, ones = (
-        TwistCounter(order=order, scalar_first=False),
-        [TwistCounter(order=order, scalar_first=False) for _ in range(6)],
-    )
+    many, *ones = (TwistCounter(order=order, scalar_first=False) for _ in range(7))
     for k in range(60):
         found = many.update(q[k], time=0.1 * k)
         single = [one.update(x, time=0.1 * k) for one, x in zip(ones, q[k].reshape(6, 4), strict=True)]
-        assert found.twist.shape == found.error_estimate.shape == (2, 3)
-        assert found.twist.ravel().tolist() == [one.twist for one in single]
-        assert found.error_estimate.ravel().tolist() == [one.error_estimate for one in single]
+        assert np.array_equal(found, np.reshape(np.transpose(single), (2, 2, 3)))
     assert many.settled.ravel().tolist() == [one.settled for one in ones]
-    assert many.flagged.dtype == np.int64
-    assert not many.flagged.any()
+    assert (many.flagged.dtype, many.flagged.any()) == (np.int64, False)
 
 
-def test_every_form_of_one_attitude():
+FORMS = {
+    "four numbers": lambda r: tuple(r.as_quat().tolist()),
+    "a list": lambda r: r.as_quat().tolist(),
+    "an array": lambda r: r.as_quat(),
+    "of single precision": lambda r: r.as_quat().astype(np.float32),
+    "a Rotation": lambda r: r,
+    "a matrix": lambda r: r.as_matrix(),
+    "scalar first": lambda r: np.roll(r.as_quat(), 1),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_every_form_of_one_attitude(name):
     R = smooth(1, 40)[1]
-    forms = {
-        "four numbers": lambda r: tuple(r.as_quat().tolist()),
-        "a list": lambda r: r.as_quat().tolist(),
-        "an array": lambda r: r.as_quat(),
-        "of single precision": lambda r: r.as_quat().astype(np.float32),
-        "a Rotation": lambda r: r,
-        "a matrix": lambda r: r.as_matrix(),
-    }
-    for name, form in forms.items():
-        counter = TwistCounter("y", 2, scalar_first=False)
-        found = [counter.update(form(r)).twist for r in R]
-        assert found == pytest.approx(
-            twist(R, axis="y", order=2).twist_angle.values, abs=1e-6 if "single" in name else 1e-12
-        )
-        assert type(found[-1]) is float
-    counter = TwistCounter("y", 2, scalar_first=True)
-    found = [counter.update(np.roll(q, 1)).twist for q in R.as_quat()]
-    assert found == pytest.approx(twist(R, axis="y", order=2).twist_angle.values, abs=1e-12)
+    counter = TwistCounter("y", 2, scalar_first=name == "scalar first")
+    found = [counter.update(FORMS[name](r)).twist for r in R]
+    precision = 1e-6 if "single" in name else 1e-12
+    assert found == pytest.approx(twist(R, axis="y", order=2).twist_angle.values, abs=precision)
+    assert type(found[-1]) is float
 
 
 def spin(turns):
@@ -125,16 +107,11 @@ def spin(turns):
 
 def test_gaps_of_less_than_half_a_turn_are_bridged_and_longer_ones_flagged():
     """A steady spin of 0.1 turns in a second: what is missing for 4 s is bridged, for 6 s it is not."""
-    counter = TwistCounter()
-    for t in (0, 1, 2, 6, 7):
+    counter, found = TwistCounter(), []
+    for t in (0, 1, 2, 6, 7, 13, 14):
         count = counter.update(spin(0.1 * t), time=t)
-    assert count.twist == pytest.approx(2 * np.pi * 0.7, abs=1e-14)
-    assert counter.flagged == 0
-    counter.update(spin(0.1 * 13), time=13)
-    assert counter.flagged == 1
-    count = counter.update(spin(0.1 * 14), time=14)
-    assert counter.flagged == 1
-    assert count.twist == pytest.approx(2 * np.pi * 0.4, abs=1e-14)  # the turn that was lost
+        found.append((round(count.twist / 2 / np.pi, 14), counter.flagged))
+    assert found[4:] == [(0.7, 0), (found[5][0], 1), (0.4, 1)]  # the turn that was lost
 
 
 def test_a_sample_that_is_missing_is_a_gap_also_without_times():
@@ -168,40 +145,60 @@ def test_half_a_turn_of_the_axis_is_flagged_and_the_count_goes_on(order):
     assert counter.flagged == 1
 
 
-def refused(call, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-        call()
+def last():
+    """A counter, of which 2 s and 3 s are counted."""
+    counter = TwistCounter(scalar_first=False)
+    counter.update((0, 0, 0, 1), time=2)
+    counter.update((0, 0, 0.6, 0.8), time=3)
+    return counter
+
+
+def state(counter):
+    return repr(counter), np.append(counter.twist, counter.error_estimate).tolist()
+
+
+def two():
+    """A counter of two streams, of which the second is at 1 s."""
+    many = TwistCounter(scalar_first=False)
+    many.update(np.eye(4)[[3, 3]], time=[0, 1])
+    return many
+
+
+ONE, PAIR, NEXT = (0, 0, 0.6, 0.8), np.eye(4)[[3, 3]], {"time": 4}
+WRONG_COUNTERS = [
+    ({"axis": (0, 0, 0)}, "axis is zero"),
+    ({"order": 3}, "order must be 2 or 4, got 3"),
+    ({"axis_frame": "sky"}, "axis_frame must be 'body' or 'space', got 'sky'"),
+    ({"scalar_first": "w"}, "scalar_first must be True or False, got 'w'"),
+]
+WRONG_UPDATES = [
+    (TwistCounter, (0, 0, 0, 1), {}, "quaternions need scalar_first=True (w, x, y, z) or"),
+    (TwistCounter, np.diag([1.0, 1, -1]), {}, "rotation is left-handed"),
+    (last, ONE, {"time": 3}, "time must increase, got 3, which is not later"),
+    (last, ONE, {}, "time must be given at every update or at none"),
+    (last, (0, 0, 0.6, 0.9), NEXT, "quaternion must have the length 1, it has 1.08167"),
+    (last, np.eye(4), NEXT, "rotation must have a sample for each of the streams (), got (4,)"),
+    (last, ("a", 0, 0, 1), NEXT, "the motion must be an array of numbers"),
+    (last, ONE, {"time": "noon"}, "time must be"),
+    (last, ONE, {"time": np.nan}, "time"),
+    (two, PAIR, {"time": [1, 1]}, "time[1] must increase, got 1"),
+    (two, PAIR, {"time": [1, 2, 3]}, "time must be a number or have the shape (2,)"),
+    (two, 2 * PAIR, {"time": 5}, "quaternion[0] must have the length 1, it has 2"),
+]
 
 
 def test_what_is_wrong_is_said_and_counts_nothing():
-    refused(lambda: TwistCounter((0, 0, 0)), "axis is zero")
+    for how, told in WRONG_COUNTERS:
+        with pytest.raises(ValueError, match=f"^{re.escape(told)}"):
+            TwistCounter(**how)
+    for make, rotation, time, told in WRONG_UPDATES:
+        counter = make()
+        before = state(counter)
+        with pytest.raises(ValueError, match=f"^{re.escape(told)}"):
+            counter.update(rotation, **time)
+        assert state(counter) == before
     tiny = TwistCounter((0, 3e-200, 4e-200)), TwistCounter((0, 0.6, 0.8))  # whose squares underflow
     assert len({[one.update(R) for R in Rotation.random(9, rng=1)][-1] for one in tiny}) == 1
-    refused(lambda: TwistCounter(order=3), "order must be 2 or 4, got 3")
-    refused(lambda: TwistCounter(axis_frame="sky"), "axis_frame must be 'body' or 'space', got 'sky'")
-    refused(lambda: TwistCounter(scalar_first="w"), "scalar_first must be True or False, got 'w'")
-    refused(lambda: TwistCounter().update((0, 0, 0, 1)), "quaternions need scalar_first=True (w, x, y, z) or")
-    counter = TwistCounter(scalar_first=False)
-    refused(lambda: counter.update((0, 0, 0, 1.02)), "quaternion must have the length 1, it has 1.02")
-    counter.update((0, 0, 0, 1), time=2)
-    one = counter.update((0, 0, 0.6, 0.8), time=3)
-    refused(lambda: counter.update((0, 0, 0.6, 0.8), time=3), "time must increase, got 3, which is not later")
-    refused(lambda: counter.update((0, 0, 0.6, 0.8)), "time must be given at every update or at none")
-    refused(lambda: counter.update((0, 0, 0.6, 0.9), time=4), "quaternion must have the length 1, it has 1.08167")
-    refused(
-        lambda: counter.update(np.eye(4), time=4), "rotation must have a sample for each of the streams (), got (4,)"
-    )
-    refused(lambda: counter.update(("a", 0, 0, 1), time=4), "the motion must be an array of numbers")
-    refused(lambda: counter.update((0, 0, 0, 1), time="noon"), "time must be")
-    refused(lambda: counter.update((0, 0, 0, 1), time=np.nan), "time")
-    assert (counter.twist, counter.error_estimate) == one
-    many = TwistCounter(scalar_first=False)
-    many.update(np.eye(4)[[3, 3]], time=[0, 1])
-    refused(lambda: many.update(np.eye(4)[[3, 3]], time=[1, 1]), "time[1] must increase, got 1")
-    refused(lambda: many.update(np.eye(4)[[3, 3]], time=[1, 2, 3]), "time must be a number or have the shape (2,)")
-    refused(lambda: many.update(2 * np.eye(4)[[3, 3]], time=5), "quaternion[0] must have the length 1, it has 2")
-    left = np.diag([1.0, 1, -1])
-    refused(lambda: TwistCounter().update(left), "rotation is left-handed")
 
 
 def test_a_counter_can_be_kept_and_forgets_when_told():

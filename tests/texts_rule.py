@@ -47,18 +47,21 @@ def faults(text):
         if not isinstance(f, ast.FunctionDef):
             continue
         arguments = {a.arg for a in [*f.args.args, *f.args.kwonlyargs]}
-        for n in filter(steers, ast.walk(f)):
+        steering = list(filter(steers, ast.walk(f)))
+        stored, loaded = (names(f.body, context) if steering else [] for context in (ast.Store, ast.Load))
+        for n in steering:
+            within = names(n.body, ast.Load)
             first = {}
             for line, name in names(n.body, ast.Store):
                 first.setdefault(name, line)
             for name, line in first.items():
-                is_known = name in arguments or any(x == name and l < n.lineno for l, x in names(f.body, ast.Store))
-                early = any(x == name and l <= line for l, x in names(n.body, ast.Load))
+                is_known = name in arguments or any(x == name and l < n.lineno for l, x in stored)
+                early = any(x == name and l <= line for l, x in within)
                 if is_known and (early or any(name == x for _, x in augmented(n.body))):
                     found.add((line, f"{name} changes in the loop at line {n.lineno}: keep it in Variables"))
                 end = n.body[-1].end_lineno
-                later = [l for l, x in names(f.body, ast.Load) if x == name and l > end]
-                anew = [l for l, x in names(f.body, ast.Store) if x == name and l > end]
+                later = [l for l, x in loaded if x == name and l > end]
+                anew = [l for l, x in stored if x == name and l > end]
                 if later and not any(l <= later[0] for l in anew):
                     found.add((line, f"{name} is used after the loop at line {n.lineno}: keep it in Variables"))
             for x in leaves(n.body):

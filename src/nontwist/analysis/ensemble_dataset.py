@@ -52,8 +52,8 @@ def dataset(
     records = ensemble.load.description
     if variables == nodal():
         variables = nodes_of(records)
-    rotors = rotor_momenta(ensemble, ensemble.output)
-    held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
+    rotors = rotor_momenta(ensemble, ensemble.stored_times)
+    held = potentials_of(ensemble.load, ensemble.stored_times, ensemble.load_scale)
     found = described(observables(variables, systems, outcome.states, rotors, held, Wheels.of(records)), ("member",))
     if outcome.states.internal is not None:
         found |= described({"internal_state": outcome.states.internal}, ("member",))
@@ -66,7 +66,7 @@ def dataset(
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
     along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if ensemble.load.wheels else {}
-    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output, **along)
+    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.stored_times, **along)
     return assembled(found, placed, _record(scheme, ensemble))
 
 
@@ -109,6 +109,6 @@ def _record(scheme: Integrator, ensemble: IVP) -> dict[str, Any]:
         **body,
         "load": json.dumps(load.description),
         "integrator": json.dumps({"name": scheme.name, **asdict(scheme)}),
-        **grid_record(None if ensemble.off_grid else ensemble.grid, float(ensemble.output[0])),
+        **grid_record(None if ensemble.off_grid else ensemble.grid, float(ensemble.stored_times[0])),
         "versions": json.dumps(versions()),
     }

@@ -22,7 +22,7 @@ from ..integrators.base import IVP, Failure, Outcome
 from ..integrators.load_samples import as_marched
 from ..integrators.members import one_by_one
 from ..integrators.problem import FIRST, OBSERVED
-from ..integrators.wheels import as_gyrostat, of_locked, put_works_between, with_wheels, with_works
+from ..integrators.wheels import as_gyrostat, of_locked, set_works_between, with_wheels, with_works
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
@@ -93,7 +93,7 @@ def _march(scheme: Integrator, problem: IVP, threads: int) -> Outcome:
         return scheme.march(problem, threads)
     whole = with_works(problem)
     found = of_locked(whole, one_by_one(lambda one: scheme.march(as_gyrostat(one)), whole, threads))
-    if len(whole.output) == len(problem.output):
+    if len(whole.stored_times) == len(problem.stored_times):
         return found if problem.intervals else found._replace(intervals=None)
     return found.at(whole, problem)
 
@@ -103,7 +103,7 @@ def _observed(scheme: Integrator, problem: IVP) -> Array:
     nodes = problem.times(np.arange(problem.steps + 1))
     h = np.diff(nodes)
     times = np.append(np.column_stack([nodes[:-1], nodes[:-1, None] + h[:, None] * X]).ravel(), nodes[-1])
-    whole = replace(problem, asked=times, intervals=True, observed=False, progress=None)
+    whole = replace(problem, output_times=times, intervals=True, observed=False, progress=None)
     outcome = march(scheme, whole)
     if outcome.failure() is not None:
         return np.full((4, len(COLUMN_NAMES)), np.nan)
@@ -132,22 +132,22 @@ def between(scheme: Integrator, problem: IVP, states: States) -> States | None:
     one = as_gyrostat(problem)
     if (found := scheme.between(one, states)) is None:
         return None
-    whole = with_wheels(problem, found, problem.output)
+    whole = with_wheels(problem, found, problem.stored_times)
 
     def velocities(times: Array) -> Array:
-        between = scheme.between(replace(one, asked=times), states)
+        between = scheme.between(replace(one, output_times=times), states)
         assert between is not None
         return between.velocity
 
     if any(wheel.is_driven and wheel.works for wheel in problem.load.wheels):
-        put_works_between(problem, whole, states, velocities)
+        set_works_between(problem, whole, states, velocities)
     return whole
 
 
 def _failed_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
     """Yield members with numbers that are not finite or missing states, their valid states, and the failure."""
-    done, expected, times = outcome.failures[:, 0] == Status.OK, len(problem.output), problem.output
-    at_end = problem.asked is not None or times[-1] == problem.t_end
+    done, expected, times = outcome.failures[:, 0] == Status.OK, len(problem.stored_times), problem.stored_times
+    at_end = problem.output_times is not None or times[-1] == problem.t_end
     if not (at_end and (times[1:] > times[:-1]).all()):
         failure = problem.failed(1, Status.INCOMPLETE, NOT_INCREASING)
         yield from ((i, 1, failure) for i in np.flatnonzero(done).tolist())
@@ -199,7 +199,7 @@ def _ends_of_member(problem: IVP, outcome: Outcome, i: int) -> Iterator[tuple[in
     yield from _ends({"quaternion": own.quaternion[0], "material_angular_velocity": own.velocity[0]})
     with np.errstate(all="ignore"):
         one = problem.member(i)
-        held = potentials_of(one.load, one.output[:n])
+        held = potentials_of(one.load, one.stored_times[:n])
         found = observables(NODES, one.systems, own, potentials=held)
     yield from _ends({name: array[0] for name, array in found.items()})
     if outcome.intervals is not None:

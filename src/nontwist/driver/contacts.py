@@ -333,7 +333,9 @@ class Contacts:
     def to(self, t: float) -> IVP:
         """Return the problem of one step from here to a time."""
         grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "stretches": None, "progress": None}
-        return replace(self.problem, t_start=self.t, t_end=t, asked=None, load=self.load, **grid, **started(self.state))
+        return replace(
+            self.problem, t_start=self.t, t_end=t, output_times=None, load=self.load, **grid, **started(self.state)
+        )
 
     def at_node(self, t: float) -> float:
         """Return a time, or that of the node that it nearly is."""
@@ -343,16 +345,16 @@ class Contacts:
 
     def marched(self, one: IVP, changes: Sequence[Change], at_nodes: bool = False) -> tuple[Piece, Change | None]:
         """March a smooth problem to its end or to the first change."""
-        known = self.problem.output
+        known = self.problem.stored_times
         inner = known[(known > one.t_start) & (known < one.t_end)]
         ends = one.times(np.arange(one.steps + 1) if at_nodes or self.at_nodes else np.array([0, one.steps]))
-        asked = np.union1d(inner, ends) if changes or inner.size or one.steps > 1 else None
-        one, ended_by = replace(one, asked=asked, intervals=True), None
+        output_times = np.union1d(inner, ends) if changes or inner.size or one.steps > 1 else None
+        one, ended_by = replace(one, output_times=output_times, intervals=True), None
         if changes:
             events = tuple(Event(_positive(each.value, one.t_start), "friction", 1, -1.0) for each in changes)
             times, outcome, _, ended_by = march_to_events(self.scheme, one, events)
         else:
-            times, outcome = one.output, completion.march(self.scheme, one)
+            times, outcome = one.stored_times, completion.march(self.scheme, one)
         n, failure = int(outcome.good[0]), outcome.failure()
         if failure is not None:
             self.failure = failure._replace(step=failure.step + self.number())

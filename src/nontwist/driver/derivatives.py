@@ -36,7 +36,7 @@ class Solved(NamedTuple):
 
     run: Trajectory
     problem: IVP
-    kept: NDArray[np.int64]  # (steps,) 1 where the end of a step is stored
+    is_stored: NDArray[np.int64]  # (steps,) 1 where the end of a step is stored
     rows: NDArray[np.int64]  # numbers of the stored states
     removed: float  # rad/s, of the velocity that was given, along the constrained axis
 
@@ -203,9 +203,9 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     assert grid is not None
     rows = stored_steps(grid.steps, plan.store)
     problem = plan.problem(begin._replace(grid=None, memory=None), grid, rows)
-    kept = np.zeros(grid.steps, dtype=np.int64)
-    kept[rows[1:] - 1] = 1
-    return Solved(run, problem, kept, rows, float(begin.removed[0])), Parameters(problem, wrt, linearised_by(plan))
+    is_stored = np.zeros(grid.steps, dtype=np.int64)
+    is_stored[rows[1:] - 1] = 1
+    return Solved(run, problem, is_stored, rows, float(begin.removed[0])), Parameters(problem, wrt, linearised_by(plan))
 
 
 def differentiable(plan: Plan, begin: Starts) -> IVP:
@@ -228,13 +228,13 @@ def changes_of(solved: Solved, parameters: Parameters, directions: Array | None 
     if solved.problem.load.memories:
         remembering, first = _remembering(solved, parameters)
         along = np.eye(parameters.count) if directions is None else directions
-        ends = remembering.forward(solved.run.states, first @ along, along, solved.kept)
+        ends = remembering.forward(solved.run.states, first @ along, along, solved.is_stored)
         return np.concatenate([(first @ along)[None, :6], ends])
     steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     first, entries = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed), parameters.entries
     if directions is not None:
         first, entries = first @ directions, partial(parameters.entries_along, directions)
-    ends = forward(steps, solved.run.states, first, entries, solved.kept)
+    ends = forward(steps, solved.run.states, first, entries, solved.is_stored)
     return np.concatenate([first[None, :6], ends])
 
 
@@ -243,12 +243,12 @@ def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
     ends = np.ascontiguousarray(slopes[1:])
     if solved.problem.load.memories:
         remembering, first = _remembering(solved, parameters)
-        at_start, found = remembering.back(solved.run.states, ends, solved.kept)
+        at_start, found = remembering.back(solved.run.states, ends, solved.is_stored)
         at_start[:6] += slopes[0]
         of_start: Array = found + first.T @ at_start
         return of_start
     steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
-    at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
+    at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.is_stored, parameters.count)
     at_start[:6] += slopes[0]
     first = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed)
     total: Array = found + first.T @ at_start
@@ -275,12 +275,12 @@ class Jacobian:
         problem = plan.problem(AT_REST, grid, rows)
         self._parameters = Parameters(problem, wrt, linearised_by(plan))
         steps = Linearised(problem, plan.scheme, self._parameters.inputs, self._parameters.changes)
-        kept = np.zeros(grid.steps, dtype=np.int64)
-        kept[rows[1:] - 1] = 1
+        is_stored = np.zeros(grid.steps, dtype=np.int64)
+        is_stored[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
         is_few = steps.forward_run is not None and self._parameters.count <= ForwardTangents.MOST
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
-        how = self._parameters.entries, kept
+        how = self._parameters.entries, is_stored
         self._forward = ForwardTangents(steps, self._still, *how) if is_few else None
         self._tangents = None if is_few else PreparedTangents(steps, self._parameters.count, *how)
 

@@ -145,7 +145,7 @@ def simulate_ensemble(
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
     problem = replace(plan.problem(begin, grid), observed=bool(requested), on_gpu=on_gpu)
-    count = len(problem.output)
+    count = len(problem.stored_times)
     _require_memory(names, m, count)
     if scheme.is_compiled:
         warn_of_cost(load)
@@ -158,11 +158,11 @@ def simulate_ensemble(
     kept: dict[str, Any] = {}
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:
-            on_grid = plan._replace(asked=None)  # the steps do not heed output times
+            on_grid = plan._replace(output_times=None)  # the steps do not heed output times
             found = controlled(on_grid, begin, workers, first, on_gpu, observed=bool(requested), progress=report)
             scheme, problem, outcome, *numbers = found
             kept = dict(zip(("tolerance", "error_estimate"), numbers, strict=True))
-            if plan.asked is not None:
+            if plan.output_times is not None:
                 own = plan._replace(scheme=scheme).problem(begin, problem.grid)
                 problem = replace(own, observed=bool(requested), on_gpu=on_gpu)
                 outcome = completion.march(scheme, problem, workers)

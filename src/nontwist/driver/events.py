@@ -117,7 +117,7 @@ class Piece(NamedTuple):
 def joined(pieces: Sequence[Piece], problem: IVP, failure: Failure | None = None, memory: Any = None) -> Outcome:
     """Return the outcome of a problem that was marched in pieces, each from the end of the one before."""
     last = pieces[-1].times[-1]
-    beyond = problem.output[problem.output > last]
+    beyond = problem.stored_times[problem.stored_times > last]
     times = np.concatenate([pieces[0].times, *(one.times[1:] for one in pieces[1:]), beyond])
 
     def whole(arrays: list[Any], count: int) -> Any:
@@ -137,7 +137,7 @@ def joined(pieces: Sequence[Piece], problem: IVP, failure: Failure | None = None
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}
     found = Outcome(states, np.array([len(times) - len(beyond)]), failures, reasons, intervals, None, memory)
-    return found.at(replace(problem, asked=times), problem)
+    return found.at(replace(problem, output_times=times), problem)
 
 
 class Part(NamedTuple):
@@ -151,13 +151,13 @@ class Part(NamedTuple):
     @property
     def times(self) -> Array:
         """The times that have been reached."""
-        return self.problem.output[: int(self.outcome.good[0])]
+        return self.problem.stored_times[: int(self.outcome.good[0])]
 
     def piece(self, wanted: Array, end: float) -> Piece:
         """Return what is kept of it up to one of its times: the states that are wanted, the first and the last."""
         own = self.times[self.times <= end]
         times = np.union1d(own[[0, -1]], own[np.isin(own, wanted)])
-        outcome = self.outcome.at(self.problem, replace(self.problem, asked=times))
+        outcome = self.outcome.at(self.problem, replace(self.problem, output_times=times))
         return Piece(times, outcome.states.part(0), outcome.intervals)
 
     def at(self, checks: Sequence[int], times: Array) -> list[States]:
@@ -174,7 +174,7 @@ class Part(NamedTuple):
             return None
         nodes, own = problem.times(np.arange(problem.steps + 1)), self.outcome.states.part(0)
         found = completion.between(
-            self.scheme, replace(problem, asked=times), own.part(np.searchsorted(self.times, nodes))
+            self.scheme, replace(problem, output_times=times), own.part(np.searchsorted(self.times, nodes))
         )
         if found is not None:  # with the signs of those before
             p = own.quaternion[np.searchsorted(self.times, times, side="right") - 1]
@@ -186,22 +186,22 @@ class Part(NamedTuple):
         problem, t = self.problem, float(self.times[check])
         if problem.off_grid:
             state = self.outcome.states.part(0, check)
-            one = replace(problem, **started(state), t_start=t, t_end=float(times[-1]), asked=times)
+            one = replace(problem, **started(state), t_start=t, t_end=float(times[-1]), output_times=times)
             return completion.march(self.scheme, one)
         nodes = problem.times(np.arange(problem.steps + 1))
         node = int(np.searchsorted(nodes, t, side="right")) - 1
         state = self.outcome.states.part(0, int(np.searchsorted(self.times, nodes[node])))
-        return completion.march(self.scheme, replace(onward(problem, node, node + 1, state), asked=times))
+        return completion.march(self.scheme, replace(onward(problem, node, node + 1, state), output_times=times))
 
 
 def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
     """Yield the parts of a run, one after the other, up to the one that fails or reaches the end."""
-    wanted = problem.output
+    wanted = problem.stored_times
     if problem.off_grid:
         fastest = largest_velocity(problem.systems, problem.velocity, problem.load, problem.t_start, problem.t_end)
         count = min(TIMES, int(np.ceil((problem.t_end - problem.t_start) * fastest / TURN)))
         times = np.linspace(problem.t_start, problem.t_end, count + 2)
-        problem = replace(problem, asked=np.union1d(times, wanted))
+        problem = replace(problem, output_times=np.union1d(times, wanted))
         yield Part(scheme, problem, completion.march(scheme, problem), 0)
         return
     node, size, state, memory, inside = 0, FIRST, None, problem.memory, 1
@@ -210,13 +210,13 @@ def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
         one = replace(onward(problem, node, last, state), memory=memory)
         while True:
             times = checked_times(one, inside, wanted)
-            outcome = completion.march(scheme, replace(one, asked=times))
+            outcome = completion.march(scheme, replace(one, output_times=times))
             good = int(outcome.good[0])
             turns = np.sqrt(np.square(outcome.states.velocity[0, : good - 1]).sum(axis=1)) * np.diff(times[:good])
             if inside >= MOST or not turns.size or turns.max() <= 1.1 * TURN:
                 break
             inside = min(MOST, int(np.ceil(inside * turns.max() / TURN)))
-        yield Part(scheme, replace(one, asked=times), outcome, node)
+        yield Part(scheme, replace(one, output_times=times), outcome, node)
         if outcome.failure() is not None:
             return
         node, size, state, memory = last, min(2 * size, LARGEST), outcome.states.part(0, -1), outcome.memory
@@ -390,7 +390,7 @@ def march_to_events(scheme: Integrator, problem: IVP, events: tuple[Event, ...])
     ValueError
         An event function fails; and as the integrator.
     """
-    search, pieces, roots, wanted = Search(events), list[Piece](), list[Root](), problem.output
+    search, pieces, roots, wanted = Search(events), list[Piece](), list[Root](), problem.stored_times
     part: Part | None = None
     end: Root | None = None
     failure: Failure | None = None
@@ -417,7 +417,7 @@ def march_to_events(scheme: Integrator, problem: IVP, events: tuple[Event, ...])
     reached, until = pieces[-1].times[-1], wanted if end is None else np.append(wanted[wanted < end.time], end.time)
     times = until[until <= reached]
     is_last = len(times) > 0 and times[-1] == part.times[-1]
-    outcome = joined(pieces, replace(problem, asked=times), failure, part.outcome.memory if is_last else None)
+    outcome = joined(pieces, replace(problem, output_times=times), failure, part.outcome.memory if is_last else None)
     found = [root.state for root in roots]
     occurred = Events(
         tuple(event.name for event in events),

@@ -225,22 +225,22 @@ def _require_memory(N: int, store: int) -> None:
     )
 
 
-def asked_times(
+def checked_output_times(
     scheme: Integrator, times: ArrayLike, t_start: float, t_end: float | None, step: float | None, store: object
 ) -> Array:
     """Return the checked output times; an integrator that takes no steps has no step."""
     if store != 1 or (scheme.any_times and step is not None):
         raise ValueError("with times= leave " + ("step= and store= out" if scheme.any_times else "store= out"))
-    asked = as_array(times, "times", (None,))
-    if asked.size == 0:
+    output_times = as_array(times, "times", (None,))
+    if output_times.size == 0:
         raise ValueError("times is empty")
-    if asked.size > 1:
-        increasing(asked)
-    if asked[0] < t_start or (t_end is not None and asked[-1] > t_end):
-        outside = asked[0] if asked[0] < t_start else asked[-1]
+    if output_times.size > 1:
+        increasing(output_times)
+    if output_times[0] < t_start or (t_end is not None and output_times[-1] > t_end):
+        outside = output_times[0] if output_times[0] < t_start else output_times[-1]
         end = "" if t_end is None else f" to {t_end:g} s"
         raise ValueError(f"times contains {outside:g} s, outside of the run from {t_start:g} s{end}")
-    return asked
+    return output_times
 
 
 def inside(breakpoints: tuple[float, ...], t_start: float, t_end: float) -> Array:

@@ -131,7 +131,7 @@ def unremarkable(scheme: Integrator, step: float, span: float) -> float:
 
 def coarseness(scheme: Integrator, problem: IVP, fastest: float) -> str | None:
     """Return what to say of a step in which a body that turns at up to `fastest` rad/s turns too far; else None."""
-    if scheme.any_times or problem.asked is not None or (scheme.is_exact_without_load and problem.is_free):
+    if scheme.any_times or problem.output_times is not None or (scheme.is_exact_without_load and problem.is_free):
         return None
     h = problem.grid.longest
     turn, off = fastest * h, phase_error(scheme, problem, fastest)

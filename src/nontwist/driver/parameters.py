@@ -14,7 +14,7 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown
 from ..integrators.compiled import Compiled
-from ..integrators.linearised import Changes, Entries, Nodes, is_seen_from_orbit
+from ..integrators.linearised import Changes, Entries, Nodes, is_in_orbital_frame
 from ..integrators.load_samples import as_marched
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP
@@ -87,7 +87,7 @@ class Parameters:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
-        self._orbits = is_seen_from_orbit(*as_marched(problem, scheme.is_director_scheme), scheme)
+        self._orbits = is_in_orbital_frame(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:

@@ -20,7 +20,7 @@ from ..loads.base import of_body
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .grid import as_store, asked_times, automatic_grid, count_steps, joined, stored_steps, with_spin_kinks
+from .grid import as_store, automatic_grid, checked_output_times, count_steps, joined, stored_steps, with_spin_kinks
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
@@ -36,7 +36,7 @@ class Plan(NamedTuple):
     t_end: float
     store: int | Literal["end"]
     grid: Stretches | None  # None: chosen for the start
-    asked: Array | None  # output times that need not lie on a grid
+    output_times: Array | None  # they need not lie on a grid
     tolerance: float | None = None
     schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
     shows: Literal["steps", "between", "nothing"] = (
@@ -73,7 +73,7 @@ class Plan(NamedTuple):
     @property
     def off_grid(self) -> bool:
         """Whether the integrator takes no steps, but goes from output time to output time."""
-        return self.asked is not None and self.scheme.any_times
+        return self.output_times is not None and self.scheme.any_times
 
     def fastest(self, begin: Starts, is_bound: bool = False) -> float:
         """Return the largest |w| of its runs from a start, rad/s: about, or a bound."""
@@ -88,7 +88,7 @@ class Plan(NamedTuple):
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
         if stored is None:
-            stored = stored_steps(grid.steps, "end" if self.asked is not None else self.store)
+            stored = stored_steps(grid.steps, "end" if self.output_times is not None else self.store)
         if not self.off_grid:
             grid = joined(begin.grid, grid)
         return IVP(
@@ -101,7 +101,7 @@ class Plan(NamedTuple):
             grid.steps,
             stored,
             begin.load_scale,
-            asked=self.asked,
+            output_times=self.output_times,
             off_grid=self.off_grid,
             normal=begin.normal,
             memory=begin.memory,
@@ -136,9 +136,9 @@ def planned(
     is_open = isinstance(integrator, str) and order is None
     t0 = as_number(t_start, "t_start") if t_start is not None else start_time or 0.0
     store = as_store(store)
-    asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
-    if asked is not None and t_end is None:
-        t1 = float(asked[-1])
+    output_times = None if times is None else checked_output_times(scheme, times, t0, t_end, step, store)
+    if output_times is not None and t_end is None:
+        t1 = float(output_times[-1])
     elif t_end is not None:
         t1 = as_number(t_end, "t_end")
     else:
@@ -148,7 +148,7 @@ def planned(
     if step is None and t1 - t0 < 1e-312:
         raise ValueError(f"t_end = {t1:g} s is less than 1e-312 s after t_start; choose another unit of time")
     steps = None if step is None else count_steps(t1 - t0, step)
-    if asked is not None and scheme.any_times:
+    if output_times is not None and scheme.any_times:
         steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
     load = as_load(load)
@@ -162,7 +162,7 @@ def planned(
         t1,
         store,
         grid,
-        asked,
+        output_times,
         tolerance,
         candidates(scheme, is_open) if grid is None else (scheme,),
     )

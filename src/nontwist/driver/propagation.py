@@ -214,7 +214,7 @@ class Propagator:
         >>> least_squares(gap, (0.1, 0.1, 1), jac=slope).x.round(6)
         array([0.      , 0.      , 1.570796])
         """
-        if self._plan.asked is not None:
+        if self._plan.output_times is not None:
             raise ValueError("derivatives are those at nodes of the time grid: make the propagator without times=")
         scale = factor(load_scale)
         if self._prepared is not None and start is None and angular_velocity is None:
@@ -255,7 +255,7 @@ class Propagator:
     def __repr__(self) -> str:
         scheme, grid = self._plan.scheme, self._plan.grid
         order = f" of order {scheme.order}" if isinstance(scheme, Compiled) else ""
-        how = "" if self._plan.asked is not None or grid is None else f", {grid.steps} steps"
+        how = "" if self._plan.output_times is not None or grid is None else f", {grid.steps} steps"
         return f"<Propagator: {self.system!r}, {scheme.name}{order}, {self.t_start:g} to {self.t_end:g} s{how}>"
 
     def __reduce__(self) -> tuple[Any, ...]:

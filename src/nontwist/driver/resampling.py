@@ -105,11 +105,13 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
     found, rest = stored.part(of), np.flatnonzero(t[of] != wanted)
     body, whole = stacked(system), stretched(t, np.ones(len(t) - 1))
 
-    def problem(k: int, grid: Stretches, asked: Array) -> IVP:
+    def problem(k: int, grid: Stretches, output_times: Array) -> IVP:
         """Return the problem that starts with the stored state number `k`."""
         n, own = grid.steps, started(stored.part(k))
         ends = load, grid.borders[0], grid.borders[-1], n, np.array([0, n])
-        return IVP(body, own.pop("quaternion"), own.pop("velocity"), *ends, asked=asked, stretches=grid, **own)
+        return IVP(
+            body, own.pop("quaternion"), own.pop("velocity"), *ends, output_times=output_times, stretches=grid, **own
+        )
 
     if len(rest) and wanted[-1] < t[-1]:
         one = replace(problem(0, whole, wanted[rest]), stored=np.arange(len(t)))
@@ -122,9 +124,9 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
         groups = [(0, rest)] if len(rest) else []
     pace = with_spin_kinks(load, body)
     for k, here in groups:
-        asked = wanted[here]
-        grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])
-        one = replace(problem(k, grid, asked), off_grid=scheme.any_times)
+        output_times = wanted[here]
+        grid = stretched((t[k], output_times[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])
+        one = replace(problem(k, grid, output_times), off_grid=scheme.any_times)
         outcome = completion.march(scheme, one)
         if (failure := outcome.failure()) is not None:
             message = failure_message(one, failure)
@@ -161,10 +163,10 @@ def _resampled_parts(
         if own["time"][:1].values != [first]:  # the state at the seam is not stored
             own = xarray.concat([seam, own], "time", data_vars="minimal", join="override", combine_attrs="override")
         own.attrs = {"system": run.attrs["system"], **attrs}
-        asked = times[of == k]
-        ended = _resampled(own, np.append(asked, last), load, last)
+        output_times = times[of == k]
+        ended = _resampled(own, np.append(output_times, last), load, last)
         seam = ended[needed].isel(time=slice(-1, None))
-        found.append((np.flatnonzero(of == k), ended.isel(time=slice(0, len(asked)))))
+        found.append((np.flatnonzero(of == k), ended.isel(time=slice(0, len(output_times)))))
     names = [name for name in found[0][1].data_vars if all(name in one for _, one in found)]
     whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")
     whole = whole.isel(time=np.argsort(np.concatenate([places for places, _ in found])))

@@ -44,7 +44,7 @@ from .planning import Plan
 from .starts import Starts
 from .tolerance import First, apart_shown, controlled, finer, first_run
 
-CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
+CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 
 
@@ -65,19 +65,18 @@ class PreparedPlan:
             "integrator": plan.scheme,
             "stretches": None if problem.off_grid else problem.grid,
             "load": self._terms,
-            "time": problem.output,
+            "time": problem.stored_times,
             "potentials": self._held,
         }
 
     @staticmethod
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
-        """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
-        nodes = max(grid.steps * plan.scheme.nodes, 0 if plan.asked is None else len(plan.asked))
-        if (
-            plan.load.wheels or plan.systems.spin is not None
-        ):  # the velocity of a start is not the one that the march begins with
-            return False
-        return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
+        """Whether a plan can be prepared, and has nodes of one part; where `most` is given, no more to keep."""
+        nodes, is_plain = grid.steps * plan.scheme.nodes, plan.scheme.can_prepare(plan.load)
+        if not is_plain or nodes > stack_march.NODES or plan.load.wheels or plan.systems.spin is not None:
+            return False  # with wheels or a spin, the march begins with another velocity than the start
+        outputs = stored_count(grid.steps, plan.store) if plan.output_times is None else len(plan.output_times)
+        return max(nodes if plan.load.terms else 1, outputs) <= (most or stack_march.NODES)
 
     @property
     def is_damped(self) -> bool:
@@ -133,7 +132,7 @@ def _cached(plan: Plan, grid: Stretches) -> Known:
 
 def known(plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()) -> Known:
     """Return what is known of a plan: cached where the run is so plain and small, else nothing yet."""
-    is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.asked is None
+    is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.output_times is None
     is_small = is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
     return _cached(plan, grid) if is_small else Known()
 
@@ -155,13 +154,13 @@ def run_of(
     ValueError, SimulationError, SimulationInterrupt
         As `nontwist.simulate`.
     """
-    if plan.grid is None and (events or (plan.asked is not None and not plan.is_controlled)):
+    if plan.grid is None and (events or (plan.output_times is not None and not plan.is_controlled)):
         steps = _chosen(plan, begin, estimate)
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
-        if plan.asked is None and plan.is_between:
+        if plan.output_times is None and plan.is_between:
             swing = swing_rate(plan.systems, plan.load, begin.load_scale)
-            own = own._replace(asked=times_shown(plan, begin, steps.material_angular_velocity, swing))
+            own = own._replace(output_times=times_shown(plan, begin, steps.material_angular_velocity, swing))
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
@@ -214,10 +213,10 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance; where it has output times, its steps are those without them."""
-    has_times, own = plan.is_between or plan.asked is not None, plan
+    has_times, own = plan.is_between or plan.output_times is not None, plan
     if has_times:
         has_series = plan.scheme.has_series(plan.systems, plan.load)
-        own = plan._replace(asked=None, store=1, shows="nothing" if has_series else plan.shows)
+        own = plan._replace(output_times=None, store=1, shows="nothing" if has_series else plan.shows)
     first, states = first_of(plan, begin)
     check_cost(own._replace(scheme=first.scheme), begin, finer(first.grid), states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
@@ -225,10 +224,10 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
     if has_times and outcome.failures[0, 0] != Status.INTERRUPTED:
-        if (times := plan.asked) is None:
+        if (times := plan.output_times) is None:
             times = times_shown(plan, begin, outcome.states.velocity[0], first.swing)
         nodes = None if plan.load.wheels or outcome.failures[0, 0] else outcome.march
-        problem = own._replace(asked=times).problem(begin, problem.grid)
+        problem = own._replace(output_times=times).problem(begin, problem.grid)
         outcome = completion.march(found.scheme, replace(problem, intervals=plan.means, marched=nodes))
     run = trajectory(own, problem, outcome)
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
@@ -237,10 +236,10 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
 def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:
     """Return what the run of a plan with a tolerance begins with, and how many states it stores, about."""
     fastest = plan.fastest(begin)
-    is_long = plan.is_between or (plan.asked is not None and plan.scheme.has_series(plan.systems, plan.load))
+    is_long = plan.is_between or (plan.output_times is not None and plan.scheme.has_series(plan.systems, plan.load))
     first = first_run(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
-    if plan.asked is not None:
-        return first, len(plan.asked)
+    if plan.output_times is not None:
+        return first, len(plan.output_times)
     span, shown = plan.t_end - plan.t_start, finer(first.grid).steps
     if plan.is_between:
         shown = int(span / apart_shown(span, fastest, first.swing))
@@ -251,14 +250,14 @@ def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> A
     """Return the times at which states are stored that nobody has chosen: the body turns by 0.05 rad in between."""
     fastest = float(np.sqrt(np.nanmax(np.square(velocities).sum(axis=1))))
     longest = apart_shown(plan.t_end - plan.t_start, fastest, swing)
-    return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).output
+    return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).stored_times
 
 
 def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:
     """Return the run whose steps are those of a plan with output times or events, as far as it comes."""
     try:
         shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
-        return run_of(plan._replace(asked=None, shows=shows), begin, estimate=estimate)
+        return run_of(plan._replace(output_times=None, shows=shows), begin, estimate=estimate)
     except SimulationError as error:
         if error.partial is None:
             raise
@@ -274,7 +273,7 @@ def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = 
     scheme, load = plan.scheme, plan.load
     is_quiet = not (load.terms and scheme.is_compiled) or warn_of_cost(load)
     if states is None:
-        states = len(plan.asked) if plan.asked is not None else stored_count(grid.steps, plan.store)
+        states = len(plan.output_times) if plan.output_times is not None else stored_count(grid.steps, plan.store)
     whole = plan.problem(begin, grid, np.array([0, grid.steps]))
     is_quiet &= announce(notices.run_cost(scheme, whole, states), scheme, whole)
     if not plan.off_grid and plan.grid is not None:
@@ -294,7 +293,7 @@ def integrated(
     if events:
         problem = replace(plan.problem(begin, grid), intervals=True)
         found = march_to_events(plan.scheme, problem, events)
-        return trajectory(plan, replace(problem, asked=found.times), found.outcome, found)
+        return trajectory(plan, replace(problem, output_times=found.times), found.outcome, found)
     if cached and cached.has_run:
         if cached.prepared is None:
             require_resolution(plan.t_start, plan.t_end, grid)
@@ -315,13 +314,13 @@ def integrated(
 def trajectory(plan: Plan, problem: IVP, outcome: Outcome, ended: Ended | None = None) -> Trajectory:
     """Return the run of an outcome; raise an error that holds the partial run where it has failed."""
     failure, good = outcome.failure(), int(outcome.good[0])
-    time = problem.output[:good]
+    time = problem.stored_times[:good]
     if outcome.end is not None:
         time = np.append(time[:-1], problem.times(outcome.end))
     message = failure_message(problem, failure) if failure is not None else (ended and ended.message) or "done"
     known = outcome.intervals
     if known is None:
-        unknown = np.broadcast_to(np.nan, (1, problem.output.size - 1, 3))
+        unknown = np.broadcast_to(np.nan, (1, problem.stored_times.size - 1, 3))
         known = Intervals(unknown[:, :, :0], unknown, unknown[:, :, 0], None)
     own = problem.member(0)
     means: Any = {name: None if x is None else x[: max(good - 1, 0)] for name, x in known.of_one.items()}
@@ -377,8 +376,8 @@ class Prepared:
     @cached_property
     def states(self) -> int:
         """How many states are stored; a ValueError where they do not fit into memory."""
-        if self.plan.asked is not None:
-            return len(self.plan.asked)
+        if self.plan.output_times is not None:
+            return len(self.plan.output_times)
         if self.plan.is_controlled:
             return self.first[1]
         return stored_count(self.grid.steps, self.plan.store)
@@ -386,7 +385,7 @@ class Prepared:
     @property
     def on_grid(self) -> Prepared:
         """The same with output at its nodes, and without events."""
-        return Prepared(self.plan._replace(asked=None), self.begin, shows="steps")
+        return Prepared(self.plan._replace(output_times=None), self.begin, shows="steps")
 
     def refined(self, run: Trajectory, n: int) -> Prepared:
         """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""

@@ -43,7 +43,7 @@ class Called:
 
     def __init__(self, load: Load, action: int = MOMENT) -> None:
         self.load, self.address, self.remembers, self.generalised, self.terms = load.called, 0, 0, 0, 0
-        self._whole, self.action, self.kept = load, action, list[Any]()
+        self._whole, self.action, self.keepalive = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
             parts: Any = tuple((term.c_function, term.scale) for term in self.load.terms if term.c_function)
@@ -67,7 +67,7 @@ class Called:
             if kind_of(term) in FUNCTIONS:
                 whole[place + TERM.function] = self._address(term.c_function or evaluated(term))
                 whole[place + TERM.slopes] = 0 if slopes is None else self._address(slopes(term))
-        self.kept.append(found)
+        self.keepalive.append(found)
         self.generalised, self.terms = generalised.address, found.ctypes.data
 
     def _address(self, function: Any) -> int:
@@ -91,7 +91,7 @@ class Called:
                     found[k] = x
 
             function = Moment(guarded)
-        self.kept.append(function)
+        self.keepalive.append(function)
         return function if hasattr(function, "address") else Callback(address_of(function))
 
     def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
@@ -124,8 +124,8 @@ class Varied(Called):
     """The terms of a load, with their derivatives."""
 
     def __init__(self, terms: Sequence[Term], action: int, has_time: bool) -> None:
-        self.action, self.kept, self.error = action, [], None
-        self.differenced, self._told = set[str](), set[str]()  # names of functions of which differences were taken
+        self.action, self.keepalive, self.error = action, [], None
+        self.differenced, self._reported = set[str](), set[str]()  # names of functions of which differences were taken
 
         def slopes(term: Term) -> Any:
             if term.slopes is not None:
@@ -152,8 +152,8 @@ class Varied(Called):
         error, self.error = self.error, None
         if error is not None:
             raise error
-        if names := sorted(self.differenced - self._told):
-            self._told |= self.differenced
+        if names := sorted(self.differenced - self._reported):
+            self._reported |= self.differenced
             warn(differenced(names))
 
 

@@ -236,7 +236,7 @@ class Potential(NamedTuple):
             v.gradient = (2.0 * scratch[1 + 3 * term.dimension]) * delta + vector_at(scratch, 1 + 3 * n)
         return v.gradient
 
-    def put_seen(self, sign: float) -> None:
+    def set_arguments(self, sign: float) -> None:
         """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
         state = self.state
         for n in loop(self.term.dimension):
@@ -249,7 +249,7 @@ class Potential(NamedTuple):
         scratch, at, ends = state.scratch, state.scratch.shifted(AT), state.scratch.shifted(ENDS)
         factor, zero = 1 + 3 * term.dimension, state.lifted(0.0)
         v = Variables(length=zero, across=zero, first=zero, along=zero)
-        self.put_seen(0.0)
+        self.set_arguments(0.0)
         for n in loop(term.dimension):
             g = vector_at(at, 3 * n)
             delta = cross(half, g)
@@ -262,10 +262,10 @@ class Potential(NamedTuple):
         for _ in when(v.across > SHORT * v.length):
             for n in loop(term.dimension):
                 v.along = v.along - 2.0 * (vector_at(scratch, 1 + 3 * n) @ cross(half, vector_at(at, 3 * n)))
-            self.put_seen(1.0)
+            self.set_arguments(1.0)
             state.of_potential(term, at, ends)
             v.first = ends[0]
-            self.put_seen(-1.0)
+            self.set_arguments(-1.0)
             state.of_potential(term, at, ends)
             scratch[factor] = (ends[0] - v.first - v.along) / v.across
 
@@ -283,7 +283,7 @@ def without_turn(d: Matrix, m: Vector) -> Vector:
     return inverse_of(*columns) @ m
 
 
-def put_moments(state: State) -> tuple[Vector, Vector]:
+def moments_at(state: State) -> tuple[Vector, Vector]:
     """Return the moments of the load and of potentials at a state as the action has them; set σ."""
     d, view = state.d, state.view
     zero, action = state.lifted(0.0 * view.directors), view.action
@@ -324,7 +324,7 @@ def put_moments(state: State) -> tuple[Vector, Vector]:
 def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
     x = View(StateCall, doubles(address))
-    x.load, x.of_potentials = put_moments(State(doubles(address)))
+    x.load, x.of_potentials = moments_at(State(doubles(address)))
 
 
 @kernel("i8")
@@ -333,7 +333,7 @@ def sloped(address: Any) -> None:
     memory = doubles(address)
     own, x, side = View(Sloped, memory), View(StateCall, memory), machine_code.lanes()
     for first in loop(0, own.directions, side):
-        found = put_moments(DualState(own, memory, first))
+        found = moments_at(DualState(own, memory, first))
         x.load, x.of_potentials = plain(found)
         for k, y in enumerate((*found[0], *found[1])):
             own.slopes.store(k * own.directions + first, tangent(y, 0), side)

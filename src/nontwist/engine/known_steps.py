@@ -256,7 +256,7 @@ class Known(Nodes):
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space as seen at the beginning."""
-        return self.seen(self.vary.along("space", self._scale * self.known(j).space))
+        return self.to_material(self.vary.along("space", self._scale * self.known(j).space))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors and its rate."""
@@ -269,7 +269,7 @@ class Known(Nodes):
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning, rows."""
-        return Matrix(*map(self.seen, self.body.dead))
+        return Matrix(*map(self.to_material, self.body.dead))
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
@@ -284,8 +284,8 @@ class Known(Nodes):
         """Return how far into the step a node is."""
         return 0.5
 
-    def seen(self, x: Vector) -> Vector:
-        """Return a vector in space as seen at the beginning."""
+    def to_material(self, x: Vector) -> Vector:
+        """Return the components in b, at the beginning of the step, of a vector in space."""
         f: Vector = x @ self.R
         return f if self.turn is None else varied(f, cross(f, self.turn))
 
@@ -369,7 +369,7 @@ class LinearFunctions:
 
     def __init__(self, known: Known, calls: Calls, j: Any) -> None:
         self._known, self._at, self._calls, self._j = known, known.known(j), calls, j
-        self.R, self.B = Matrix(*map(known.seen, AXES)), Matrix(*map(known.tilted, known.basis))
+        self.R, self.B = Matrix(*map(known.to_material, AXES)), Matrix(*map(known.tilted, known.basis))
 
     def moment(self, a: Vector, w: Vector) -> Vector:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
@@ -417,5 +417,5 @@ class LinearFunctions:
                     v.found = with_slopes(k, x)
         found = v.found if width else plain(v.found)
         moment, torque = Vector(*found[:3]), Vector(*found[-3:])
-        load = known.factor * known.seen(moment) if calls.parts.function else None
+        load = known.factor * known.to_material(moment) if calls.parts.function else None
         return load, known.factor * known.tilted(known.along(torque)) if calls.parts.generalised else None

@@ -78,8 +78,8 @@ class Chain(NamedTuple):
     own_parameters: Wholes
     own_values: Doubles
     state: Doubles  # X (rows, count), or λ (rows,)
-    kept: Wholes  # (steps,) 1: the state at the end of the step is kept
-    states: Doubles  # forward (kept, 6, count); back (kept, 6), derivatives of f by attitude and velocity
+    is_stored: Wholes  # (steps,) 1: the state at the end of the step is stored
+    states: Doubles  # forward (stored, 6, count); back (stored, 6), derivatives of f by attitude and velocity
     found: Doubles  # back: (count,) df/dp
     scratch: Doubles  # back: (width,)
     grown: int  # growth: how many changes, at most `LANES`
@@ -121,7 +121,7 @@ def multiply(
 
 @lru_cache
 def chain_forward(rows: int) -> Kernel:
-    """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are kept."""
+    """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are stored."""
 
     def text(address: Any) -> None:
         c, lanes = View(Chain, doubles(address)).read(), width()
@@ -140,7 +140,7 @@ def chain_forward(rows: int) -> Kernel:
                     to, value = x.shifted(c.own_parameters[e]), c.own_values[e]
                     for i in range(rows):
                         to[i * c.padded] = fma(value, column[i * c.width * LANES], to[i * c.padded])
-            for _ in when(c.kept[n] != 0):
+            for _ in when(c.is_stored[n] != 0):
                 for k in loop(0, 6 * c.padded, lanes):
                     store(c.states, v.done * 6 * c.padded + k, load(x, k))
                 v.done = v.done + 1
@@ -154,9 +154,9 @@ def chain_back(address: Any) -> None:
     c = View(Chain, doubles(address)).read()
     x, y, found, v = c.state, c.scratch, c.found, Variables(left=0)
     for n in loop(c.steps):
-        v.left = v.left + c.kept[n]
+        v.left = v.left + c.is_stored[n]
     for n, M in each_step(c, back=True):
-        for _ in when(c.kept[n] != 0):
+        for _ in when(c.is_stored[n] != 0):
             v.left = v.left - 1
             for i in range(6):
                 x[i] = x[i] + c.states[6 * v.left + i]
@@ -235,7 +235,7 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
         body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
         scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
-            gather(parts, b, x, b.first + k)
+            read_steps(parts, b, x, b.first + k)
             found, is_stalled = derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
@@ -246,17 +246,17 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     return Kernel(kernel, "i8", n)
 
 
-def gather(parts: Parts, b: View, x: View, first: Any) -> None:
+def read_steps(parts: Parts, b: View, x: View, first: Any) -> None:
     """Fill the workspace with steps; lanes beyond the last repeat it."""
     for l in loop(parts.lanes):
         i, lane = smaller(first + l, b.steps - 1), x.lane(l)
-        put_ends(b, lane, i)
+        read_ends(b, lane, i)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
-        sampled(parts, b, lane, i)
+        read_loads(parts, b, lane, i)
 
 
-def put_ends(b: View, lane: View, i: Any) -> None:
+def read_ends(b: View, lane: View, i: Any) -> None:
     """Take over the length of the step i, and attitude and W at its ends."""
     p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
     lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
@@ -264,7 +264,7 @@ def put_ends(b: View, lane: View, i: Any) -> None:
     lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
 
 
-def sampled(parts: Parts, b: View, lane: View, k: Any) -> None:
+def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:
     """Take over what acts at the node k of the load; 0 where only its derivatives are asked for."""
     for name, size in (("moving", 3), ("space", 3), ("spin", 1)):
         if getattr(parts, name):
@@ -328,11 +328,11 @@ class ForwardRun(NamedTuple):
     padded: int
     changes: Doubles  # of the state and of the inputs, (width, padded)
     fixed: Doubles  # the same, where those of inputs are what all steps have
-    chain: Doubles  # `Chain`: which states are kept, changes that each step has beside
-    found: Doubles  # (kept, 6, padded)
+    chain: Doubles  # `Chain`: which states are stored, changes that each step has beside
+    found: Doubles  # (stored, 6, padded)
     first: Doubles  # quaternion at the start of the run, scalar last, and W
-    is_first: int  # 1: the run begins with this piece
-    turns: Doubles  # (kept, 3, 3) the attitudes there, as seen from the kept ones
+    is_first: int  # 1: the run begins with this chunk
+    turns: Doubles  # (stored, 3, 3) the attitudes there, relative to the stored ones
 
 
 class Loaded(Directions):
@@ -366,7 +366,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
-            sampled(parts, b, x, i)
+            read_loads(parts, b, x, i)
             add_own(own, chain, i, True)
             now, at, calls = v.state, x.read(), Calls(parts, b, dict(wanted), Solved())
             R, W = attitude(now.p), parts.velocity(body, now.s)
@@ -385,7 +385,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
                 b.failed = b.failed + 1
             v.state = found.state
             add_own(own, chain, i, False)
-            for _ in when(chain.kept[i] != 0):
+            for _ in when(chain.is_stored[i] != 0):
                 for k in loop(0, 6 * count, side):
                     own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
                 put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))

@@ -8,7 +8,7 @@ workspace.
 
 A scheme is a `Text`. Its step gets
 
-- `nodes`, which tells what acts at the nodes of the step (`sampling`), with ``nodes.parts``: what there is, known
+- `nodes`, which has what acts at the nodes of the step (`sampling`), with ``nodes.parts``: what there is, known
   when the text is traced, so that an `if` on it leaves things out; ``nodes.body``; ``nodes.h``, the step; and
   ``nodes.memory``, scratch of the scheme itself behind the workspace;
 - the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.auxiliary`` has as many
@@ -16,8 +16,8 @@ A scheme is a `Text`. Its step gets
 - the mask of bodies that are alive: the iteration of a step must not wait for others, nor depend on them.
 
 It returns a `Step`: the state at the end, with s and p as compensated sums (`turned_by`, `compensated`), why bodies
-cannot go on, and, if ``parts.tells``, what the step gives: mean multipliers, mean moment, work, twist. What is not said
-is None. The march does the rest: notes failures, sums, observes, writes nodes.
+cannot go on, and, if ``parts.needs_means``, what the step gives: mean multipliers, mean moment, work, twist; None is
+what is not given. The march does the rest: notes failures, sums, observes, writes nodes.
 
 Quaternions are turned by finite turns, for as long as one likes, without a drift of their length or direction.
 """
@@ -77,7 +77,7 @@ def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quate
         q = p.vector
         return Quaternion(less * p[0] - q @ v, *(fma(less, q, p[0] * v) + cross(q, v)))
 
-    def taken_up(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
+    def updated(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
         t = x + d
         b = t - x
         small = ((x - (t - b)) + (d - b)) + (c + (e + 0.5 * gap * t))
@@ -85,7 +85,7 @@ def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quate
         return total, small - (total - t)
 
     gap = 1.0 - (p[0] * p[0] + p.vector @ p.vector)
-    pairs = [taken_up(*each) for each in zip(p, c, grown(p), grown(c), strict=True)]
+    pairs = [updated(*each) for each in zip(p, c, grown(p), grown(c), strict=True)]
     return Quaternion(*(a for a, _ in pairs)), Quaternion(*(b for _, b in pairs)), abs(gap)
 
 
@@ -209,7 +209,7 @@ def march(text: Text, parts: Parts) -> Callable[[Any], None]:
         x, end = View(Work, memory, parts.lanes), b.end
         for first in loop(b.begin, end, parts.lanes):
             last = smaller(first + parts.lanes, end)
-            own = memory.shifted(size_of(Work) * parts.lanes + parts.room)
+            own = memory.shifted(size_of(Work) * parts.lanes + parts.memory_size)
             gather(parts, b, x, first, last)
             if text.exchange is not None:
                 text.exchange(parts, b, own, first, last, False)
@@ -267,7 +267,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
         for _ in when(any_of(v.alive)):
-            if parts.tells:
+            if parts.needs_means:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
             remember(parts, nodes.internal)
@@ -303,7 +303,7 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
         v.alive = without(v.alive, far)
     for _ in whilst(lambda: any_of(v.alive) & (v.at < end)):
         until = smaller(stored[v.done + 1], end)
-        if parts.tells:
+        if parts.needs_means:
             x.sums.mu = x.sums.mu + h * (until - v.at) / lengths[v.done] * mu
         if parts.observes:
             for number in loop(v.at - begin, until - begin):

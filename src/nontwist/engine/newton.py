@@ -146,7 +146,7 @@ def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:
 
 
 def advance(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
-    """Set ``v.y`` to y and an increment of it, and close bodies that are done."""
+    """Set ``v.y`` to y and an increment of it, and deactivate bodies that are done."""
     before, is_diverged = v.before, v.active & logical_not(size <= OVERFLOW)
     v.done = is_diverged | (size <= level) | (size * size <= REST * level * before)
     v.moves = v.active

@@ -80,7 +80,7 @@ def joined(a: Any, b: Any, k: Any) -> Any:
     return select(k == ITERATIONS, larger(a, b), a + b)
 
 
-def taken(b: View, head: View, number: Any) -> View:
+def begin_call(b: View, head: View, number: Any) -> View:
     """Return a call of the list, with the block made ready for it."""
     row = View(Call, doubles(head.rows + 8 * size_of(Call) * number))
     for name in IN_BLOCK:
@@ -102,7 +102,7 @@ def carry_out(address: Any) -> None:
     b = View(Block, doubles(address))
     head = View(Calls, b.calls)
     for number in loop(head.calls):
-        row = taken(b, head, number)
+        row = begin_call(b, head, number)
         for _ in when(row.begins != 0):
             forget(b, head, b.begin, b.end)
         call(head.kernel, address)
@@ -111,11 +111,11 @@ def carry_out(address: Any) -> None:
 def carry_out_outputs(parts: Parts) -> Kernel:
     """Return the kernel that carries out a list with outputs."""
     names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports", "turns", "memory"
-    return _with_outputs(Parts(**{name: getattr(parts, name) for name in names}))
+    return _output_march(Parts(**{name: getattr(parts, name) for name in names}))
 
 
 @lru_cache
-def _with_outputs(parts: Parts) -> Kernel:
+def _output_march(parts: Parts) -> Kernel:
     def some_at_a_time(address: Any) -> None:
         b = View(Block, doubles(address))
         head = View(Calls, b.calls)
@@ -133,7 +133,7 @@ def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) ->
     x, observed = View(Work, doubles(b.workspace), parts.lanes), b.observed
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
     for number in loop(head.calls, whilst=lambda: v.are_alive):
-        row, rate = taken(b, head, number), head.rates[number]
+        row, rate = begin_call(b, head, number), head.rates[number]
         is_output = row.place != 0
         b.observed = select(is_output, 0, observed.address)
         for _ in when(row.begins != 0):
@@ -203,7 +203,7 @@ def run_prepared(address: Any) -> None:
     v = Variables(squares=0.0 * results[0], fastest=0.0 * results[0])
     for k in loop(head.numbers):
         v.squares = v.squares + results[k] * results[k]
-    for k in loop(b.kept):
+    for k in loop(b.output_count):
         w = vector_at(velocities, 3 * k)
         v.fastest = larger(w @ w, v.fastest)
     own.squares = select(b.failures[0] == 0.0, v.squares, float("inf"))

@@ -27,7 +27,7 @@ def layout(**sizes: int) -> Any:
     return SimpleNamespace(**dict(zip([*sizes, "size"], accumulate(sizes.values(), initial=0), strict=True)))
 
 
-def put(row: NDArray[np.int64], where: Any, **values: Any) -> None:
+def pack(row: NDArray[np.int64], where: Any, **values: Any) -> None:
     """Write numbers, and addresses of arrays, to the places of these names; 0 for None."""
     for name, x in values.items():
         row[getattr(where, name)] = address_of(x) if x is None or isinstance(x, np.ndarray) else x
@@ -131,7 +131,7 @@ class State(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over the open interval."""
+    """Running sums over the present interval between stored states."""
 
     lam: Symmetric
     mu: float
@@ -229,8 +229,8 @@ class Block(NamedTuple):
     internals: Doubles  # (m, k, z) internal states of loads with memory, z numbers
     normals: Doubles  # (m, k, 6)
     intervals: Doubles  # (m, k - 1, `Sums`)
-    kept: int  # k, how many states
-    stored: Wholes  # steps whose ends are kept
+    output_count: int  # k, how many states are stored
+    stored: Wholes  # nodes at which states are stored
     done: int  # how many are
     first: int  # number of the first step
     steps: int
@@ -319,11 +319,11 @@ class Parts(NamedTuple):
         return self.calls or self.turns
 
     @property
-    def room(self) -> int:
+    def memory_size(self) -> int:
         """Numbers behind the workspace: z, what it was rounded by, its change in a step; lines of the cache."""
         return -(-3 * self.memory // 8) * 8
 
     @property
-    def tells(self) -> bool:
-        """Whether a step says what it gives to sums."""
+    def needs_means(self) -> bool:
+        """Whether a step returns its means, for sums over intervals or for what is observed."""
         return self.reports or self.observes

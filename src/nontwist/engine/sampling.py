@@ -180,9 +180,9 @@ class Nodes:
     rate : 1 over the unit of time
     R : Matrix, the attitude at the beginning of the step
     node : number of the first node of the step
-    memory : room of the scheme itself, behind the workspace
+    memory : scratch of the scheme itself, behind the workspace
     block, x : views of the block and of the workspace
-    buffer : room for what functions of the state are called with, by default in the workspace
+    buffer : memory for what functions of the state are called with, by default in the workspace
     """
 
     node: Any
@@ -219,8 +219,8 @@ class Nodes:
         """Begin a step at its first node, with the attitude p."""
         self.node, self.R = node, attitude(p)
 
-    def seen(self, x: Vector) -> Vector:
-        """Return a vector in space as seen at the beginning of the step."""
+    def to_material(self, x: Vector) -> Vector:
+        """Return the components in b, at the beginning of the step, of a vector in space."""
         return x @ self.R
 
     def moving(self, j: Any = 0) -> Vector:
@@ -229,7 +229,7 @@ class Nodes:
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space at a node of the step, as seen at its beginning."""
-        return self.seen(self._scale * vector_at(self._arrays["space"], 3 * (self.node + j)))
+        return self.to_material(self._scale * vector_at(self._arrays["space"], 3 * (self.node + j)))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors at a node of the step and its rate, in b."""
@@ -252,7 +252,7 @@ class Nodes:
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning of the step, rows."""
-        return Matrix(*map(self.seen, self.body.dead))
+        return Matrix(*map(self.to_material, self.body.dead))
 
     def loads(self, j: Any = 0) -> Loads:
         """Return all that acts at a node of the step."""

@@ -90,7 +90,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
     """
     for l in loop(last - first) if parts.lanes > 1 else (0,):
         i, lane, rate = b.order[first + l], x.lane(l), b.step[1]
-        row, body = i * b.kept + k, lane.body
+        row, body = i * b.output_count + k, lane.body
         B, unit = body.basis, body.unit
         f = select(lane.failure.status == OK, 1.0 + 0.0 * unit, NAN)
         s, *v = lane.state.p @ body.frame.inverse
@@ -160,11 +160,11 @@ def enter(address: Any) -> None:
     unit, has_normal, is_constrained = 1.0 / b.step[1], b.director != 0, b.is_constrained != 0
     for i in loop(b.members):
         body, row = View(Body, b.bodies.shifted(i * b.body_stride)), b.states.shifted(i * b.state_size)
-        q, w = b.quaternions.shifted(4 * i * b.kept), b.velocities.shifted(3 * i * b.kept)
+        q, w = b.quaternions.shifted(4 * i * b.output_count), b.velocities.shifted(3 * i * b.output_count)
         state, B = View(State, row), body.basis
         for k in loop(b.state_size):
             row[k] = 0.0
-        z, own = b.internals.shifted(i * b.kept * b.internal), internal_of(b, i)
+        z, own = b.internals.shifted(i * b.output_count * b.internal), internal_of(b, i)
         for k in loop(b.internal):
             own[k] = z[k]
         state.p, W = entered(body, q, w)
@@ -177,7 +177,7 @@ def enter(address: Any) -> None:
             v.s = body.read().momentum_of(W)
         state.s = v.s
         for _ in when(has_normal & (b.normals.address != 0)):
-            normal = b.normals.shifted(6 * i * b.kept)
+            normal = b.normals.shifted(6 * i * b.output_count)
             N = turned_into(B.T, Symmetric(*(normal[k] for k in range(6))))
             put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)
 

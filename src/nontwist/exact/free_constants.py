@@ -84,16 +84,16 @@ def carlson_rf(x: Any, y: Any, z: Any) -> Any:
     """Return Carlson's symmetric integral R_F(x, y, z) by duplication (DLMF 19.36); at most one argument 0."""
     v = Variables(x=x, y=y, z=z, count=0)
 
-    def is_open() -> Any:
+    def is_active() -> Any:
         mean = (v.x + v.y + v.z) / 3.0
         return larger(abs(mean - v.x), larger(abs(mean - v.y), abs(mean - v.z))) >= NEAR * abs(mean)
 
-    v.open = is_open()
-    for _ in whilst(lambda: any_of(v.open) & (v.count < 64)):
+    v.active = is_active()
+    for _ in whilst(lambda: any_of(v.active) & (v.count < 64)):
         sx, sy, sz = sqrt(v.x), sqrt(v.y), sqrt(v.z)
         shift = sx * (sy + sz) + sy * sz
-        v.x, v.y, v.z = (select(v.open, 0.25 * (u + shift), u) for u in (v.x, v.y, v.z))
-        v.open, v.count = is_open(), v.count + 1
+        v.x, v.y, v.z = (select(v.active, 0.25 * (u + shift), u) for u in (v.x, v.y, v.z))
+        v.active, v.count = is_active(), v.count + 1
     mean = (v.x + v.y + v.z) / 3.0
     a, b = 1.0 - v.x / mean, 1.0 - v.y / mean
     c = -a - b

@@ -223,10 +223,10 @@ def follow(kind: Kind, run: View) -> None:
     changing, size = unknowns[: len(changes)], d * recurrence.size
     if kind.has_wheel:
         for n in loop(1, ORDER + 1):
-            unknowns[-1].put(n, plain(0.0))
+            unknowns[-1].set_coefficient(n, plain(0.0))
 
     for k, one in enumerate(unknowns):
-        one.put(0, seeded(run.start[k], k))
+        one.set_coefficient(0, seeded(run.start[k], k))
     v = Variables(now=0.0, sample=0, steps=0, goes=True)
     for _ in whilst(lambda: v.goes):
         recurrence.solve(changing, changes)
@@ -240,14 +240,14 @@ def follow(kind: Kind, run: View) -> None:
             v.goes = t < v.now + reach
             for _ in when(v.goes):
                 for k, one in enumerate(unknowns):
-                    Stored(recurrence, run.out.shifted(v.sample * size)).put(k, one.at(t - v.now))
+                    Stored(recurrence, run.out.shifted(v.sample * size)).set_coefficient(k, one.at(t - v.now))
                 v.sample = v.sample + 1
         v.goes = (run.failed == 0) & (v.sample < run.samples)
         for _ in when(v.goes):
             x = [one.at(reach) for one in unknowns]
             v.now = v.now + reach
             for one, y in zip(unknowns, x, strict=True):
-                one.put(0, y)
+                one.set_coefficient(0, y)
 
 
 def reach_of(series: Sequence[Stored]) -> Any:

@@ -148,7 +148,7 @@ def tangent_to(x: Vector, b: Vector) -> Any:
     return (1.5 - 0.5 * (x @ x)) * x
 
 
-def _put_frame(rows: Any, d1: Vector, d3: Vector) -> None:
+def _set_frame(rows: Any, d1: Vector, d3: Vector) -> None:
     for i, d in enumerate((d1, cross(d3, d1), d3)):
         put(rows[i], d)
 
@@ -176,7 +176,7 @@ def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[An
                     found.member, found.one, found.other = k, v.last, i
             for _ in when(found.member < 0):
                 d1 = transported(v.d1, v.a, b, roll[k, i])
-                _put_frame(frames[k, i], d1, b)
+                _set_frame(frames[k, i], d1, b)
                 for _ in when(node[k, i] != 0):
                     v.last, v.a, v.d1 = i, b, d1
     return found.member, found.one, found.other, found.wide_member, found.wide
@@ -229,5 +229,5 @@ def double_reflection(points: Any, u: Any, start: Any, frames: Any) -> tuple[Any
                 for _ in when(v.c @ v.c < ANTIPODAL):
                     found.member, found.sample = k, i
                 v.d1 = tangent_to(reflected(v.x, v.c), b)
-            _put_frame(frames[k, i], v.d1, b)
+            _set_frame(frames[k, i], v.d1, b)
     return found.member, found.sample

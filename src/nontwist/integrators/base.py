@@ -132,7 +132,7 @@ class Integrator:
         KeyboardInterrupt
             In a stack of more than one.
         """
-        if problem.asked is None or self.any_times:
+        if problem.output_times is None or self.any_times:
             return one_by_one(lambda one: outcome_of(one, self.march_one(one)), problem, threads)
         from .stepping import at_any_times
 

@@ -65,14 +65,14 @@ class Compiled(Integrator):
     def text(self, motion: str) -> Text:
         """Return the text of the step (`engine.marching`) for a kind of motion."""
 
-    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+    def motion(self, parts: Parts, is_nonprincipal: bool, has_vertical: bool) -> str:
         """Return the kind of motion of bodies: "explicit" where nothing is to be solved, "" where it does not matter.
 
         Parameters
         ----------
         parts : Parts
             What acts on them.
-        is_slanted : bool
+        is_nonprincipal : bool
             Whether the constrained axis is not principal, or they spin about it as prescribed.
         has_vertical : bool
             Whether all dead forces have one direction in space.

@@ -133,17 +133,17 @@ class Continuous(Integrator):
         how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
         if self.method in STABLE and 0 < (rate := damping_rate(problem.systems, problem.load)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
-        taken, kept = count(1), [y] if problem.output[0] == problem.t_start else []
+        taken, states = count(1), [y] if problem.stored_times[0] == problem.t_start else []
 
         def failure_of(status: Status, reason: str | Exception) -> Failure:
-            return problem.failed(len(kept), status, reason)
+            return problem.failed(len(states), status, reason)
 
         @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
         def failure_between(a: float, b: float) -> Failure | None:
             """Integrate from a to b and keep the states at the output times; return the failure."""
             nonlocal y
             rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
-            times = problem.output[len(kept) : np.searchsorted(problem.output, b, side="right")]
+            times = problem.stored_times[len(states) : np.searchsorted(problem.stored_times, b, side="right")]
             solver = solver_of(self.method)(rates, a, y, b, **how)
             done = steps = 0
             while solver.status == "running":
@@ -157,7 +157,7 @@ class Continuous(Integrator):
                     return failure_of(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))
                 if until > done:
-                    kept.extend(solver.dense_output()(times[done:until]).T)
+                    states.extend(solver.dense_output()(times[done:until]).T)
                     done = until
             y = solver.y
             return None
@@ -168,7 +168,7 @@ class Continuous(Integrator):
             failure = failure_of(Status.LOAD, error)
         except KeyboardInterrupt as stop:
             failure = failure_of(Status.INTERRUPTED, str(stop))
-        return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
+        return _march(problem, form, np.array(states).reshape(-1, len(y)), size, failure)
 
 
 @cache
@@ -219,7 +219,7 @@ class _Split:
         q = y[:9].reshape(3, 3)
         return q, split_velocity(self.system, q, y[9:12], float(y[12]))
 
-    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+    def set_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         total = moment if forces is NO_FORCES else moment + products(q, forces)
         directors, dy[9:12], dy[12], mu = split_rates(self.system, q, y[9:12], float(y[12]), total, w)
         dy[:9] = directors.ravel()
@@ -249,7 +249,7 @@ class _Spun(_Split):
         q = y[:9].reshape(3, 3)
         return q, y[9:12] @ q
 
-    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+    def set_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         J, n, W = self.system.convected_inertia, self.system.axis, y[9:12]
         assert n is not None
         total = moment + products(q, self.system.dead_force)
@@ -278,7 +278,7 @@ class _Director:
         q, v = self.velocities(y)
         return q, products(q, v) / 2
 
-    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+    def set_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         v_dot, dy[self.size + 4 : self.size + 4 + self.multipliers] = director_rates(
             self.system, q, y[9:18].reshape(3, 3), moment, forces
         )
@@ -301,10 +301,10 @@ def _rates(problem: IVP, form: Any, first: float, last: float, may_reject: bool)
         m, dy = moment_at(moments, at, q, w) if moments.terms else NO_MOMENT, np.empty_like(y)
         if has_forces:
             F = forces_at(forces, at, q, w)
-            form.put_rates(dy, y, q, w, m, F + forces_at(potentials, at, q, w))
+            form.set_rates(dy, y, q, w, m, F + forces_at(potentials, at, q, w))
             m = m + products(q, F)
         else:
-            form.put_rates(dy, y, q, w, m, NO_FORCES)
+            form.set_rates(dy, y, q, w, m, NO_FORCES)
         dy[size : size + 3], dy[size + 3] = m, 0.0 if m is NO_MOMENT else m @ w
         if drives:
             dy[-6:-3], dy[-3:] = q @ w, at * (q @ w)
@@ -337,7 +337,7 @@ def _sizes(problem: IVP, form: Any) -> Array:
 
 
 def _limits(problem: IVP) -> Array:
-    last = float(problem.output[-1])
+    last = float(problem.stored_times[-1])
     spin = problem.system.spin
     known = (*problem.load.breakpoints, *(() if spin is None else spin.breakpoints))
     inner = [t for t in known if problem.t_start < t < last]
@@ -347,6 +347,6 @@ def _limits(problem: IVP) -> Array:
 def _march(problem: IVP, form: Any, y: Array, size: int, failure: Failure | None) -> March:
     pairs = [form.velocities(row) for row in y]
     q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
-    sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.output[: len(y)])[:, None]
+    sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.stored_times[: len(y)])[:, None]
     ends, turned = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
     return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, turned)

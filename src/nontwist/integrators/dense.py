@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.records import BODY, SUMS, Parts, put, side_by_side, spans, views
+from ..engine.records import BODY, SUMS, Parts, pack, side_by_side, spans, views
 from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
@@ -54,7 +54,7 @@ class Dense:
         march = problem.marched
         if march is None:
             nodes = distinct(np.concatenate([[0, problem.steps], step, step + 1, node]))
-            march = march_of(replace(problem, asked=None, stored=nodes), scheme)
+            march = march_of(replace(problem, output_times=None, stored=nodes), scheme)
         self.march, nodes = march, march.stored
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))
@@ -82,7 +82,7 @@ class Dense:
             "intervals": unit / np.append(1.0, outputs.length),
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
-        self._counts = {"nodes": len(nodes), "kept": len(node), "last": m, **strides}
+        self._counts = {"nodes": len(nodes), "output_count": len(node), "last": m, **strides}
         self._kernel = kernel_of(parts_between(march))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
@@ -98,7 +98,7 @@ class Dense:
             names = "rows", "inside", "spans", "intervals"
             changes = {name: self._arrays[name].copy() for name in names}
             changes["rows"][n], changes["inside"][n], reached = last, 0, reached + 1
-            changes["spans"][last - 1] = (since - march.stack.output[last - 1]) / march.unit
+            changes["spans"][last - 1] = (since - march.stack.stored_times[last - 1]) / march.unit
             changes["intervals"][n] = march.unit / (since - self._times[n - 1])
         run = Between(self, march.arrays, found, reached, **changes)
         return (run.arrays, reached - self.skipped) if run.find() else None
@@ -119,14 +119,14 @@ class Between:
         self._kernel, self._apart = dense._kernel, np.zeros(len(good))
         self.arrays, places = side_by_side(**dense.shapes)
         known = dense._arrays | changes
-        taken = np.searchsorted(known["begin"] + 1, found)
-        march, (begin, length), n = dense.march, dense._steps, int(taken.max())
+        steps_taken = np.searchsorted(known["begin"] + 1, found)
+        march, (begin, length), n = dense.march, dense._steps, int(steps_taken.max())
         loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
-        row, self._kept = np.zeros(RUN.size, dtype=np.int64), (known, taken, good, nodes, loads)
-        put(row, RUN, **dense._counts, **known, taken=taken, good=good, apart=self._apart)
-        put(row, RUN, polynomials=loads, degree=degree)
-        put(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
-        put(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
+        row, self._keepalive = np.zeros(RUN.size, dtype=np.int64), (known, steps_taken, good, nodes, loads)
+        pack(row, RUN, **dense._counts, **known, steps_taken=steps_taken, good=good, apart=self._apart)
+        pack(row, RUN, polynomials=loads, degree=degree)
+        pack(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
+        pack(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
         self._row, self._address = row, row.ctypes.data
 
     def find(self) -> bool:

@@ -230,7 +230,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     X = Matrix(*(Mt @ row for row in Y))
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
     found = midpoint_step(state, a, 0.5 * first_moment(X), N_next, solution)
-    return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.tells else found
+    return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.needs_means else found
 
 
 TEXT = Text(step, auxiliary=6)

@@ -78,7 +78,7 @@ class Exact(Integrator):
             problem = problem.member(0)
         problem = with_moments(problem)
         self.require(problem)
-        systems, load, times = problem.systems, problem.load, problem.output
+        systems, load, times = problem.systems, problem.load, problem.stored_times
         is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
         if is_gyrostat or _acts(load, loaded_body.edges_of(load, np.array([problem.t_start, times[-1]]))):
             if m > 1:
@@ -131,7 +131,7 @@ class Exact(Integrator):
         if reason := _unsolved(systems[0], load):
             return reason
         motion = _turning(systems[0], problem.velocity[0], loaded_body.unrefined(load, edges[:-1], edges[1:]))[-1]
-        return _no_solution(MOVING) if motion is None else loaded_body.too_many(load, problem.output)
+        return _no_solution(MOVING) if motion is None else loaded_body.too_many(load, problem.stored_times)
 
     def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`."""
@@ -158,7 +158,7 @@ class PreparedSolution:
     """The solution of a problem of one free body whose start is left open, from many threads."""
 
     def __init__(self, problem: IVP) -> None:
-        self._systems, since = problem.systems, problem.output - problem.t_start
+        self._systems, since = problem.systems, problem.stored_times - problem.t_start
         self._place, self._count = int(since[0] == 0.0), len(since)
         self._since = since[self._place :].copy()
         self._empty = np.full(7 * self._count, np.nan)
@@ -252,7 +252,7 @@ def _turning(
 
 
 def _loaded(problem: IVP) -> March:
-    system, times = problem.system, problem.output
+    system, times = problem.system, problem.stored_times
     if reason := _unsolved(system, problem.load):
         raise ValueError(reason)
     assert system.axis is not None
@@ -270,7 +270,7 @@ def _loaded(problem: IVP) -> March:
 
 def _gyrostat(problem: IVP) -> Outcome:
     """Return the motion of a standard body with rotors of constant momentum; they act with -(Λ c)'."""
-    out, times = scratch(problem), problem.output
+    out, times = scratch(problem), problem.stored_times
     place = int(times[0] == problem.t_start)
     c = problem.load.rotor_momentum(times[:1])[0]
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)

@@ -61,15 +61,15 @@ class Run(NamedTuple):
     polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
     times: Doubles  # (steps, 2) of both ends, those of the caller
-    taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
+    steps_taken: Wholes  # (m,) how many of the steps a member has taken, and its outputs
     good: Wholes
-    kept: int  # rows of an output, the start the first one
-    rows: Wholes  # (kept,) the node at or before each
-    inside: Wholes  # (kept,) 1 where it lies after it
-    intervals: Doubles  # (kept,) 1 over the time since the output before
-    quaternions: Doubles  # (m, kept, 4)
-    velocities: Doubles  # (m, kept, 3)
-    sums: Doubles  # (m, kept - 1, `Sums`)
+    output_count: int  # of a member, the start the first one
+    rows: Wholes  # (outputs,) the node at or before each
+    inside: Wholes  # (outputs,) 1 where it lies after it
+    intervals: Doubles  # (outputs,) 1 over the time since the output before
+    quaternions: Doubles  # (m, outputs, 4)
+    velocities: Doubles  # (m, outputs, 3)
+    sums: Doubles  # (m, outputs - 1, `Sums`)
     apart: Doubles  # (m,) the largest d
 
 
@@ -116,7 +116,7 @@ def kernel_of(parts: Parts) -> Kernel:
         run = View(Run, doubles(address))
         for i in loop(run.first, run.last):
             run.apart[i] = 0.0
-            for first in loop(0, run.taken[i], lanes_of_text()):
+            for first in loop(0, run.steps_taken[i], lanes_of_text()):
                 fill(parts, run, i, first)
             join(parts, run, i)
 
@@ -133,13 +133,13 @@ def body_of(run: View, i: Any) -> Body:
     return Body(*View(Body, run.bodies.shifted(i * run.body_stride)).read())
 
 
-class Rooms:
+class Arena:
     """Memory for both ends of steps, the same one after the other whenever an expansion is made again."""
 
     def __init__(self) -> None:
         self._made, self._next, self._side = list[Any](), 0, 0
 
-    def of(self, side: Any) -> Rooms:
+    def of(self, side: Any) -> Arena:
         """Begin again, for one of the ends."""
         self._next, self._side = 0, side
         return self
@@ -159,24 +159,24 @@ class Rooms:
 class Expansion:
     """Series of P, p and the sums, in as many steps as there are lanes, from one of their ends."""
 
-    def __init__(self, parts: Parts, run: View, i: Any, side: Any, room: Rooms) -> None:
+    def __init__(self, parts: Parts, run: View, i: Any, side: Any, allocate: Arena) -> None:
         self.parts, self.run, self.i, self.side, self.body = parts, run, i, side, body_of(run, i)
         lanes = self.lanes = lanes_of_text()
-        self.recurrence = Recurrence(MOST - 1, lanes=lanes, room=room)
+        self.recurrence = Recurrence(MOST - 1, lanes=lanes, allocate=allocate)
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
-        self.polynomials = [room(MOST * lanes) for _ in range(3 * vectors_of(parts))]
-        self.clock = room(MOST * lanes if parts.turns else 0)
-        self.length, self._start = room(lanes), room(len(self.unknowns) * lanes)
+        self.polynomials = [allocate(MOST * lanes) for _ in range(3 * vectors_of(parts))]
+        self.clock = allocate(MOST * lanes if parts.turns else 0)
+        self.length, self._start = allocate(lanes), allocate(len(self.unknowns) * lanes)
 
-    def gather(self, first: Any) -> None:
+    def read_ends(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
         for memory in (*self.polynomials, *[self.clock][: self.parts.turns]):
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
-            step = smaller(first + l, run.taken[i] - 1)
+            step = smaller(first + l, run.steps_taken[i] - 1)
             begin, length = run.begin[step], run.lengths[step]
             node, means = i * run.nodes + begin, run.means.shifted((i * (run.nodes - 1) + begin) * SUMS.size)
             p, W = run.p.shifted(4 * (node + self.side)), run.W.shifted(3 * (node + self.side))
@@ -197,9 +197,9 @@ class Expansion:
         P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
         held = select(body.k[2] == 0.0, 0.0, P[2])
         for one, at in zip(self.unknowns, (P[0], P[1], held, *q, *more[3:]), strict=True):
-            one.put(0, at)
+            one.set_coefficient(0, at)
         for one, at in zip(self.rows, (x for v in self.equations().start for x in v), strict=True):
-            one.put(0, at + 0.0 * w)
+            one.set_coefficient(0, at + 0.0 * w)
 
     def equations(self) -> Equations:
         """Return the equations in the frame of the end."""
@@ -211,8 +211,8 @@ class Expansion:
         P, p, e = Vector(*self.unknowns[:3]), Quaternion(*self.unknowns[3:STATE]), self.equations()
         g = Matrix(*zip(*[iter(self.rows)] * 3, strict=True)) if self.rows else ()
         moving, space, rotor = self.loads()
-        seen = None if space is None else space @ e.nodes.R
-        now = e.now(StageLoads(moving, seen, rotor), P, g, inverse=lambda C, f: f @ C)
+        space_in_b = None if space is None else space @ e.nodes.R
+        now = e.now(StageLoads(moving, space_in_b, rotor), P, g, inverse=lambda C, f: f @ C)
         W, v, w = now.W, p.vector, p[0]
         rates = [*now.rate, (v @ W) * -0.5, *((W * w + cross(v, W)) * 0.5)]
         rates += self.sum_rates(now, p, space)
@@ -258,19 +258,19 @@ class Expansion:
 def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
-    rooms, own, (signs, apart, rest, enough) = Rooms(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    arena, own, (signs, apart, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
     enough = enough.shifted(0, True)
     for _ in range(count):
-        rooms(MOST * lanes)
-    series = [[rooms.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
+        arena(MOST * lanes)
+    series = [[arena.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
     for l in loop(lanes):
         enough[l] = 0
     v = Variables(k=FEWEST, known=1, goes=True)
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
-            e = Expansion(parts, run, i, side, rooms.of(side))
+            e = Expansion(parts, run, i, side, arena.of(side))
             for _ in when(v.known == 1):
-                e.gather(first)
+                e.read_ends(first)
             e.expand(v.known, v.k)
         rest.store(0, rest_of(series, v.k), lanes)
         v.known, v.goes = v.k, False
@@ -289,7 +289,7 @@ def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
     signs.store(0, sign, lanes)
     apart.store(0, select(off <= inf, off, inf), lanes)
-    for l in loop(smaller(run.taken[i] - first, lanes)):
+    for l in loop(smaller(run.steps_taken[i] - first, lanes)):
         run.apart[i] = larger(run.apart[i], select(enough[l] == 0, inf, apart[l]))
         for c, each in enumerate([*series[0], *series[1]]):
             for n in loop(enough[l]):
@@ -340,7 +340,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
-            row = i * run.kept + run.places[step] + (number - begin) + l
+            row = i * run.output_count + run.places[step] + (number - begin) + l
             target, found = run.sums.shifted((row - i - 1) * SUMS.size), tuple(out[c * lanes + l] for c in range(count))
             put(run.quaternions, found[:4], 4 * row)
             put(run.velocities, found[4:STATE], 3 * row)
@@ -354,7 +354,7 @@ def join(parts: Parts, run: View, i: Any) -> None:
     for c in range(SUMS.size):
         total[c] = 0.0
     for number in loop(run.good[i]):
-        row, inside, at = run.rows[number], run.inside[number], i * run.kept + number
+        row, inside, at = run.rows[number], run.inside[number], i * run.output_count + number
         q, W = run.quaternions.shifted(4 * at), run.velocities.shifted(3 * at)
         sums = run.sums.shifted((at - i - 1) * SUMS.size)
         for _ in when(inside == 0):

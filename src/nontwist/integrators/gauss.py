@@ -186,9 +186,9 @@ class Gauss(Compiled):
         """Return the text of the step."""
         return text_of(self.nodes, motion)
 
-    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+    def motion(self, parts: Parts, is_nonprincipal: bool, has_vertical: bool) -> str:
         """Return the kind of motion, by the vectors of space that are unknowns: "rows" where those are all three."""
-        if is_slanted or not parts.is_along_frame:
+        if is_nonprincipal or not parts.is_along_frame:
             return "rows"
         if parts.dead:
             return "heavy" if has_vertical and not parts.moving else "rows"
@@ -288,7 +288,7 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     W = k * P
     how_far = select(arc <= OVERFLOW, arc, h * sqrt(W @ W))
     found = Step(State(p, next_P, next_compensation, c, auxiliary), v.for_newton, far, gap, v.used, v.residual, how_far)
-    if not parts.tells:
+    if not parts.needs_means:
         return found
     mu = torque
     if parts.is_constrained:
@@ -436,7 +436,7 @@ def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
     never, far = zero > 1.0, far_turn > 0.5 * PI * (y.number + 1.0)
     after = state._replace(p=p, c=c, auxiliary=(zero,))
     found = Step(after, never, far, select(far_turn <= OVERFLOW, gap, far_turn), zero, zero, turn=far_turn)
-    if not nodes.parts.tells:
+    if not nodes.parts.needs_means:
         return found
     if nodes.parts.observes:
         for j in loop(y.number):

@@ -28,7 +28,7 @@ from functools import lru_cache
 from typing import Any
 
 from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, Step, Steps, Wanted, columns_of
-from ..engine.linearised import put_ends, sampled
+from ..engine.linearised import read_ends, read_loads
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
@@ -58,7 +58,7 @@ def scratches(s: int, columns: int) -> dict[str, int]:
         "Z": 9 * s,  # Σ b_i T_ij
         "theta": 9 * s,
         "direct": 9,  # of the turn, by V at the end
-        "gain": 18 * s,  # the response
+        "adjoint": 18 * s,  # the response
         "ends": 6 * columns,
         "along": 4 * columns,  # of a turn about a line: changes of ψ, and of the vector at the end
         "a": 3 * s * (6 * s + 6),
@@ -79,7 +79,7 @@ def linearised(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
         body = View(Body, b.body).read()
         for k in loop(0, smaller(LANES, b.steps - b.first), parts.lanes):
             steps = Collocation(s, motion, parts, wanted, b, body)
-            steps.gather(b.first + k)
+            steps.read_steps(b.first + k)
             for _ in when(any_of(steps.solve())):
                 b.failed = b.failed + 1
             for _ in when(any_of(steps.have_other_ends())):
@@ -112,14 +112,14 @@ class Collocation:
         """Return what is known of a node; all but what acts there stands in the first one."""
         return View(Step, self._nodes.shifted(j * self._node_size), self.parts.lanes)
 
-    def gather(self, first: Any) -> None:
+    def read_steps(self, first: Any) -> None:
         """Fill the nodes with steps; lanes beyond the last repeat it."""
         b, s = self.b, self.s
         for l in loop(self.parts.lanes):
             i = smaller(first + l, b.steps - 1)
-            put_ends(b, self.node(0).lane(l), i)
+            read_ends(b, self.node(0).lane(l), i)
             for j in loop(s):
-                sampled(self.parts, b, self.node(j).lane(l), s * i + j)
+                read_loads(self.parts, b, self.node(j).lane(l), s * i + j)
 
     def equations(self, places: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
@@ -150,12 +150,12 @@ class Collocation:
         return found
 
     def matrix(self, name: str, k: Any) -> Matrix:
-        """Return a matrix that lies in a room, row by row."""
+        """Return a matrix in scratch memory, row by row."""
         a = self.scratches[name].shifted(9 * k)
         return Matrix(*(vector_at(a, 3 * r) for r in range(3)))
 
-    def put(self, name: str, k: Any, A: Any) -> None:
-        """Write a matrix into a room."""
+    def set_matrix(self, name: str, k: Any, A: Any) -> None:
+        """Write a matrix to scratch memory, row by row."""
         put(self.scratches[name].shifted(9 * k), A)
 
     def weight(self, i: Any) -> Any:
@@ -241,11 +241,11 @@ class Collocation:
 
         for i, stage in self.each():
             C = block(i, side)
-            self.put("C", i, C)
+            self.set_matrix("C", i, C)
             for name, g in zip(self.names, self.plain.start, strict=True):
                 setattr(stage, name, g @ C)
             for j in loop(s if has_inverse else 0):
-                self.put("U", i * s + j, block(i, m + 3 * j).T)
+                self.set_matrix("U", i * s + j, block(i, m + 3 * j).T)
 
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
@@ -259,10 +259,10 @@ class Collocation:
             F = h * e.rate(i, V, Matrix(*g) if g else (), self.rows(i))
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
-                self.put("by_rows", 3 * i + k, by[1 + k])
+                self.set_matrix("by_rows", 3 * i + k, by[1 + k])
             for j in loop(s):
-                self.put("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
-            self.put("T", i * s + i, by[0])
+                self.set_matrix("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
+            self.set_matrix("T", i * s + i, by[0])
             r = Variables(r=plain(F) + self.sum(i) * self.V[0])
             for j in loop(s):
                 r.r = r.r - self.inverse(i, j) * self.stages.one(j).V
@@ -275,7 +275,7 @@ class Collocation:
                 U, T = self.matrix("U", i * s + j), self.matrix("T", i * s + j)
                 for A, g in zip(by, self.vectors(self.stages.one(j)), strict=True):
                     T = T + Matrix(*(cross(row, g) for row in A @ U))
-                self.put("T", i * s + j, T)
+                self.set_matrix("T", i * s + j, T)
 
     def set_system(self, width: int, is_transposed: bool) -> None:
         """Set α - T, or the transposed matrix, with room for right-hand sides."""
@@ -290,7 +290,7 @@ class Collocation:
                         a[row * width + column] = (alpha if r == c else 0.0) - T[r][c]
 
     def correct(self, v: Variables) -> None:
-        """Take a step of Newton's iteration for the steps that are open, and close those that are done."""
+        """Take a step of Newton's iteration for the steps that are active, and deactivate those that are done."""
         m, a = 3 * self.s, self.scratches["a"]
         self.set_system(m + 1, False)
         for i, stage in self.each():
@@ -320,7 +320,7 @@ class Collocation:
         else:
             turn = Steady(self) if self.motion == "steady" else Turn(self)
         turn.set()
-        self.set_gains()
+        self.set_adjoint()
         if has_dead and self.motion != "free":
             inputs = tuple(self.wanted)
         self.emit(place, inputs, turn, True)
@@ -328,7 +328,7 @@ class Collocation:
             self.turn = self.turn_of_rows()
             turn = Turn(self)
             turn.set()
-            self.set_gains()
+            self.set_adjoint()
             self.emit(place, ("dead",), turn, False)
 
     def turn_of_rows(self) -> Matrix:
@@ -345,10 +345,10 @@ class Collocation:
             v = Variables(Z=self.weight(0) * self.matrix("T", j))
             for i in loop(1, self.s):
                 v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
-            self.put("Z", j, v.Z)
+            self.set_matrix("Z", j, v.Z)
 
-    def set_gains(self) -> None:
-        """Set the response of the end to what stands on the right at each stage, six rows."""
+    def set_adjoint(self) -> None:
+        """Set the response of the end to right-hand sides at the stages, six rows: solve the transposed system."""
         m, a = 3 * self.s, self.scratches["a"]
         width = m + 6
         self.set_system(width, True)
@@ -360,11 +360,11 @@ class Collocation:
         for j in loop(self.s):
             for o in range(6):
                 row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
-                put(self.scratches["gain"], row, 18 * j + 3 * o)
+                put(self.scratches["adjoint"], row, 18 * j + 3 * o)
 
     def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
-        b, h, gain = self.b, self.h, self.scratches["gain"]
+        b, h, adjoint = self.b, self.h, self.scratches["adjoint"]
         places, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
@@ -390,7 +390,7 @@ class Collocation:
         for i, stage in self.each():
             g = self.changed(i, stage, e)
             F = e.nodes.h * e.rate(i, stage.V, g, self.still_rows(i))
-            by = [vector_at(gain, 18 * i + 3 * o) for o in range(6)]
+            by = [vector_at(adjoint, 18 * i + 3 * o) for o in range(6)]
             both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
             for name in nodal:
                 for c in range(self.wanted[name]):
@@ -485,7 +485,7 @@ class StageEquations(Equations):
     def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
         """Return P, the vectors g, and what the equations say at stages."""
         (P, g), nodes, parts = self.placed(i, matrix), self.nodes, self.parts
-        loads = self.kept(stage)
+        loads = self.stored_loads(stage)
         if parts.calls:
             nodes.evaluate(i, self.k * P, g, False)
             at = nodes.known(i)
@@ -507,7 +507,7 @@ class StageEquations(Equations):
         x, y, z = self.now(loads, body.momentum_of(W), g).rate
         if nodes.force is not None:
             more = ZEROS
-            for f, c in zip(Matrix(*map(nodes.seen, nodes.force)).T, C, strict=True):
+            for f, c in zip(Matrix(*map(nodes.to_material, nodes.force)).T, C, strict=True):
                 more = more + cross(f, c)
             x, y, z = x + more[0], y + more[1], z + body.free * more[2]
         if self.parts.spin:

@@ -53,7 +53,7 @@ class Memory:
         """Return the increment of the number c of z at a stage."""
         return stage.number(self._increment + c)
 
-    def put_increment(self, stage: View, c: Any, x: Any) -> None:
+    def set_increment(self, stage: View, c: Any, x: Any) -> None:
         """Set it."""
         stage.set_number(self._increment + c, x)
 
@@ -82,7 +82,7 @@ class Memory:
         """Begin with increments of zero."""
         for _, stage in self.stages.each():
             for c in loop(self.count):
-                self.put_increment(stage, c, 0.0 * stage.axial)
+                self.set_increment(stage, c, 0.0 * stage.axial)
 
     def place(self, matrix: Any = TABLE.mu) -> None:
         """Set z at all stages from the increments."""
@@ -117,7 +117,7 @@ class Memory:
             after = b * self.rate(stage, c)
             d = abs(after - self.increment(stage, c)) / self.size(stage, c)
             v.change = larger(v.change, select(d <= OVERFLOW, d, INFINITE))
-            self.put_increment(stage, c, after)
+            self.set_increment(stage, c, after)
         return self.stages.largest(v.change)
 
     def end(self) -> None:

@@ -175,7 +175,7 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            loads = e.kept(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
+            loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
                 rate = e.now(loads, P, [turned(c) for c in g], pulled_back_duals).rate
@@ -303,7 +303,7 @@ class Residuals:
             x = Variables(change=row[m])
             for q in loop(m):
                 x.change = x.change + self.solved(q) * row[q]
-            memory.put_increment(stage, c, memory.increment(stage, c) + x.change)
+            memory.set_increment(stage, c, memory.increment(stage, c) + x.change)
             v.worst = larger(abs(self.solved(self.n * i + 3 + c)) / size, v.worst)
             v.left = larger(abs(row[m]) / size, v.left)
             v.is_fine = v.is_fine & (abs(x.change) <= OVERFLOW)
@@ -343,7 +343,7 @@ def newton(
         note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:
-        stages.put(VECTOR, AXES)
+        stages.fill(VECTOR, AXES)
     if e.memory:
         e.memory.clear()
     level = FAR + e.stiffness
@@ -363,7 +363,7 @@ def newton(
                 # the last change is round-off of velocities, but more than the vectors may be off
                 v.goes = v.is_fine & select(v.is_found, now > NEAR, v.count < NEWTON)
     for _ in when(logical_not(v.is_found)):
-        stages.put(e.names, [ZEROS] * len(e.names))
+        stages.fill(e.names, [ZEROS] * len(e.names))
     return v.is_found, v.count, v.worst
 
 

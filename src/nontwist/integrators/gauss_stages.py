@@ -99,7 +99,7 @@ class Stages(NamedTuple):
     are_together: bool  # whether all stages are evaluated at once
 
     @property
-    def wide(self) -> int:
+    def width(self) -> int:
         """How many numbers are evaluated at once."""
         return self.lanes if not self.are_together else 4 if self.number <= 4 else WIDTH
 
@@ -113,7 +113,7 @@ class Stages(NamedTuple):
 
     def at(self, i: Any) -> View:
         """Return the stages that are evaluated at once."""
-        return View(Stage, self.memory.shifted(i * self.across), self.wide, WIDTH * self.across)
+        return View(Stage, self.memory.shifted(i * self.across), self.width, WIDTH * self.across)
 
     def each(self) -> Iterator[tuple[Any, View]]:
         """Yield the stages: all at once, or in a loop of the machine."""
@@ -122,7 +122,7 @@ class Stages(NamedTuple):
 
     def coefficient(self, place: Any, i: Any) -> Any:
         """Return coefficients of the stages that are evaluated at once."""
-        return self.table.load(place + i, self.wide if self.are_together else 1)
+        return self.table.load(place + i, self.width if self.are_together else 1)
 
     def collocated(self, name: str, base: Vector, i: Any, matrix: Any = TABLE.mu) -> Vector:
         """Return ``base + Σ μ_ij L_j``; even and odd j are summed apart."""
@@ -139,7 +139,7 @@ class Stages(NamedTuple):
         """Return the largest number of all stages that are evaluated at once."""
         return largest_of(x) if self.are_together else x
 
-    def put(self, names: Sequence[str], vectors: Sequence[Any], mask: Any = True) -> None:
+    def fill(self, names: Sequence[str], vectors: Sequence[Any], mask: Any = True) -> None:
         """Write vectors of zeros, say, to all stages, for bodies whose mask is set."""
         for _, stage in self.each():
             for name, v in zip(names, vectors, strict=True):
@@ -186,7 +186,7 @@ class StageLoads(NamedTuple):
     of_potentials: Any = None
     remembered: Any = None
 
-    def put(self, stage: View) -> None:
+    def store(self, stage: View) -> None:
         """Keep it in memory."""
         for name, x in self._asdict().items():
             if x is not None:
@@ -203,21 +203,21 @@ class Equations:
         self.orbit, self.memory = None, memory
         if self.parts.orbit and self.has_rows:
             n, o = nodes.orbit
-            self.orbit = n, nodes.seen(o)
+            self.orbit = n, nodes.to_material(o)
         self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
         self.forces: tuple[Vector, ...] = ()
         if self.has_rows:
             self.start, self.forces = AXES, nodes.dead().T if self.parts.dead else ()
         elif motion == "heavy":
-            self.start, self.forces = (nodes.seen(body.vertical),), (body.dead @ body.vertical,)
+            self.start, self.forces = (nodes.to_material(body.vertical),), (body.dead @ body.vertical,)
 
     def sample(self) -> None:
         """Take what acts at the nodes of the step to its stages; rows begin with increments of zero."""
         if self.has_rows:
-            self.stages.put(self.names[1:], [ZEROS] * 3)
+            self.stages.fill(self.names[1:], [ZEROS] * 3)
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
-            self.sampled(j).put(stage)
+            self.sampled(j).store(stage)
             if self.parts.spin:
                 J3 = self.nodes.body.spin * (1.0 / self.k[2])
                 stage.axial = (self.nodes.spin(j) * self.stages.table[TABLE.weights + j]) * J3
@@ -244,7 +244,7 @@ class Equations:
         moving = sum_of(nodes.moving(j) if parts.moving else None, None if rate is None else -rate)
         return StageLoads(moving, nodes.space(j) if parts.space else None, rotor)
 
-    def kept(self, stage: View) -> StageLoads:
+    def stored_loads(self, stage: View) -> StageLoads:
         """Return what acts at stages as it is kept in memory."""
         parts = self.parts
         is_there = parts.moving or parts.rotor, parts.space, parts.rotor, parts.calls, parts.generalised, parts.memory
@@ -283,10 +283,10 @@ class Equations:
             fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
             for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
                 one = self.stages.one(j)
-                self.called(j, rows_of(one), self.k * one.P).put(one)
+                self.called(j, rows_of(one), self.k * one.P).store(one)
                 if fine is not None:
                     v.is_fine = taxicab(one.called) <= OVERFLOW
-        return P, g, self.now(self.kept(stage), P, g)
+        return P, g, self.now(self.stored_loads(stage), P, g)
 
     def called(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
         """Return what functions of the state give at a stage."""
@@ -331,7 +331,7 @@ class Equations:
         return [dP, *(b * cross(v, V) for v in g)]
 
     def ended(self, takes: Any) -> Any:
-        """Evaluate the stages found, keep P, W, g and sums; return the smallest determinant of the rows, negative.
+        """Evaluate the stages found, store P, W, g and sums; return the smallest determinant of the rows, negative.
 
         Bodies whose mask is set take the increments that come out, which are nearer to the solution.
         """
@@ -371,7 +371,7 @@ class TurnEquations:
 
     def __init__(self, nodes: Nodes, stages: Stages) -> None:
         self.stages, self.h, self.level = stages, nodes.h, LEVEL + 0.0 * nodes.body.free
-        stages.put(TURN, [ZEROS] * 3)
+        stages.fill(TURN, [ZEROS] * 3)
 
     def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:
         """Return the increments that follow from those there are."""
@@ -424,11 +424,11 @@ def iterated(
             for _ in when(is_checked):
                 turns = d
                 if k is not None:
-                    v.change = larger(v.change, peak(stages, k * d[0]))
+                    v.change = larger(v.change, largest_change(stages, k * d[0]))
                     v.reach = larger(v.reach, stages.largest(taxicab(k * new[0])))
                     turns = d[1:]
                 if turns:
-                    v.turn = larger(v.turn, peak(stages, *turns))
+                    v.turn = larger(v.turn, largest_change(stages, *turns))
             if memory:
                 v.turn = larger(v.turn, memory.follow(i, stage))
         v.used, v.takes = select(v.active, v.used + 1.0, v.used), v.active
@@ -442,7 +442,7 @@ def iterated(
             stages.take(names, v.takes)
         if k is not None:
             for _ in when(any_of(v.worse)):
-                stages.put(names[:1], [ZEROS], v.worse)
+                stages.fill(names[:1], [ZEROS], v.worse)
         v.count, v.matrix = count + 1, TABLE.mu
         if is_dithered:
             for _ in when(v.last > 0):
@@ -457,7 +457,7 @@ def iterated(
     return v.for_newton, v.used
 
 
-def peak(stages: Stages, *vectors: Vector) -> Any:
+def largest_change(stages: Stages, *vectors: Vector) -> Any:
     """Return the largest size over the stages, infinity where one is not a number."""
     d = taxicab(vectors[0])
     for v in vectors[1:]:
@@ -466,7 +466,7 @@ def peak(stages: Stages, *vectors: Vector) -> Any:
 
 
 def progress(v: Variables, s: int, count: Any, checked: Any, now: Any, level: Any) -> None:
-    """Close bodies that are done, and those that do not contract.
+    """Deactivate bodies that are done, and those that do not contract.
 
     `checked` is how many iterations before this one were looked at, less than 0 where this one is not. `now` is the
     size of the increments in round-off of the velocity, ``v.before`` and ``v.earlier`` those of the last two

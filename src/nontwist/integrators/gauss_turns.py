@@ -41,7 +41,7 @@ class Turn:
 
     def set(self) -> None:
         """Set Θ, and what V at the end does to the turn."""
-        self.steps.put("direct", 0, 0.0 * self.steps.turn)
+        self.steps.set_matrix("direct", 0, 0.0 * self.steps.turn)
         self.by_step = self.set_by_rows()
 
     def set_by_rows(self, mask: Any = True) -> Vector:
@@ -52,7 +52,7 @@ class Turn:
             A = Matrix(cross(C[1], C[2]), cross(C[2], C[0]), cross(C[0], C[1]))
             theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
             v.total = v.total + theta @ stage.V
-            steps.put("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
+            steps.set_matrix("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
         found: Vector = (1.0 / steps.h) * v.total
         return found
 
@@ -74,12 +74,12 @@ class Steady(Turn):
     def set(self) -> None:
         """Set Θ."""
         steps, v = self.steps, Variables(total=0.0 * self.steps.turn)
-        steps.put("direct", 0, 0.0 * steps.turn)
+        steps.set_matrix("direct", 0, 0.0 * steps.turn)
         for i, _ in steps.each():
             less, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
             theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + less, *x))
             v.total = v.total + theta
-            steps.put("theta", i, theta)
+            steps.set_matrix("theta", i, theta)
         self.total = v.total
 
     def changes(self, V: Vector) -> list[Vector]:
@@ -122,7 +122,7 @@ class Line(Turn):
             if self.is_momentum:
                 steps.set_rows(False)
             v.by_step = self.set_by_rows(self.is_small)
-        steps.put("direct", 0, select(self.is_small, 0.0 * direct, direct))
+        steps.set_matrix("direct", 0, select(self.is_small, 0.0 * direct, direct))
         self.by_step = v.by_step
 
     def directions(self, body: Body, W: Vector, ahead: Vector) -> tuple[Any, Vector, Vector]:
@@ -143,8 +143,8 @@ class Line(Turn):
         for i, stage in steps.each():
             b, g = steps.h * steps.weight(i), steps.vectors(stage)
             x = seeded((*stage.V, *[y for v in g for y in v]))
-            V, seen = Vector(*x[:3]), [Vector(*x[3:])] if g else []
-            psi = arc(b * V, self.direction(V, seen), self.r)
+            V, vertical = Vector(*x[:3]), [Vector(*x[3:])] if g else []
+            psi = arc(b * V, self.direction(V, vertical), self.r)
             by_velocity = tangents(psi, 3) + b * self.by_line
             theta = Matrix(*(b * by[c] + by_velocity[c] * by[3] for c in range(3))).T
             if self.is_momentum:
@@ -152,9 +152,9 @@ class Line(Turn):
             else:
                 by_vector = Vector(*(tangent(psi, 3 + c) for c in range(3)))
                 rows = (y * by_vector + b * cross(stage.V, z) for y, z in zip(by[3], ends, strict=True))
-                steps.put("by_end", i, Matrix(*rows))
+                steps.set_matrix("by_end", i, Matrix(*rows))
                 theta = theta + Matrix(*(b * cross(z, stage.g0) for z in ends))
-            steps.put("theta", i, theta)
+            steps.set_matrix("theta", i, theta)
         if self.is_momentum:
             return
         for j, stage in steps.each():
@@ -162,7 +162,7 @@ class Line(Turn):
             for i in loop(steps.s):
                 E, U = steps.matrix("by_end", i), steps.matrix("U", i * steps.s + j)
                 v.theta = v.theta + Matrix(*(cross(row @ U, stage.g0) for row in E))
-            steps.put("theta", j, v.theta)
+            steps.set_matrix("theta", j, v.theta)
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
@@ -174,10 +174,10 @@ class Line(Turn):
     def note(self, i: Any, stage: View, g: Any) -> None:
         """Take up changes of ψ, and of the vertical at the end."""
         sums, b = self.steps.scratches["along"], self.known.h * self.steps.weight(i)
-        seen = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]
-        found = [arc(b * stage.V, seen, self.r)]
+        direction = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]
+        found = [arc(b * stage.V, direction, self.r)]
         if not self.is_momentum:
-            found += b * cross(seen, stage.V)
+            found += b * cross(direction, stage.V)
         for j in range(self.count):
             for k, x in enumerate(tangent(tuple(found), j)):
                 sums[4 * j + k] = sums[4 * j + k] + x

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..engine.generalised import generalised
 from ..engine.marching import Text, march
-from ..engine.outputs import CALL, CALLS, IN_BLOCK, Calls, for_some, forget, taken
+from ..engine.outputs import CALL, CALLS, IN_BLOCK, Calls, begin_call, for_some, forget
 from ..engine.records import BLOCK, Block, Parts
 from ..errors import InputError
 from ..kernels import gpu
@@ -64,8 +64,8 @@ class GpuMarch(StackMarch):
     def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members."""
         text, parts = self.made_for(todo.parts, 1)
-        run = member(text, parts, todo.has_outputs, self.room(1), self.shapes["states"][1])
-        code = gpu.code_of(run, {(1, self.called.generalised): generalised.text} | texts_of(self.called.kept))
+        run = member(text, parts, todo.has_outputs, self.workspace_size(1), self.shapes["states"][1])
+        code = gpu.code_of(run, {(1, self.called.generalised): generalised.text} | texts_of(self.called.keepalive))
         block, head, (rows, alive) = self.block.copy(), todo.head.copy(), todo.arrays
         rows, results = rows.copy(), self.arrays["quaternions"].base  # in which all arrays of the march are
         assert results is not None
@@ -73,7 +73,7 @@ class GpuMarch(StackMarch):
         device.use()
         with Copies(device) as copies:
             own = [getattr(self, name) for name in ARRAYS]
-            copies.add(results, *arrays_in((own, self.called.kept, self.loads, self.stages[todo.parts][0], alive)))
+            copies.add(results, *arrays_in((own, self.called.keepalive, self.loads, self.stages[todo.parts][0], alive)))
             rows[:, IN_CALL], block[POINTERS] = copies.of(rows[:, IN_CALL]), copies.of(block[POINTERS])
             head[CALLS.rates : CALLS.rates + 1] = copies.of(head[CALLS.rates : CALLS.rates + 1])
             head[CALLS.rows] = copies.add(rows)
@@ -136,7 +136,9 @@ def copied(record: Any, memory: Any) -> View:
     return View(record, own)
 
 
-def member(text: Text, parts: Parts, has_outputs: bool, room: int, state_size: int) -> Callable[[Any, Any], None]:
+def member(
+    text: Text, parts: Parts, has_outputs: bool, workspace_size: int, state_size: int
+) -> Callable[[Any, Any], None]:
     """Return the text that carries out a list of calls for one member, given the block and which of its members it is.
 
     The workspace has room for so many numbers; a member carries `state_size` from step to step.
@@ -146,7 +148,7 @@ def member(text: Text, parts: Parts, has_outputs: bool, room: int, state_size: i
     def run(address: Any, number: Any) -> None:
         b = copied(Block, doubles(address))
         head, i = copied(Calls, b.calls), b.begin + number
-        b.begin, b.end, b.workspace, head.scratch = i, i + 1, scratch(room), scratch(state_size)
+        b.begin, b.end, b.workspace, head.scratch = i, i + 1, scratch(workspace_size), scratch(state_size)
 
         def marched(is_output: Any) -> None:
             for _ in when(is_output) if parts.observes else ():
@@ -158,7 +160,7 @@ def member(text: Text, parts: Parts, has_outputs: bool, room: int, state_size: i
             for_some(parts, b, head, marched)
             return
         for k in loop(head.calls):
-            row = taken(b, head, k)
+            row = begin_call(b, head, k)
             for _ in when(row.begins != 0):
                 forget(b, head, i, i + 1)
             onwards(b.address)

@@ -133,9 +133,9 @@ class LieMidpoint(Dissipative):
         """Return the text of the step."""
         return TEXT
 
-    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+    def motion(self, parts: Parts, is_nonprincipal: bool, has_vertical: bool) -> str:
         """Return whether the step is explicit, as Q̃ × Ω is along the axis."""
-        is_quadrature = parts.is_constrained and parts.is_along_frame and not (is_slanted or parts.dead)
+        is_quadrature = parts.is_constrained and parts.is_along_frame and not (is_nonprincipal or parts.dead)
         return "explicit" if is_quadrature else ""
 
 
@@ -181,7 +181,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     Om = velocity_in_step(nodes, loads, P + z)
     solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
     found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
-    return means(nodes, loads, found, P, z, Om, axial) if parts.tells else found
+    return means(nodes, loads, found, P, z, Om, axial) if parts.needs_means else found
 
 
 def velocity_in_step(nodes: Nodes, loads: Loads, Q: Vector) -> Vector:

@@ -19,7 +19,7 @@ from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, Step, columns_of, places_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import BODY, address_of, put
+from ..engine.records import BODY, address_of, pack
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
@@ -69,7 +69,7 @@ class Entries(NamedTuple):
 
 
 Sampled = Callable[["Nodes"], Iterable[Entries]]
-Kept = NDArray[np.int64]
+StepMask = NDArray[np.int64]
 
 
 class Nodes(NamedTuple):
@@ -92,7 +92,7 @@ class Nodes(NamedTuple):
 LONGEST = 2048  # steps that are laid out at a time
 
 
-def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
+def is_in_orbital_frame(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
     """Whether steps under a load, as it is marched, turn with an orbit."""
     return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
@@ -190,15 +190,15 @@ class Linearised:
             self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
-        put(block, STEPS, stages=s, width=self.width)
-        put(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
+        pack(block, STEPS, stages=s, width=self.width)
+        pack(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
             self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
             self._seeds = seeds
-            put(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
-            put(block, STEPS, sloped=sloped.address, seeds=seeds)
+            pack(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
+            pack(block, STEPS, sloped=sloped.address, seeds=seeds)
 
     def turned(self, x: Array, back: bool = False) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
@@ -209,7 +209,7 @@ class Linearised:
         return found
 
     def ranges(self, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of all pieces."""
+        """Return the first and last steps of all chunks."""
         return ranged(0, self.problem.steps, LONGEST, back)
 
     def nodes(self, first: int, last: int) -> Nodes:
@@ -240,40 +240,42 @@ class Linearised:
         if self._varied is not None:
             self._varied.require_no_error()
 
-    def pieces(
-        self, count: int = 0, entries: Sampled = lambda nodes: (), kept: Kept | None = None, back: bool = False
-    ) -> Iterator[Piece]:
+    def chunks(
+        self, count: int = 0, entries: Sampled = lambda nodes: (), is_stored: StepMask | None = None, back: bool = False
+    ) -> Iterator[Chunk]:
         """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
 
-        `kept`: 1 for each step at whose end the state is kept, else 0.
+        `is_stored`: 1 for each step at whose end the state is stored, else 0.
         """
         for ends in self.ranges(back):
             nodes = self.nodes(*ends)
-            piece = piece_of(self, nodes, count, entries(nodes), back)
-            if kept is not None:
-                part = kept[nodes.first : nodes.last]
-                put(piece.chain, CHAIN, kept=part)
-                piece = piece._replace(alive=piece.alive | {"kept": part}, place=int(kept[: nodes.first].sum()))
-            yield piece
+            chunk = chunk_of(self, nodes, count, entries(nodes), back)
+            if is_stored is not None:
+                part = is_stored[nodes.first : nodes.last]
+                pack(chunk.chain, CHAIN, is_stored=part)
+                chunk = chunk._replace(
+                    alive=chunk.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
+                )
+            yield chunk
 
     def workspace(self) -> Workspace:
         """Return memory for matrices."""
         return Workspace(self._block, self._scratch, self.width * self.rows)
 
-    def run(self, kernel: Kernel, own: Workspace, piece: Piece, nodes: States, **arrays: Any) -> None:
-        """Let changes go through the steps of a piece, given the states at all nodes.
+    def run(self, kernel: Kernel, own: Workspace, chunk: Chunk, nodes: States, **arrays: Any) -> None:
+        """Let changes go through the steps of a chunk, given the states at all nodes.
 
         Raises
         ------
         SimulationError
             The equations of a step are not solved again.
         """
-        piece = piece._replace(chain=piece.chain.copy())  # threads share pieces
-        piece.put(own.block, nodes)
-        kernel(piece.linked(own.block, **arrays))
+        chunk = chunk._replace(chain=chunk.chain.copy())  # threads share chunks
+        chunk.fill_block(own.block, nodes)
+        kernel(chunk.linked(own.block, **arrays))
         self.require_no_error()
         if own.block[STEPS.failed]:
-            k = piece.first + int(own.block[STEPS.first])
+            k = chunk.first + int(own.block[STEPS.first])
             t, h = float(self.problem.times(k)), self.problem.step_at(k)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
@@ -317,10 +319,10 @@ class Workspace:
     def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
         self.block = block.copy()
         self._matrices, self._scratch = aligned(entries * LANES, empty=True), aligned(scratch, empty=True)
-        put(self.block, STEPS, out=self._matrices, workspace=self._scratch)
+        pack(self.block, STEPS, out=self._matrices, workspace=self._scratch)
 
 
-class Piece(NamedTuple):
+class Chunk(NamedTuple):
     """Some steps, what acts on them, and how changes go through them: a block (`Chain`), and what it points to."""
 
     first: int
@@ -328,24 +330,24 @@ class Piece(NamedTuple):
     loads: dict[str, Array | None]
     chain: NDArray[np.int64]
     alive: dict[str, Any]
-    place: int = 0  # how many states are kept before
+    place: int = 0  # how many states are stored before
 
-    def put(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
+    def fill_block(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""
-        put(block, STEPS, **self.loads, steps=self.last - self.first, failed=0)
+        pack(block, STEPS, **self.loads, steps=self.last - self.first, failed=0)
         if nodes is not None:
             states = nodes.part(slice(self.first, self.last + 1))
             speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.loads["sizes"])).min())
             ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
-            put(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
+            pack(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
 
     def linked(self, block: NDArray[np.int64], **arrays: Any) -> int:
         """Write the addresses of the block of these steps, and of arrays, to the chain; return its own."""
-        put(self.chain, CHAIN, made=block, **arrays)
+        pack(self.chain, CHAIN, made=block, **arrays)
         return address_of(self.chain)
 
 
-def piece_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Piece:
+def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
     every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
@@ -364,9 +366,9 @@ def piece_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entr
         order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
         arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
         arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
-    put(block, CHAIN, **arrays, steps=last - first, padded=padded)
-    put(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Piece(first, last, steps.sampled(nodes), block, arrays)
+    pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
+    pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
+    return Chunk(first, last, steps.sampled(nodes), block, arrays)
 
 
 def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

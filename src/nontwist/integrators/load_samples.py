@@ -105,8 +105,8 @@ def parts_of(
         is_exact=scheme.needs.action == EXACT,
     )._replace(**known)
     columns = slice(BODY.dead, BODY.damping), slice(BODY.off, BODY.free), slice(BODY.vertical, BODY.dissipation)
-    is_dead, is_slanted, has_vertical = (bodies[:, own].any(axis=1) for own in columns)
-    flags = is_dead + 2 * (is_slanted | (spin is not None)) + 4 * has_vertical
+    is_dead, is_nonprincipal, has_vertical = (bodies[:, own].any(axis=1) for own in columns)
+    flags = is_dead + 2 * (is_nonprincipal | (spin is not None)) + 4 * has_vertical
     found = np.flatnonzero(np.bincount(flags))
 
     def parts_with(flags: int) -> Parts:

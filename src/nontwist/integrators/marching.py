@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine.outputs import HEAD, PREPARED, run_prepared
-from ..engine.records import BLOCK, BODY, QUANTITIES, STATE, SUMS, WORK, layout, put, side_by_side, views
+from ..engine.records import BLOCK, BODY, QUANTITIES, STATE, SUMS, WORK, layout, pack, side_by_side, views
 from ..engine.workspace import enter
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
     """Return what finds outputs between nodes, where these lie on one trajectory; None where they are substeps."""
-    if problem.asked is None or not scheme.has_series(problem.systems, problem.load):
+    if problem.output_times is None or not scheme.has_series(problem.systems, problem.load):
         return None
     from .dense import Dense
 
@@ -65,7 +65,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         if problem.memory is not None:
             todo.remember(problem.memory)
         common, end = todo.run(threads)
-    arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.output)
+    arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.stored_times)
     failures = arrays["failures"]
     good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 
@@ -193,9 +193,9 @@ class PreparedMarch:
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
         block, *alive = march.laid(self._todo)
-        put(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
-        put(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
-        put(call, HEAD, run=march.driver(self._todo).address)
+        pack(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
+        pack(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
+        pack(call, HEAD, run=march.driver(self._todo).address)
         start = call[HEAD.size :].data.cast("B")
         return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)
 
@@ -216,8 +216,8 @@ class SingleStep:
         self.system, self.load, self.step, self.scheme = system, load, step, scheme
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         if load.wheels:
-            kept = (one for one in load.terms if not (isinstance(one, Wheel) and one.is_driven))
-            system, load = carrier(system, load), commanded(Load(tuple(kept)))
+            terms = (one for one in load.terms if not (isinstance(one, Wheel) and one.is_driven))
+            system, load = carrier(system, load), commanded(Load(tuple(terms)))
         self._driven = [k for k, one in enumerate(self.load.wheels) if one.is_driven]
         self._locked = sum((one.locked for one in self.load.wheels), np.zeros((3, 3)))
         self._axes = np.array([self.load.wheels[k].direction for k in self._driven]).reshape(-1, 3)

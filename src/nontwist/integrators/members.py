@@ -92,7 +92,7 @@ def one_by_one(march: Callable[[IVP], Outcome], problem: IVP, threads: int) -> O
 
 def outcome_of(problem: IVP, march: March) -> Outcome:
     """Return the outcome of a problem of one body from its march; missing states are NaN, missing intervals 0."""
-    k, n, failure = len(problem.output), len(march.directors), march.failure
+    k, n, failure = len(problem.stored_times), len(march.directors), march.failure
     p, W, N = states_of(march.directors, march.velocities)
     p = without_jumps(np.concatenate([problem.quaternion, p]))[1:]
     carried = np.stack([march.directors, march.velocities], axis=1)

@@ -253,22 +253,22 @@ class RememberingSteps:
             return float(wheel.speed + n @ W)
         return wheel.inertia * float(W[k] - n[k] * (n @ W)) if name == "wheel" else 0.0
 
-    def forward(self, states: States, start: Array, directions: Array, kept: NDArray[np.int64]) -> Array:
-        """Return the changes of attitude and W at the ends of the kept steps, (kept, 6, count)."""
+    def forward(self, states: States, start: Array, directions: Array, is_stored: NDArray[np.int64]) -> Array:
+        """Return the changes of attitude and W at the ends of the stored steps, (stored, 6, count)."""
         x, found = start, list[Array]()
         for steps, by_state, by_parameter in self.matrices(states):
             for k, (A, B) in enumerate(zip(by_state, by_parameter @ directions, strict=True)):
                 x = A @ x + B
-                if kept[steps.start + k]:
+                if is_stored[steps.start + k]:
                     found.append(x[:6])
         return np.array(found).reshape(-1, 6, start.shape[1])
 
-    def back(self, states: States, slopes: Array, kept: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the derivatives of f by the first state and by parameters, from those at the ends of kept steps."""
+    def back(self, states: States, slopes: Array, is_stored: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the derivatives of f by the first state and by parameters, from those at the ends of stored steps."""
         x, found, left = np.zeros(self.rows), np.zeros(len(self.parameters)), len(slopes)
         for steps, by_state, by_parameter in self.matrices(states, True):
             for k in reversed(range(len(by_state))):
-                if kept[steps.start + k]:
+                if is_stored[steps.start + k]:
                     left -= 1
                     x[:6] += slopes[left]
                 found += by_parameter[k].T @ x

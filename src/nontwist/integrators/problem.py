@@ -67,7 +67,7 @@ class IVP(OnGrid):
     steps: int
     stored: NDArray[np.int64]
     load_scale: Array = field(default_factory=lambda: ONE)  # (1,) or (m,)
-    asked: Array | None = None
+    output_times: Array | None = None  # on the grid or not; None: those of the nodes `stored`
     off_grid: bool = False
     normal: Array | None = None  # (m, 6) N at t_start
     intervals: bool = False  # whether means over the stored intervals are computed
@@ -122,13 +122,13 @@ class IVP(OnGrid):
         return replace(self, systems=systems, progress=None, marched=None, on_gpu=False, **parts, **changes)
 
     def failed(self, states: int, status: Status, reason: str | Exception) -> Failure:
-        """Return the failure of the step, or after the asked time, that follows so many good `states`."""
-        if self.off_grid and self.asked is not None:
+        """Return the failure of the step, or after the output time, that follows so many good `states`."""
+        if self.off_grid and self.output_times is not None:
             last = states - 1
-        elif self.asked is None:
+        elif self.output_times is None:
             last = int(self.stored[max(states - 1, 0)])
         else:
-            reached = self.output[states - 1] if states else self.t_start
+            reached = self.stored_times[states - 1] if states else self.t_start
             last = int(np.searchsorted(self.times(np.arange(self.steps)), reached, side="right")) - 1
         return Failure(status, last, np.nan, np.nan, reason)
 
@@ -209,14 +209,18 @@ class Outcome(NamedTuple):
 
     def times(self, problem: IVP) -> Array:
         """Return the times of the states: of a run that was stopped the last one is that of no output."""
-        found = problem.output.copy()
+        found = problem.stored_times.copy()
         if self.end is not None:
             found[self.good[0] - 1] = problem.times(self.end)
         return found
 
     def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
-        places, k, times = np.searchsorted(whole.output, problem.output), len(problem.output), self.times(whole)
+        places, k, times = (
+            np.searchsorted(whole.stored_times, problem.stored_times),
+            len(problem.stored_times),
+            self.times(whole),
+        )
         if self.end is None:
             good = np.searchsorted(places, self.good)
         else:  # the last state is that of no output
@@ -240,7 +244,7 @@ class Outcome(NamedTuple):
 
 def scratch(problem: IVP) -> Outcome:
     """Return an outcome in which all states but the first are to be written."""
-    m, k = len(problem), len(problem.output)
+    m, k = len(problem), len(problem.stored_times)
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)
     quaternion[:, 0], velocity[:, 0] = problem.quaternion, problem.velocity
     return Outcome(States(quaternion, velocity), np.full(m, k), np.zeros((m, 4)), {})
@@ -268,4 +272,6 @@ def onward(problem: IVP, first: int, last: int, state: States | None = None) -> 
     t_start, t_end = problem.times(np.array([first, last])).tolist()
     n, start = last - first, {} if state is None else started(state)
     grid: dict[str, Any] = {"steps": n, "stored": np.array([0, n]), "stretches": problem.grid.after(first)}
-    return replace(problem, t_start=t_start, t_end=t_end, asked=None, progress=None, marched=None, **grid, **start)
+    return replace(
+        problem, t_start=t_start, t_end=t_end, output_times=None, progress=None, marched=None, **grid, **start
+    )

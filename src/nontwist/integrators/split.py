@@ -196,7 +196,7 @@ class Split(Compiled):
         """Return the text of the step."""
         return TEXT
 
-    def motion(self, parts: Parts, is_slanted: bool, has_vertical: bool) -> str:
+    def motion(self, parts: Parts, is_nonprincipal: bool, has_vertical: bool) -> str:
         """Return whether the step is explicit: kicks of a standard body, quadrature of a non-twisting one."""
         return "explicit" if parts.is_along_frame and not (parts.is_constrained and parts.dead) else ""
 
@@ -309,7 +309,7 @@ class StepSums:
     def add(self, part: Any, mu: Any, work: Any, moment: Vector, dead: Vector) -> None:
         """Add what a substep gives, the means times its part of the step."""
         s = self.sums
-        if self.nodes.parts.tells:
+        if self.nodes.parts.needs_means:
             s.mu, s.work = s.mu + part * mu, s.work + work
             s.moment, s.dead = s.moment + part * moment, s.dead + part * dead
 
@@ -318,7 +318,7 @@ class StepSums:
         parts, s = self.nodes.parts, self.sums
         if parts.observes:
             self.nodes.x.observed.work = self.before
-        if not parts.tells:
+        if not parts.needs_means:
             return found
         dead = s.dead if parts.is_constrained and not parts.is_explicit else None
         return found._replace(twist=0.0 * s.mu, mu=s.mu, moment=s.moment, work=s.work, dead=dead)
@@ -347,7 +347,7 @@ def quadrature(nodes: Nodes, state: State) -> Step:
     W = [k * x for x in Pi]
     turn = magnus(h, W)
     after, gap = rotated(state, *exponential(turn), dP)
-    if parts.tells:
+    if parts.needs_means:
         for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
             until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
             means.see(until, w, h * float(weight))
@@ -440,10 +440,10 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
     e0, e1, e2 = (Vector(*(float(i == j) for j in range(3))) + zero for i in range(3))
     guess = h * (k * Vector(start.auxiliary[0], start.auxiliary[1], zero[0])) if parts.is_constrained else zero
     v = Variables(y=guess, inverse=Matrix(e0, e1, e2), columns=(e0, e1, e2), residual=taxicab(W), size=1e300 + zero[0])
-    v.moments, v.count, v.open, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False
-    for _ in whilst(lambda: v.open & (abs(h) * taxicab(W + v.y) <= FARTHEST)):
-        gain, v.moments = at(v.y)
-        r, before = v.y - gain, v.residual
+    v.moments, v.count, v.active, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False
+    for _ in whilst(lambda: v.active & (abs(h) * taxicab(W + v.y) <= FARTHEST)):
+        value, v.moments = at(v.y)
+        r, before = v.y - value, v.residual
         v.residual = taxicab(r)
         for _ in when(v.residual > 0.1 * before):
             e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), SMALLEST)
@@ -458,7 +458,7 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
         level = taxicab(W + v.y)
         v.found = is_small & ((size <= EPS * level) | ((size > 0.5 * v.size) & (size <= 1e-9 * level)))
         v.size, v.count = size, v.count + 1
-        v.open = without(is_small & (size < 1e300) & (v.count < ITERATIONS), v.found)
+        v.active = without(is_small & (size < 1e300) & (v.count < ITERATIONS), v.found)
     return logical_not(v.found), real(v.count), v.residual, v.moments
 
 

@@ -25,7 +25,7 @@ from ..engine.functions import Called
 from ..engine.generalised import STAGE
 from ..engine.marching import Text, kernel_of
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, put, side_by_side, spans
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, spans
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
@@ -56,7 +56,7 @@ class StackMarch:
     def __init__(self, stack: IVP, scheme: Compiled, **known: Any) -> None:
         """Lay out a stack; `known` are parts that there are in any case."""
         self.stack, self.scheme, self.needs = stack, scheme, scheme.needs
-        self.outputs = None if stack.asked is None else Outputs(stack)
+        self.outputs = None if stack.output_times is None else Outputs(stack)
         m, director = len(stack), scheme.is_director_scheme
         count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
         sizes = stack.grid.sizes
@@ -105,18 +105,18 @@ class StackMarch:
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
         self.stored = stack.stored
-        self.lengths = self._lengths(stack.stored) if self.groups[0].tells else np.ones(len(stack.stored))
+        self.lengths = self._lengths(stack.stored) if self.groups[0].needs_means else np.ones(len(stack.stored))
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
-        put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)
-        put(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
+        pack(self.block, BLOCK, **places, members=m, state_size=size, output_count=count, director=director)
+        pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
-        put(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
+        pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
         self.internal_scales = self.load.internal_scale
-        put(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
-        put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
-        put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
-        put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
+        pack(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
+        pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
+        pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
+        pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
         skips_unloaded = scheme.is_exact_without_load and not self.parts.dead
         self.sampled = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
         self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
@@ -240,7 +240,7 @@ class StackMarch:
                     break
                 done = self.good(last) - 1 if self.outputs is None else self.outputs.before(last - 1)
                 if len(stack) == 1 and last < stack.steps:
-                    counted = done, last, self.arrays["states"].copy(), self._open().copy()
+                    counted = done, last, self.arrays["states"].copy(), self._running_sums().copy()
                 if len(stack) == 1:  # what is reported counts
                     report(1)
                 first = last
@@ -284,7 +284,7 @@ class StackMarch:
             return stack.times(steps), stack.times(steps + 1), sizes
 
         self.loads = self.sampled_at(lambda: stack.nodes(steps, middles), ends, middles) if len(steps) else NOTHING
-        put(self.block, BLOCK, fractions=gamma)
+        pack(self.block, BLOCK, fractions=gamma)
 
     def sampled_at(self, times: Any, steps: Any, middles: Array) -> Samples:
         """Return what acts at nodes (`load_samples.sampled`)."""
@@ -294,7 +294,7 @@ class StackMarch:
         """Go back to the end of the last part that counts, and write the state there."""
         done, last, states, sums = counted or (0, 0, None, None)
         if counted:
-            self.arrays["states"][:], self._open()[:] = states, sums
+            self.arrays["states"][:], self._running_sums()[:] = states, sums
         stack, end = self.stack, None
         self.arrays["failures"][:] = 0.0
         if self.outputs is None:
@@ -311,15 +311,15 @@ class StackMarch:
                 end = None
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 
-    def _open(self) -> Array:
-        """Return the sums over the open interval."""
+    def _running_sums(self) -> Array:
+        """Return the running sums over the present interval."""
         return self.arrays["sums" if self.outputs is None else "totals"]
 
     def _leave(self, parts: Parts, span: tuple[int, int], step: int, done: int) -> None:
         """Write the states of members of a group as if they were those of the node after `done`."""
         part = max(step - 1, 0), max(step, 1)
-        row, self.block[BLOCK.writes_end] = legs(self, *part, self.unloaded)[-1:], 1
-        put(row[0], CALL, first=step, steps=0, done=done, begins=0)
+        row, self.block[BLOCK.writes_end] = grid_calls(self, *part, self.unloaded)[-1:], 1
+        pack(row[0], CALL, first=step, steps=0, done=done, begins=0)
         self._run(listed(self, parts, 1, *part, row), 1, *span)
         self.block[BLOCK.writes_end] = 0
 
@@ -328,11 +328,11 @@ class StackMarch:
         m, found, begin = len(self.stack), [], 0
         if m == 1:
             return [(self.groups[0], 1, (0, 1), 1)]
-        scheme, wide = self.scheme, machine_code.lanes()
+        scheme, lanes = self.scheme, machine_code.lanes()
         size = int(np.clip(-(-m // (4 * threads)), SMALLEST, LARGEST))
         for parts, number in zip(self.groups, np.bincount(self.group).tolist(), strict=True):
-            few = number <= FEW or not scheme.in_lanes or self.parts.memory > 0  # whose workspace is that of one
-            found.append((parts, 1 if few else wide, (begin, begin + number), size))
+            is_single = number <= FEW or not scheme.in_lanes or self.parts.memory > 0  # whose workspace is that of one
+            found.append((parts, 1 if is_single else lanes, (begin, begin + number), size))
             begin += number
         return found
 
@@ -340,7 +340,7 @@ class StackMarch:
         """Return how many stored states there are before the end of a step that has failed."""
         if self.outputs is None:
             return int(np.searchsorted(self.stack.stored, step, side="right"))
-        return int(np.searchsorted(self.stack.output, self.stack.times(step), side="right"))
+        return int(np.searchsorted(self.stack.stored_times, self.stack.times(step), side="right"))
 
     @property
     def skipped(self) -> int:
@@ -357,19 +357,19 @@ class StackMarch:
         """Return the kernel that carries out a list of calls."""
         return carry_out_outputs(self.parts._replace(lanes=width)) if todo.has_outputs else carry_out
 
-    def room(self, width: int) -> int:
+    def workspace_size(self, width: int) -> int:
         """Return the numbers of the workspace of so many members."""
         each, shared = self.needs.scratch(self.parts.memory)
-        return int(width * (WORK.size + self.parts.room + each) + shared)
+        return int(width * (WORK.size + self.parts.memory_size + each) + shared)
 
     def laid(
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
         block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * self.shapes["states"][1])
-        workspace = aligned(self.room(width))
-        put(head, CALLS, scratch=scratch)
-        put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
+        workspace = aligned(self.workspace_size(width))
+        pack(head, CALLS, scratch=scratch)
+        pack(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
         return block, workspace, (head, scratch, todo)
 
 
@@ -399,7 +399,7 @@ class Outputs:
     """
 
     def __init__(self, problem: IVP) -> None:
-        times, last = np.asarray(problem.asked), problem.steps
+        times, last = np.asarray(problem.output_times), problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
         j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
         rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))
@@ -442,17 +442,17 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
     alive: tuple[Any, ...] = ()
     if has_outputs:
-        rows, rates, alive = _with_outputs(march, parts, first, last, unloaded)
-        put(head, CALLS, rates=rates)
+        rows, rates, alive = _calls_with_outputs(march, parts, first, last, unloaded)
+        pack(head, CALLS, rates=rates)
         alive = rates, alive
     elif rows is None:
-        rows = legs(march, first, last, unloaded)
-    put(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
-    put(head, CALLS, **march.addresses(parts, width, has_outputs))
+        rows = grid_calls(march, first, last, unloaded)
+    pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
+    pack(head, CALLS, **march.addresses(parts, width, has_outputs))
     return Listed(head, (rows, alive), has_outputs, parts)
 
 
-def legs(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
+def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
     """Return the calls for steps of the grid, one for each stretch and from stop to stop."""
     numbers = np.array(march.stack.grid.numbers)
     stop = distinct(np.concatenate([[first, last], numbers, unloaded.begin, unloaded.end, *stops]))
@@ -479,7 +479,7 @@ def _rows(march: StackMarch, first: Rows, steps: Any, done: Any, sizes: Array, w
     return rows
 
 
-def _with_outputs(
+def _calls_with_outputs(
     march: StackMarch, parts: Parts, first: int, last: int, unloaded: Unloaded
 ) -> tuple[Rows, Array, Any]:
     """Return the calls of steps and outputs in order, and the arrays that belong to them."""
@@ -491,7 +491,7 @@ def _with_outputs(
     stretch[(stretch >= 0) & ~inside & np.isin(node, unloaded.begin)] = -1  # there nothing has moved yet
     free = stretch >= 0
     origin, is_step = unloaded.begin[stretch[free]], inside & ~free
-    steps = legs(march, first, last, unloaded, node[~free])
+    steps = grid_calls(march, first, last, unloaded, node[~free])
     sizes = march.sizes[np.searchsorted(stack.grid.numbers[1:-1], node, side="right"), 0]
     length = since / march.unit
     length[free] = (stack.times(node[free]) - stack.times(origin) + since[free]) / march.unit

@@ -44,7 +44,7 @@ def march(problem: IVP, constraints: int, step: Callable[[int, Array, Array], St
         Of the states.
     """
     q, v, stored = problem.directors.astype(precision), problem.velocities.astype(precision), problem.stored
-    states, n, lengths, failure = [(q, v)], len(stored) - 1, np.diff(problem.output), None
+    states, n, lengths, failure = [(q, v)], len(stored) - 1, np.diff(problem.stored_times), None
     multipliers, moment, work = np.zeros((n, constraints)), np.zeros((n, 3)), np.zeros(n)
     iterations = np.zeros(n, dtype=np.int64)
     try:
@@ -76,12 +76,12 @@ def _broken(k: int, q: Array) -> Failure | None:
 
 
 def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
-    """Return the states of one body at the asked times: each by a step of its own from the last node.
+    """Return the states of one body at the output times: each by a step of its own from the last node.
 
     Parameters
     ----------
     march_one : callable
-        From a problem without asked times to its march.
+        From a problem without output times to its march.
     problem : IVP
 
     Returns
@@ -91,8 +91,8 @@ def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
     """
     outputs, N = Outputs(problem), problem.steps
     nodes = np.unique(np.concatenate([[0], outputs.node, [N]]))
-    whole = march_one(replace(problem, asked=None, stored=nodes, intervals=True))
-    once = replace(problem, asked=None, steps=1, stored=ENDS, intervals=True, progress=None)
+    whole = march_one(replace(problem, output_times=None, stored=nodes, intervals=True))
+    once = replace(problem, output_times=None, steps=1, stored=ENDS, intervals=True, progress=None)
     reached, counts = problem.times(nodes)[: len(whole.directors)], whole.newton_iterations
     passed = whole.means.integrals(np.diff(reached))[0]
     total = np.concatenate([np.zeros((1, passed.shape[1])), np.cumsum(passed, axis=0)])

@@ -19,37 +19,37 @@ from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Entries, Kept, Linearised, Nodes, Piece, Sampled, Workspace
+from .linearised import Chunk, Entries, Linearised, Nodes, Sampled, StepMask, Workspace
 from .members import PerThread
 
 
-def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
-    """Return the changes of the states at the ends of the kept steps, (kept, 6, count): attitude, then W.
+def forward(steps: Linearised, states: States, start: Array, entries: Sampled, is_stored: StepMask) -> Array:
+    """Return the changes of the states at the ends of the stored steps, (stored, 6, count): attitude, then W.
 
-    `start` is the change of the first one, (rows, count), `kept` an array of 0 and 1, one for each step.
+    `start` is the change of the first one, (rows, count), `is_stored` an array of 0 and 1, one for each step.
     """
     count, own = start.shape[1], steps.workspace()
     padded = -(-count // LANES) * LANES
-    x, found = aligned(steps.rows, padded), aligned(int(kept.sum()), 6, padded, empty=True)
+    x, found = aligned(steps.rows, padded), aligned(int(is_stored.sum()), 6, padded, empty=True)
     x[:, :count] = steps.turned(start)
-    for piece in steps.pieces(count, entries, kept):
-        steps.run(chain_forward(steps.rows), own, piece, states, state=x, states=found[piece.place :])
+    for chunk in steps.chunks(count, entries, is_stored):
+        steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.place :])
     return steps.turned(found[:, :, :count], back=True)
 
 
 def back(
-    steps: Linearised, states: States, slopes: Array, entries: Sampled, kept: Kept, count: int
+    steps: Linearised, states: States, slopes: Array, entries: Sampled, is_stored: StepMask, count: int
 ) -> tuple[Array, Array]:
     """Return the derivatives of f by the first state, (rows,), and by the parameters of the entries, (count,).
 
-    `slopes` are those by the states at the ends of the kept steps, (kept, 6).
+    `slopes` are those by the states at the ends of the stored steps, (stored, 6).
     """
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found = np.zeros(-(-count // LANES) * LANES)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
-    for piece in steps.pieces(count, entries, kept, back=True):
-        arrays = {"state": x, "scratch": scratch, "states": slopes[piece.place :], "found": found}
-        steps.run(chain_back, own, piece, states, **arrays)
+    for chunk in steps.chunks(count, entries, is_stored, back=True):
+        arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.place :], "found": found}
+        steps.run(chain_back, own, chunk, states, **arrays)
     return steps.turned(x[:, None], back=True)[:, 0], found[:count]
 
 
@@ -62,16 +62,20 @@ class PreparedTangents:
     count : int
         How many parameters there are.
     entries : what they do to the inputs of steps
-    kept : (steps,) array of 0 and 1
+    is_stored : (steps,) array of 0 and 1
     """
 
-    def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
-        self._steps, self._pieces, self._kept = steps, list(steps.pieces(count, entries, kept)), int(kept.sum())
+    def __init__(self, steps: Linearised, count: int, entries: Sampled, is_stored: StepMask) -> None:
+        self._steps, self._chunks, self._stored_count = (
+            steps,
+            list(steps.chunks(count, entries, is_stored)),
+            int(is_stored.sum()),
+        )
         self._count, self._threads = count, PerThread(lambda: (None,) * 6)
         self._run = chain_forward(steps.rows).function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
-        """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
+        """Return the changes of the states at the start and at the stored steps, (1 + stored, 6, count).
 
         `states` are those at all nodes, in memory that belongs to this thread; `factor` that of the load. None where a
         step is not solved again.
@@ -96,16 +100,16 @@ class PreparedTangents:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
-        found = aligned(self._kept, 6, padded, empty=True)
+        found = aligned(self._stored_count, 6, padded, empty=True)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for piece in self._pieces:
+        for chunk in self._chunks:
             block = own.block.copy()
-            refresh = partial(piece.put, block, states)
+            refresh = partial(chunk.fill_block, block, states)
             refresh()
             block[STEPS.factor] = scale.ctypes.data
-            piece = piece._replace(chain=piece.chain.copy())
-            calls.append((block, piece.linked(block, state=x, states=found[piece.place :]), refresh))
-            alive.append(piece)
+            chunk = chunk._replace(chain=chunk.chain.copy())
+            calls.append((block, chunk.linked(block, state=x, states=found[chunk.place :]), refresh))
+            alive.append(chunk)
         return states, x, found, scale, calls, (own, alive)
 
 
@@ -117,17 +121,17 @@ class ForwardTangents:
 
     MOST = 3 * LANES
 
-    def __init__(self, steps: Linearised, start: Array, entries: Sampled, kept: Kept) -> None:
+    def __init__(self, steps: Linearised, start: Array, entries: Sampled, is_stored: StepMask) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
         self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
-        self._steps, self._kept, side = steps, int(kept.sum()), machine_code.lanes()
+        self._steps, self._stored_count, side = steps, int(is_stored.sum()), machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
         def entries_of(nodes: Nodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
-        self._pieces = list(steps.pieces(self._count, entries_of, kept))
-        arrays = [piece.alive.get(name, ()) for piece in self._pieces for name in ("used", "own_columns")]
+        self._chunks = list(steps.chunks(self._count, entries_of, is_stored))
+        arrays = [chunk.alive.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
@@ -136,17 +140,17 @@ class ForwardTangents:
 
     def _parted(self, start: Array) -> tuple[Array, Array, Array]:
         """Return the changes of the first state as they are returned, carried along, and turned."""
-        seen = start if self._turn is None else self._turn @ start
-        return start[:6], seen[:, self._others], seen[:3, self._turned]
+        carried = start if self._turn is None else self._turn @ start
+        return start[:6], carried[:, self._others], carried[:3, self._turned]
 
     def __call__(self, p: Any, W: Any, start: Array | None, factor: float) -> Array | None:
         """Return the changes of the states of the run from the quaternion p, scalar last, and W; None where it fails.
 
-        They are (1 + kept, 6, count), at the start and at the kept steps; None stands for the start that is known.
+        They are (1 + stored, 6, count), at the start and at the stored steps; None stands for the start that is known.
         """
         x, state, found, turns, scale, calls, _ = self._threads.own
-        first, seen, turned = self._start if start is None else self._parted(start)
-        scale[0], state[:], x[: len(seen), : self._count] = factor, 0.0, seen
+        first, carried, turned = self._start if start is None else self._parted(start)
+        scale[0], state[:], x[: len(carried), : self._count] = factor, 0.0, carried
         state[-7:-3], state[-3:] = p, W
         for block, address in calls:
             self._kernel(address)
@@ -164,23 +168,23 @@ class ForwardTangents:
 
     def _workspace(self) -> Any:
         """Return memory for one thread: changes, state, what is found, turns, the factor, calls, and all of it."""
-        steps, rows, count = self._steps, self._steps.rows, self._kept
+        steps, rows, count = self._steps, self._steps.rows, self._stored_count
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for piece in self._pieces:
+        for chunk in self._chunks:
             fixed[rows:] = 0.0
-            fixed[piece.alive["used"], : self._count] = piece.alive["changes"][:, : self._count]
+            fixed[chunk.alive["used"], : self._count] = chunk.alive["changes"][:, : self._count]
             block = own.block.copy()
-            piece.put(block)
+            chunk.fill_block(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[piece.place :], piece.linked(block)
-            head.first, head.is_first, head.turns = state[-7:], int(piece.first == 0), turns[piece.place :]
+            head.padded, head.found, head.chain = self._padded, found[chunk.place :], chunk.linked(block)
+            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.place :]
             calls.append((block, head.address))
-            alive.append((head, piece))
+            alive.append((head, chunk))
         x[:] = fixed
         return x, state, found, turns, scale, calls, (own, alive)
 
@@ -204,11 +208,11 @@ class Growth:
         self.count = first.shape[1]
         random = np.random.default_rng(0).normal(size=(self.count, self.count))
         self._first = first @ np.linalg.qr(random)[0]  # along nothing in particular
-        self._pieces: list[Piece] | None = None
+        self._chunks: list[Chunk] | None = None
 
     def keep(self) -> Growth:
         """Keep what acts on the steps, for many runs, and return this."""
-        self._pieces = list(self._steps.pieces())
+        self._chunks = list(self._steps.chunks())
         return self
 
     @cached_property
@@ -242,7 +246,7 @@ class Growth:
         arrays["metric"][:] = T.T @ T / fastest**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done = np.empty((len(self.times), k)), 0
-        for piece in self._pieces or steps.pieces():
-            steps.run(grow(steps.rows), own, piece, states, grown=k, lengths=lengths[done:], **at)
-            done += -(-(piece.last - piece.first) // TOGETHER)
+        for chunk in self._chunks or steps.chunks():
+            steps.run(grow(steps.rows), own, chunk, states, grown=k, lengths=lengths[done:], **at)
+            done += -(-(chunk.last - chunk.first) // TOGETHER)
         return np.cumsum(np.log(lengths), axis=0)

@@ -67,7 +67,7 @@ class OnGrid:
     t_end: float
     steps: int
     stored: NDArray[np.int64]  # numbers of the nodes whose states are stored, including 0 and `steps`
-    asked: Array | None  # output times, on the grid or not
+    output_times: Array | None  # where states are wanted, on the grid or not; None: at the nodes `stored`
     off_grid: bool  # whether the integrator ignores the grid and integrates from one output time to the next
     stretches: Stretches | None  # sections of equal steps; None: all steps are equal
 
@@ -95,9 +95,9 @@ class OnGrid:
         return sizes[0] if len(sizes) == 1 else sizes[int(self.stretch_of(k))]
 
     @cached_property
-    def output(self) -> Array:
+    def stored_times(self) -> Array:
         """Times at which states are stored, s."""
-        return self.times(self.stored) if self.asked is None else self.asked
+        return self.times(self.stored) if self.output_times is None else self.output_times
 
     def times(self, k: Any) -> Array:
         """Return the times of the nodes with the numbers `k`, s; step number k is between the nodes k and k + 1."""
@@ -127,9 +127,9 @@ class OnGrid:
 
     def began(self, step: int) -> float:
         """Return the time at which a step begins, s; off the grid, the output time with this number, or t_start."""
-        if self.asked is None or not self.off_grid:
+        if self.output_times is None or not self.off_grid:
             return float(self.times(step))
-        return float(self.asked[step]) if step >= 0 else self.t_start
+        return float(self.output_times[step]) if step >= 0 else self.t_start
 
     def stretch_of(self, k: Any) -> Any:
         """Return the numbers of the sections that contain the steps `k`."""

@@ -112,13 +112,15 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     if outcome.intervals is None:
         return outcome
     if outcome.intervals.turned is not None:
-        _put_works(problem, outcome.states.internal, outcome.intervals.turned, times)
+        _set_works(problem, outcome.states.internal, outcome.intervals.turned, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
-    z, kept, length = W @ locked, outcome.intervals, np.diff(times)
+    z, intervals, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
         moment = np.diff(np.einsum("mkij,mkj->mki", attitudes(p), z), axis=1) / length[:, None]
     work = np.diff((W * z).sum(axis=-1), axis=1) / 2
-    return outcome._replace(intervals=kept._replace(moment=kept.moment + moment, load_work=kept.load_work + work))
+    return outcome._replace(
+        intervals=intervals._replace(moment=intervals.moment + moment, load_work=intervals.load_work + work)
+    )
 
 
 # ---- the work of motors whose torques are known beforehand
@@ -129,13 +131,13 @@ def with_works(problem: IVP) -> IVP:
     kinks = {t for one in problem.load.wheels if one.is_driven for t in one.breakpoints}
     if not any(one.is_driven and one.works for one in problem.load.wheels):
         return problem
-    inner = [t for t in kinks if problem.t_start < t < problem.output[-1]]
-    times = np.union1d(problem.output, [problem.t_start, *inner])
-    asked = problem.asked if len(times) == len(problem.output) else times
-    return replace(problem, intervals=True, asked=asked)
+    inner = [t for t in kinks if problem.t_start < t < problem.stored_times[-1]]
+    times = np.union1d(problem.stored_times, [problem.t_start, *inner])
+    output_times = problem.output_times if len(times) == len(problem.stored_times) else times
+    return replace(problem, intervals=True, output_times=output_times)
 
 
-def _put_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
+def _set_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
     """Put the works of driven wheels to the states."""
     first = problem.internal
     assert z is not None
@@ -160,12 +162,12 @@ def work_of(inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, 
     return found
 
 
-def put_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
+def set_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:
     """Put the works of driven wheels to the states at the times asked for, given those at all nodes of the grid.
 
     They are quadratures of τ Ω since the node before; `velocities` gives W at increasing times.
     """
-    times, grid = problem.output, problem.times(np.arange(problem.steps + 1))
+    times, grid = problem.stored_times, problem.times(np.arange(problem.steps + 1))
     number = np.searchsorted(grid, times, side="right") - 1
     since = times - grid[number]
     at, place = np.unique(grid[number, None] + since[:, None] * X, return_inverse=True)

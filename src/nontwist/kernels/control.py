@@ -120,7 +120,7 @@ def _put(slot: Any, x: Any, name: str) -> None:
         for own, y in zip((slot.value, *slot.tangents), (plain(x), *slot.lifted(x).tangents), strict=True):
             _put(own, y, name)
     elif slot is not None and x is not None:
-        writer().put(slot.kind, slot.of.named(x, slot.n), slot.name)
+        writer().store_slot(slot.kind, slot.of.named(x, slot.n), slot.name)
     elif slot is not x:
         raise TraceError(f"{name} was None first, or is now")
 
@@ -128,4 +128,4 @@ def _put(slot: Any, x: Any, name: str) -> None:
 def _get(slot: Any) -> Any:
     if isinstance(slot, Dual):
         return Dual(_get(slot.value), [_get(own) for own in slot.tangents])
-    return None if slot is None else slot.of(writer().get(slot.kind, slot.name), slot.n)
+    return None if slot is None else slot.of(writer().load_slot(slot.kind, slot.name), slot.n)

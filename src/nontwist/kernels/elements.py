@@ -207,9 +207,9 @@ def called(name: str, *args: Any) -> Element:
         return found
     names = [Element.named(a, n) for a in args]
     if n > 1 and not is_of_llvm:
-        all_lanes, wide = "undef", [Element(x, n) for x in names]
+        all_lanes, vectors = "undef", [Element(x, n) for x in names]
         for l in range(n):
-            one = called(name, *(lanes_of(x, l, 1) for x in wide))
+            one = called(name, *(lanes_of(x, l, 1) for x in vectors))
             all_lanes = t.value(f"insertelement {kind} {all_lanes}, double {one.name}, i32 {l}")
         return Element(all_lanes, n)
     full = f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64" if is_of_llvm else name

@@ -119,7 +119,7 @@ class Kernel:
         update_wrapper(self, text)
         self.text, self.lanes, self.signature = text, lanes, Signature(words)
         self._function: Any = None
-        self._kept: list[Any] = []  # arrays that the code reads
+        self._keepalive: list[Any] = []  # arrays that the code reads
 
     @property
     def function(self) -> Any:
@@ -142,7 +142,7 @@ class Kernel:
             self._trace(Whole("%a0"))
             t.line("ret void")
             t.close()
-        self._kept = t.kept
+        self._keepalive = t.keepalive
         return t.text
 
     def _trace(self, address: Any) -> None:
@@ -233,12 +233,12 @@ def part(text: Text, is_rare: bool = False) -> Text:
             return text(*arguments)
         numbers: list[Any] = []
         constants: list[Any] = []
-        makers = [_taken(a, numbers, constants) for a in arguments]
+        makers = [_flatten(a, numbers, constants) for a in arguments]
         given = [passed(a) for a in numbers]
         key = (text, tuple(kind for kind, _ in given), tuple(constants))
         if key not in t.made:
             t.made[key] = None
-            t.made[key] = _traced(t, text, makers, [kind for kind, _ in given], is_rare)
+            t.made[key] = _trace_part(t, text, makers, [kind for kind, _ in given], is_rare)
         if t.made[key] is None:
             raise TraceError(f"{text.__name__} calls itself")
         name, result, count, make = t.made[key]
@@ -257,13 +257,13 @@ def rare(text: Text) -> Text:
     return part(text, True)
 
 
-def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: bool) -> tuple[Any, ...]:
+def _trace_part(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: bool) -> tuple[Any, ...]:
     """Trace a part; return its name, the type of its results, their number, and what makes them of names."""
     name = f"part{t.number()}"
     t.open(name, ", ".join(f"{kind} %a{k}" for k, kind in enumerate(kinds)), True, is_rare)
     names = iter([f"%a{k}" for k in range(len(kinds))])
     found: list[Any] = []
-    make = _taken(text(*(maker(names) for maker in makers)), found, [])
+    make = _flatten(text(*(maker(names) for maker in makers)), found, [])
     given = [passed(x) for x in found]
     result, value = "{" + ", ".join(kind for kind, _ in given) + "}" if given else "void", "undef"
     for k, (kind, x) in enumerate(given):
@@ -273,18 +273,18 @@ def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str], is_rare: 
     return name, result, len(given), make
 
 
-def _taken(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
+def _flatten(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
     """Take the numbers of an argument; return what makes it anew of names."""
     if isinstance(a, (tuple, View)):
         parts = a if isinstance(a, tuple) else (a._record, a._memory, a._lanes, a._stride)
-        makers = [_taken(x, numbers, constants) for x in parts]
+        makers = [_flatten(x, numbers, constants) for x in parts]
         constants.append((type(a), len(parts)))
         made = partial(remade, a) if isinstance(a, tuple) else lambda found: View(*found)
         return lambda names: made([maker(names) for maker in makers])
     if isinstance(a, Pointer):
         numbers.append(a)
         constants.append(a.is_whole)
-        shape = _taken(a.shape, numbers, constants)
+        shape = _flatten(a.shape, numbers, constants)
         return lambda names: Pointer(next(names), a.is_whole, shape(names))
     if isinstance(a, Traced):
         numbers.append(a)

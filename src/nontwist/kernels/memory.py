@@ -208,6 +208,7 @@ def fields(record: Any) -> dict[str, Field]:
     return found
 
 
+@lru_cache
 def size_of(kind: Any) -> int:
     """Return how many numbers a field or a record has."""
     if get_origin(kind) is Annotated:

@@ -30,14 +30,14 @@ class Recurrence:
         The power of the last coefficient.
     tangents, lanes : int
         Of each number; directions lie side by side in lanes. Without tangents, it is the numbers that do.
-    room : function
+    allocate : function
         Gives memory for so many numbers.
     """
 
-    def __init__(self, order: int, tangents: int = 0, lanes: int = 1, room: Callable[[int], Any] = scratch) -> None:
-        self.order, self.tangents, self.lanes, self._room = order, tangents, lanes, room
+    def __init__(self, order: int, tangents: int = 0, lanes: int = 1, allocate: Callable[[int], Any] = scratch) -> None:
+        self.order, self.tangents, self.lanes, self._allocate = order, tangents, lanes, allocate
         self.size = 1 + tangents * lanes if tangents else lanes  # of a coefficient
-        self.kept = list[Stored]()  # in the order in which they were made
+        self.stored = list[Stored]()  # in the order in which they were made
 
     def read(self, memory: Any, n: Any) -> Any:
         """Return a coefficient in memory."""
@@ -57,27 +57,27 @@ class Recurrence:
             memory.store(at + 1 + k * lanes, tangent, lanes)
 
     def unknown(self) -> Stored:
-        """Return a series whose first coefficient is to be put."""
-        return Stored(self, self._room((self.order + 1) * self.size))
+        """Return a series whose first coefficient is to be set."""
+        return Stored(self, self._allocate((self.order + 1) * self.size))
 
     def keep(self, level: int, **how: Any) -> Stored:
         """Return a series that is kept in memory as its coefficients are made."""
-        return Stored(self, self._room(self.order * self.size), level, **how)
+        return Stored(self, self._allocate(self.order * self.size), level, **how)
 
     def solve(self, unknowns: Sequence[Stored], rates: Sequence[Series], first: Any = 0, last: Any = None) -> None:
         """Make the coefficients of the unknowns beyond the power `first`, all or up to the power `last`."""
         some = max(1, AT_ONCE // (1 + self.tangents))
         for n in loop(first, self.order if last is None else last):
-            for level in range(1 + max(one.level for one in self.kept)):
-                own = [one for one in self.kept if one.level == level]
+            for level in range(1 + max(one.level for one in self.stored)):
+                own = [one for one in self.stored if one.level == level]
                 products = [one for one in own if one.factors]
                 for k in range(0, len(products), some):
                     convolve(products[k : k + some], n)
                 for one in own:
                     if one.made is not None:
-                        one.put(n, one.made(n))
+                        one.set_coefficient(n, one.made(n))
             for x, rate in zip(unknowns, rates, strict=True):
-                x.put(n + 1, rate[n] * (1.0 / (1.0 + n)))
+                x.set_coefficient(n + 1, rate[n] * (1.0 / (1.0 + n)))
 
 
 class Series(Number):
@@ -117,7 +117,7 @@ class Series(Number):
 
 
 class Stored(Series):
-    """A series in memory; its coefficients are put, or `made` gives them by those of others, or it is a product."""
+    """A series in memory; its coefficients are set, or `made` gives them by those of others, or it is a product."""
 
     def __init__(
         self,
@@ -128,13 +128,13 @@ class Stored(Series):
         factors: Sequence[Stored] = (),
     ) -> None:
         self.of, self.memory, self.level, self.made, self.factors = of, memory, level, made, factors
-        self.number = len(of.kept)
-        of.kept.append(self)
+        self.number = len(of.stored)
+        of.stored.append(self)
 
     def __getitem__(self, n: Any) -> Any:
         return self.of.read(self.memory, n)
 
-    def put(self, n: Any, x: Any) -> None:
+    def set_coefficient(self, n: Any, x: Any) -> None:
         """Write a coefficient."""
         self.of.write(self.memory, n, x)
 
@@ -157,4 +157,4 @@ def convolve(products: Sequence[Stored], n: Any) -> None:
     for i in loop(1, n + 1):
         v.x = tuple(fma(a[i], b[n - i], x) for (a, b), x in zip((one.factors for one in products), v.x, strict=True))
     for one, x in zip(products, v.x, strict=True):
-        one.put(n, x)
+        one.set_coefficient(n, x)

@@ -95,7 +95,7 @@ class Tracer:
         Whether the processor has a fused multiply-add.
     made : dict
         Names of the parts that were traced, by what they were traced for; None while that lasts.
-    kept : list
+    keepalive : list
         What must live as long as the machine code.
     branching, converting : str
         What is said where Python would branch on a traced number, or ask for its value.
@@ -111,7 +111,7 @@ class Tracer:
     def __init__(self, lanes: int, is_fused: bool) -> None:
         self.lanes, self.is_fused = lanes, is_fused
         self.made: dict[Any, Any] = {}
-        self.kept: list[Any] = []
+        self.keepalive: list[Any] = []
         self._declared: dict[str, str] = {}
         self._functions: list[str] = []
         self._open: list[Function] = []
@@ -166,13 +166,13 @@ class Tracer:
         self.function.slots.append(f"{name} = alloca {kind}, i64 {count}")
         return name
 
-    def put(self, kind: str, name: str, slot: str) -> None:
+    def store_slot(self, kind: str, name: str, slot: str) -> None:
         """Write a value to a slot."""
         self.line(f"store {kind} {name}, ptr {slot}")
         self.region.known[slot] = name
         self.region.written.add(slot)
 
-    def get(self, kind: str, slot: str) -> str:
+    def load_slot(self, kind: str, slot: str) -> str:
         """Return what a slot holds; within a loop nothing is known of what came before it."""
         for region in reversed(self.function.regions):
             if slot in region.known:
@@ -196,7 +196,7 @@ class Tracer:
 
     def table(self, array: Any) -> str:
         """Return the address of an array, which lives as long as the machine code."""
-        self.kept.append(array)
+        self.keepalive.append(array)
         return str(array.ctypes.data)
 
     def declare(self, name: str, text: str) -> str:

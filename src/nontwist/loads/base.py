@@ -20,6 +20,7 @@ import pickle
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
+from operator import is_
 from typing import Any, Literal
 
 import numpy as np
@@ -155,12 +156,12 @@ class Load:
         matrices = (term.scale * term.damping for term in self.terms if isinstance(term, Damping))
         return sum(matrices, np.zeros((3, 3)))
 
-    @property
+    @cached_property
     def called(self) -> Load:
         """The terms called with the state during the integration: of kind "state", and not known to the kernels."""
         return Load(tuple(term for term in self.terms if term.kind == "state" and not term.in_kernels))
 
-    @property
+    @cached_property
     def frictions(self) -> tuple[DryFriction, ...]:
         """The terms that are dry friction."""
         return tuple(term for term in self.terms if isinstance(term, DryFriction))
@@ -170,7 +171,7 @@ class Load:
         """The load without its dry friction."""
         return Load(tuple(term for term in self.terms if not isinstance(term, DryFriction)))
 
-    @property
+    @cached_property
     def rotors(self) -> tuple[Momentum, ...]:
         """The terms that are rotors or wheels."""
         return tuple(term for term in self.terms if isinstance(term, Momentum))
@@ -180,12 +181,12 @@ class Load:
         """Whether dry friction, or motors of wheels whose momenta are known beforehand, do work."""
         return any(isinstance(one, Sliding) or (isinstance(one, Driven) and one.of.works) for one in self.terms)
 
-    @property
+    @cached_property
     def wheels(self) -> tuple[Wheel, ...]:
         """The terms that are wheels."""
         return tuple(term for term in self.terms if isinstance(term, Wheel))
 
-    @property
+    @cached_property
     def is_dry(self) -> bool:
         """Whether friction jumps with the state, of the body or of a wheel, so that runs are taken apart."""
         return bool(self.frictions) or any(one.is_dry for one in self.wheels)
@@ -221,12 +222,12 @@ class Load:
         found = (term.scale * term.history(at)[1][:, None] * term.direction for term in self.rotors)
         return sum(found, np.zeros((at.size, 3)))
 
-    @property
+    @cached_property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
         return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))
 
-    @property
+    @cached_property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
         return tuple(term for term in self.terms if isinstance(term, ForceTerm) and not term.in_kernels)
@@ -254,7 +255,7 @@ class Load:
         """How large they become, (k,)."""
         return np.concatenate([np.zeros(0), *(term.state_scale for term in self.remembering)])
 
-    @property
+    @cached_property
     def potentials(self) -> tuple[Potential, ...]:
         """The terms that are potentials."""
         return tuple(term for term in self.terms if isinstance(term, Potential))
@@ -376,7 +377,8 @@ def is_called(term: Term) -> bool:
 
 def with_moments(load: Load) -> Load:
     """Return a load with the moments of forces that are tables along the directors in the place of these."""
-    return Load(tuple(_with_moment(term) for term in load.terms))
+    terms = tuple(_with_moment(term) for term in load.terms)
+    return load if all(map(is_, terms, load.terms)) else Load(terms)
 
 
 def forces_sampled(load: Load, times: Array) -> Array:

@@ -224,16 +224,16 @@ def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> Machi
     """Return the C function that writes the numbers that a text gives; the same code is compiled once."""
     t = UserTracer(1, machine_code.is_fused())
 
-    def put_all(t: Any, first: Pointer, second: Pointer, found: Pointer) -> None:
+    def write_all(t: Any, first: Pointer, second: Pointer, found: Pointer) -> None:
         put(found, tuple(text(t, first, second)))
 
     with tracing(t):
         t.open(ENTRY, ARGUMENTS)
-        put_all(Element("%t"), Pointer("%directors"), Pointer("%velocity"), Pointer("%found"))
+        write_all(Element("%t"), Pointer("%directors"), Pointer("%velocity"), Pointer("%found"))
         t.line("ret void")
         t.close()
     with _lock:
         made = _known.get(t.text)
         if made is None:
-            made = _known[t.text] = MachineFunction(t.text, put_all, (*owners, *t.kept))
+            made = _known[t.text] = MachineFunction(t.text, write_all, (*owners, *t.keepalive))
     return made

@@ -62,7 +62,7 @@ def file_of(problem: Problem, place: Path) -> RunFile:
     if begin.internal is not None:
         raise ValueError("start= has internal states of wheels or memory, which a run file takes from a run alone")
     plan = made.plan
-    time = {"t_start": plan.t_start, "t_end": plan.t_end, "times": plan.asked}
+    time = {"t_start": plan.t_start, "t_end": plan.t_end, "times": plan.output_times}
     time |= {key: getattr(problem, key) for key in ("step", "tolerance", "store")}
     tables = {
         "body": body_table(system),

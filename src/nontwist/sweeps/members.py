@@ -371,7 +371,7 @@ class Members:
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
         rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
-        held = potentials_of(problem.load, problem.output[-1:], problem.load_scale)
+        held = potentials_of(problem.load, problem.stored_times[-1:], problem.load_scale)
         wheels = Wheels.of(problem.load.description)
         for name, found in observables(self._states, problem.systems, ends, rotors, held, wheels).items():
             last = found[:, 0]
@@ -395,7 +395,7 @@ class Members:
         ValueError
             The numbers of a member define no run.
         """
-        plan, scales = file.prepared.plan._replace(store="end", asked=None), values.get("load.0.scale")
+        plan, scales = file.prepared.plan._replace(store="end", output_times=None), values.get("load.0.scale")
         if numbers := _below("body.", values):
             plan = plan._replace(systems=stack(file.body, numbers, self.folder))
         if scales is not None:

@@ -107,7 +107,7 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
 @pytest.mark.parametrize("frequency", [0.3, 123.4])
 def test_the_pieces_are_no_more_than_forecast(frequency):
     load, limits = nt.sine([1, 0, 0], frequency) + nt.sine([0, 1, 0], frequency / 7), np.array([0, 1.7])
-    pieces, expected = loaded_body.pieces_of(load, limits), loaded_body.halved_pieces(load, 0, 1.7)
+    pieces, expected = loaded_body.pieces_of(load, limits), loaded_body.expected_pieces(load, 0, 1.7)
     assert expected / 5 - 2 < len(pieces.a) < expected + 8
 
 

@@ -318,8 +318,11 @@ def test_what_is_wrong_with_an_observable_is_named(case):
 
 def importing(registry, *words):
     """Run a command that imports a module of this folder, and forget what it registers."""
-    with patch.dict(registry), patch.dict(sys.modules), patch.object(sys, "path", [*sys.path]):
-        return ended(0, *words)
+    with patch.dict(registry), patch.object(sys, "path", [*sys.path]):
+        done = ended(0, *words)
+    for name in ("own_load", "own_reader"):
+        sys.modules.pop(name, None)
+    return done
 
 
 @pytest.fixture
@@ -344,8 +347,9 @@ def test_the_commands_of_the_page_read_a_log(tmp_path, monkeypatch):
     page = (ROOT / "docs" / "contributing" / "recording.md").read_text(encoding="utf-8")
     python, command = map(shlex.split, re.findall(r"^(?:python|nontwist) .*$", page, re.MULTILINE))
     assert (*python[:2], command[0]) == ("python", "-c", "nontwist")
-    with patch.dict(READERS), patch.dict(sys.modules), patch.object(sys, "path", ["", *sys.path]):
+    with patch.dict(READERS), patch.object(sys, "path", ["", *sys.path]):
         exec(python[2], {})
+        del sys.modules["own_reader"]
     assert "│ total twist                  │ 3.14159 rad (0.5 turns;" in importing(READERS, *command[1:]).stdout
 
 

@@ -231,23 +231,15 @@ def test_differences_are_announced_once():
         return push(*state)
 
     vane.__module__, vane.__qualname__, told = "__main__", "vane", []
-    how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
-    for load in (
-        nt.moment(in_floats(push)) + nt.potential(ANCHOR, in_floats(hill), in_floats(hill_slope)),
-        nt.moment(in_floats(vane)),
-    ):
+    rough = nt.moment(in_floats(push)) + nt.potential(ANCHOR, in_floats(hill), in_floats(hill_slope))
+    for load in (rough, nt.moment(in_floats(vane))):
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter("always")
-            nt.sensitivities(nt.standard(J), load=load, **how)
+            nt.sensitivities(nt.standard(J), load=load, t_end=0.5, step=0.1, rotation=R0)
         assert found[-1].filename == __file__
-        told += sorted({str(one.message) for one in found})
         assert len([one for one in found if "differences" in str(one.message)]) == 1
+        told += sorted({str(one.message) for one in found})
     said("\n".join(told))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*runs in Python")
-        for load in (nt.moment(push, derivative=push_slope), nt.moment(push), nt.potential(ANCHOR, hill, hill_slope)):
-            nt.sensitivities(nt.standard(J), load=load, **how)
 
 
 def test_a_function_that_drops_derivatives_is_found_out():
@@ -317,9 +309,8 @@ def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 found = nt.sensitivities(nt.standard(J), load=make(3.0, scale=0.5, compiled=compiled), **how)
-            (*text,) = (str(one.message) for one in told if "runs in Python" not in str(one.message))
-            assert len(text) == (make is Rough)
-            assert make is not Rough or text[0].startswith(f"derivatives of {__name__}.Rough.moment are central")
+            texts = [str(one.message).split(" are ")[0] for one in told if "runs in Python" not in str(one.message)]
+            assert texts == [f"derivatives of {__name__}.Rough.moment"] * (make is Rough)
             assert found.parameter.values[-1] == "load[0].strength"
             assert found.parameter_unit.values[-1] == "N m"
             assert abs(last(found) - expected).max() < bound * max(1, abs(expected).max())

@@ -371,7 +371,7 @@ def facts(result):
 
 
 def test_the_command_aligns_clocks_by_shakes(tmp_path, command):
-    """Of times as of dates, from whose first shakes are counted."""
+    """Of times, and of dates, the first of which is at 0 s."""
     t, fore, s, arm, _ = shaken(1, -300e-6)
     one, other = written(tmp_path / "fore.csv", fore, t), written(tmp_path / "upper.csv", arm, s)
     dated = written(tmp_path / "fore_d.csv", fore, dates(t)), written(tmp_path / "upper_d.csv", arm, dates(s))

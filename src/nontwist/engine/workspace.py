@@ -144,7 +144,9 @@ def turned_into(B: Any, A: Symmetric) -> Symmetric:
 
 
 @part
-def note(parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any) -> None:
+def note_failure(
+    parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any
+) -> None:
     """Note why bodies cannot go on."""
     status = select(stalled, STALLED, select(far, TURN, BROKEN + 0.0 * x.scale))
     if parts.calls:

@@ -145,8 +145,8 @@ class Collocation:
         """Return these axes, where those that the vectors g turn about are in an orbit."""
         if not self.parts.orbit:
             return self.rows(i)
-        less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
+        cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
+        found: Matrix = attitude(Quaternion(1.0 + cosm1, *v)) @ self.rows(i)
         return found
 
     def matrix(self, name: str, k: Any) -> Matrix:
@@ -182,8 +182,8 @@ class Collocation:
         p, q = at.p, at.q
         if self.parts.orbit:
             n, o = e.nodes.orbit
-            less, v = about((n * self.h) * o)
-            p = Quaternion(1.0 + less, *v) @ p
+            cosm1, v = about((n * self.h) * o)
+            p = Quaternion(1.0 + cosm1, *v) @ p
             self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
         self.turn = B.T @ attitude(Quaternion(p[0], -p[1], -p[2], -p[3]) @ q) @ B  # C at the end
         self.V = self.W[0] - self.ends[0], self.W[1] - self.ends[1]
@@ -401,7 +401,7 @@ class Collocation:
                 for rows, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
                     for r in range(0 if is_nothing(dx) else 6):
                         ends[6 * j + r] = ends[6 * j + r] + rows[r] @ dx
-            turn.note(i, stage, g)
+            turn.add_changes(i, stage, g)
         for j, change in enumerate(turn.changes(V)):
             theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
             for r, x in enumerate(self.at_end(e.nodes, theta + change, dV, j)):

@@ -27,7 +27,17 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, KnownStep, Steps, Wanted, column_offsets
+from ..engine.known_steps import (
+    LANES,
+    NODAL,
+    Directions,
+    FunctionCalls,
+    Known,
+    KnownStep,
+    Steps,
+    Wanted,
+    column_offsets,
+)
 from ..engine.linearised import read_ends, read_loads
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
@@ -95,7 +105,7 @@ class Collocation:
     def __init__(self, s: int, motion: str, parts: Parts, wanted: Wanted, b: View, body: Body) -> None:
         self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, dict(wanted), b, body
         self.columns, n, self.table = column_offsets(6, wanted, s), parts.lanes, b.table
-        self.calls = Calls(parts, b, self.wanted)
+        self.calls = FunctionCalls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
         self._node_size = (size_of(KnownStep) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size
@@ -453,7 +463,7 @@ def in_direction(x: Any, j: int) -> Any:
 class KnownStages(Known):
     """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
 
-    def __init__(self, calls: Calls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
+    def __init__(self, calls: FunctionCalls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
         super().__init__(calls, body, nodes(0), scale, directions)
         self._nodes, self._steps = nodes, calls.block
         self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.offsets else None

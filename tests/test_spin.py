@@ -10,6 +10,7 @@ from nontwist import (
     DirectorSystem,
     SystemStack,
     damping,
+    integrate,
     nontwisting,
     propagator,
     pulse,
@@ -33,14 +34,12 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a s
 
 def angle(t):
     """The integral of the table from 0 to t."""
-    times, values = TABLE
-    knots = np.unique(np.concatenate([[0, t], [s for s in times if s < t]]))
-    c = np.interp(knots, times, values)
-    return float(np.sum(np.diff(knots) * (c[1:] + c[:-1]) / 2))
+    knots = np.unique([0, t, *(s for s in TABLE[0] if s < t)])
+    return np.trapezoid(np.interp(knots, *TABLE), knots)
 
 
 @pytest.mark.parametrize("J", [(3, 4, 5), (3, 5, 4), (4, 5, 3)], ids=["largest", "middle", "smallest"])
-@pytest.mark.parametrize(("scheme", "order"), [("gauss", 8), ("gauss", 16), ("continuous", None)])
+@pytest.mark.parametrize(("scheme", "order"), [("gauss", 8), ("continuous", None)])
 def test_the_velocity_is_the_closed_solution(J, scheme, order):
     """J1 W1' = (J2 - J3) c W2 and J2 W2' = (J3 - J1) c W1 are linear, with the angle ∫c as time."""
     body, (a, b) = nontwisting(J, spin=TABLE), ((J[1] - J[2]) / J[0], (J[2] - J[0]) / J[1])
@@ -97,23 +96,11 @@ def test_the_drive_does_the_work_that_is_missing():
 @pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2)])
 def test_the_order_is_that_of_the_scheme(scheme, order):
     body = with_gravity(nontwisting([3, 4, 5], spin=([0.5, 1.0], [0.4, 3.0])), 1.5, (0.1, 0, 0.3))
-    how = {"t_end": 1.5, "material_angular_velocity": W0, "load": damping(0.1)}
-    exact = simulate(body, integrator="continuous", step=1.5, **how).directors.values[-1]
-    counts = (48, 96, 192) if order == 2 else (24, 48, 96)
-    errors = [
-        abs(simulate(body, step=1.5 / n, integrator=scheme, order=order, **how).directors.values[-1] - exact).max()
-        for n in counts
-    ]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.1)
-
-
-def test_about_the_middle_axis_the_velocity_grows_exponentially():
-    c, J = 1.0, (3.0, 5.0, 4.0)
-    sigma = c * np.sqrt((J[2] - J[0]) * (J[1] - J[2]) / (J[0] * J[1]))
-    run = simulate(nontwisting(J, spin=c), times=[0, 20, 30], material_angular_velocity=(1e-3, 0, 0))
-    W1 = abs(run.material_angular_velocity.values[:, 0])
-    assert np.log(W1[2] / W1[1]) / 10 == pytest.approx(sigma, rel=1e-4)
+    how = {"t_end": 1.5, "material_angular_velocity": W0, "load": damping(0.1), "store": "end"}
+    exact = integrate(body, integrator="continuous", step=1.5, **how).directors[-1]
+    steps = 1.5 / np.array([96, 192] if order == 2 else [48, 96])
+    coarse, fine = (integrate(body, step=h, integrator=scheme, order=order, **how).directors[-1] for h in steps)
+    assert np.log2(abs(coarse - exact).max() / abs(fine - exact).max()) == pytest.approx(order, abs=0.1)
 
 
 def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
@@ -122,24 +109,21 @@ def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
     for zero in (0, 0.0, ([0, 1], [0, 0])):
         assert nontwisting([3, 4, 5], spin=zero).spin is None
         assert (simulate(nontwisting([3, 4, 5], spin=zero), **how).quaternion.values == plain.quaternion.values).all()
-    stack = DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in (0, 1)])
-    beside = simulate_ensemble(stack, **how)
-    assert (
-        abs(beside.material_angular_velocity.values[0, -1] - plain.material_angular_velocity.values[-1]).max() < 1e-14
-    )
+    beside = simulate_ensemble(DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in (0, 1)]), **how)
+    assert abs(beside.material_angular_velocity[0, -1] - plain.material_angular_velocity[-1]).max() < 1e-14
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
 def test_members_of_several_spins_are_runs(scheme):
     rates = np.linspace(-1, 3, 11)
     how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2, "material_angular_velocity": W0}
-    many = simulate_ensemble(DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in rates]), **how)
     E, axis = np.tile(np.diag([3.0, 2, 1]), (11, 1, 1)), np.tile([0.0, 0, 1], (11, 1))
-    same = simulate_ensemble(SystemStack(E, axis, spin=1.0, spin_factor=rates), **how)
     one = simulate(nontwisting([3, 4, 5], spin=rates[3]), **how)
-    for found in (many, same):
-        assert (found.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
-    assert (many.spin.values == rates).all()
+    stack = DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in rates])
+    for bodies in (stack, SystemStack(E, axis, spin=1.0, spin_factor=rates)):
+        many = simulate_ensemble(bodies, **how)
+        assert (many.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
+        assert (many.spin.values == rates).all()
 
 
 def test_the_start_may_have_the_prescribed_spin():
@@ -147,7 +131,8 @@ def test_the_start_may_have_the_prescribed_spin():
     for spin, t_start, c in ((0.7, 0.0, 0.7), (TABLE, 0.75, 1.7)):
         body = nontwisting([3, 4, 5], spin=spin)
         how = {"t_start": t_start, "t_end": 2, "step": 0.125, "integrator": "gauss"}
-        none, given = (simulate(body, material_angular_velocity=(1, 2, x), **how) for x in (0, c))
+        starts = [{"material_angular_velocity": (1, 2, x)} for x in (0, c)]
+        none, given = (simulate(body, **start, **how) for start in starts)
         assert none.equals(given)
         assert given.material_angular_velocity.values[0] == pytest.approx([1, 2, c], abs=1e-15)
         many = simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0)], **how)
@@ -156,14 +141,11 @@ def test_the_start_may_have_the_prescribed_spin():
             simulate(body, material_angular_velocity=(1, 2, 0.5), **how)
         with pytest.raises(ValueError, match=r"of member 1 has the component 0\.5 rad/s"):
             simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0.5)], **how)
-        if spin == 0.7:
-            found = sensitivities(body, wrt="spin", material_angular_velocity=(1, 2, c), **how)
-            same = sensitivities(body, wrt="spin", material_angular_velocity=(1, 2, 0), **how)
-            assert found.equals(same)
+        if not t_start:
+            one, other = (sensitivities(body, wrt="spin", **start, **how) for start in starts)
+            assert one.equals(other)
             run = propagator(body, t_end=2, step=0.125)
-            assert np.array_equal(
-                run(material_angular_velocity=(1, 2, c)).directors, run(material_angular_velocity=(1, 2, 0)).directors
-            )
+            assert np.array_equal(*(run(**start).directors for start in starts))
 
 
 def test_a_start_with_the_prescribed_spin_is_continued():
@@ -174,18 +156,16 @@ def test_a_start_with_the_prescribed_spin_is_continued():
     assert run.material_angular_velocity.values[0] == pytest.approx([0, 0, 1], abs=1e-14)
     with pytest.raises(ValueError, match=r"about which its prescribed spin is 0 rad/s"):
         simulate(body, t_end=6, step=0.1, material_angular_velocity=(0, 0, 1))
-    steady = nontwisting([4, 4, 4], spin=1.3)
+    steady, e = nontwisting([4, 4, 4], spin=1.3), 1e-5
     before = simulate(steady, t_end=1, step=0.1, material_angular_velocity=(1, 2, 0))
     how = {"t_end": 2, "step": 0.1, "start": before, "project": True}
     found = sensitivities(steady, wrt="axis", **how).d_material_angular_velocity.values[-1]
-    e = 1e-5
 
-    def end(n):
-        turned = DirectorSystem(steady.euler_inertia, axis=n, spin=1.3, name=steady.name)
+    def end(change):
+        turned = DirectorSystem(steady.euler_inertia, axis=np.eye(3)[2] + change, spin=1.3, name=steady.name)
         return simulate(turned, **how).material_angular_velocity.values[-1]
 
-    n = np.array([0, 0, 1.0])
-    differences = np.stack([(end(n + e * d) - end(n - e * d)) / (2 * e) for d in np.eye(3)], axis=1)
+    differences = np.stack([(end(e * d) - end(-e * d)) / (2 * e) for d in np.eye(3)], axis=1)
     assert found == pytest.approx(differences, abs=1e-8)
 
 

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import BODIES, PAPER_J, compiled_load, random_inertia
+from conftest import BODIES, compiled_load, random_inertia
 from nontwist import (
     body_moment,
     damping,
     integrate,
     moment,
     nontwisting,
-    pulse,
     simulate,
     simulate_ensemble,
     space_moment,
@@ -94,19 +93,6 @@ def test_parity(scheme, kind, seed, compiled):
         run = integrate(body, integrator=scheme, order=2, **how, **one | kick)
         assert_same_run(run, integrate(body, integrator=REFERENCES[scheme], **how, **other | kick), step)
         assert run.newton_iterations.max() <= most
-
-
-def test_velocities_off_the_tangent_space_are_continued_by_both():
-    """A run of the director scheme under load, continued: N and the spin about the axis are part of its state."""
-    how = {"step": 0.01, "load": pulse([300, -100, 0], 0, 1)}
-    first = integrate(nontwisting(PAPER_J), t_end=0.5, integrator="energy-momentum", **how)
-    v, q = first.director_velocities[-1], first.directors[-1]
-    assert abs(v @ q.T + (v @ q.T).T).max() > 1e-3
-    runs = [
-        integrate(nontwisting(PAPER_J), t_end=1, start=first, integrator=scheme, **how)
-        for scheme in ("energy-momentum", ReferenceEnergyMomentum())
-    ]
-    assert_same_run(*runs, 0.01)
 
 
 def assert_invariants(run, momentum):
@@ -223,17 +209,6 @@ def test_a_broken_attitude_is_found_inside_the_kernel(scheme, monkeypatch):
     with pytest.raises(SimulationError, match=r"step 0 .* the directors are no longer orthonormal") as info:
         integrate(standard([1, 1, 1]), t_end=1, step=0.1, integrator=scheme)
     assert info.value.status == Status.BROKEN
-
-
-@pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("gauss", 4)])
-def test_blocks_do_not_show(scheme, order, monkeypatch):
-    body, problem = random_problem("heavy", 3)
-    how = {"t_end": 0.5, "step": 0.005, "store": 3, "order": order, "integrator": scheme, **problem}
-    whole = integrate(body, **how)
-    monkeypatch.setattr(stack_march, "NODES", 35)
-    parts = integrate(body, **how)
-    for name in ("directors", "director_velocities", "multipliers", "moment", "load_work", "newton_iterations"):
-        assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
 
 
 def test_a_load_that_fails_in_a_later_block_is_a_failure_of_the_run(monkeypatch):

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import (
     DirectorSystem,
-    SystemStack,
     damping,
     integrate,
     nontwisting,
@@ -111,19 +110,6 @@ def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
         assert (simulate(nontwisting([3, 4, 5], spin=zero), **how).quaternion.values == plain.quaternion.values).all()
     beside = simulate_ensemble(DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in (0, 1)]), **how)
     assert abs(beside.material_angular_velocity[0, -1] - plain.material_angular_velocity[-1]).max() < 1e-14
-
-
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
-def test_members_of_several_spins_are_runs(scheme):
-    rates = np.linspace(-1, 3, 11)
-    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2, "material_angular_velocity": W0}
-    E, axis = np.tile(np.diag([3.0, 2, 1]), (11, 1, 1)), np.tile([0.0, 0, 1], (11, 1))
-    one = simulate(nontwisting([3, 4, 5], spin=rates[3]), **how)
-    stack = DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in rates])
-    for bodies in (stack, SystemStack(E, axis, spin=1.0, spin_factor=rates)):
-        many = simulate_ensemble(bodies, **how)
-        assert (many.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
-        assert (many.spin.values == rates).all()
 
 
 def test_the_start_may_have_the_prescribed_spin():

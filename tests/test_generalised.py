@@ -1,15 +1,11 @@
 """Director forces, moments that act exactly on directors, and potentials: against SciPy, closed forms, references."""
 
 import json
-from dataclasses import dataclass
 from itertools import product
-from typing import Annotated
-from unittest.mock import patch
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from conftest import cross, thinned
@@ -36,10 +32,7 @@ from nontwist import (
 from nontwist.analysis.invariants import drifts
 from nontwist.errors import SimulationError
 from nontwist.integrators import Continuous, EnergyMomentum
-from nontwist.loads import LOADS as KINDS
-from nontwist.loads.forces import DirectorForces
 from nontwist.loads.kinds import load_of
-from nontwist.spec import Spec
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says
 
@@ -106,16 +99,6 @@ def table_at(t):
     return np.array([np.interp(t, TIMES, column) for column in FORCES.reshape(5, 9).T]).reshape(3, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class Forces(DirectorForces):
-    """A term of one's own, `forces` times a number."""
-
-    strength: Annotated[float, Spec("")]
-
-    def forces(self, t, directors, angular_velocity):
-        return self.strength * forces(t, directors, angular_velocity)
-
-
 def along(a, gradient):
     """The forces of a potential of the components of the directors along a."""
     return -np.outer(gradient, a)
@@ -137,7 +120,6 @@ FORCED = {  # loads of forces, of potentials, and what they are by hand
     "table in space": (lambda: director_forces(TIMES, FORCES), lambda t, q, w: table_at(t)),
     "table along directors": (lambda: director_forces(TIMES, FORCES, frame="body"), lambda t, q, w: table_at(t) @ q),
     "function of the state": (lambda: director_forces(forces), forces),
-    "term of one's own": (lambda: 2 * Forces(0.5), forces),
     "compiled": (lambda: director_forces(forces, frame="body", compiled=True), lambda t, q, w: forces(t, q, w) @ q),
     "quadratic": (lambda: QUADRATIC, lambda t, q, w: along(UP, (1, 2, -1) + Q @ q[:, 2])),
     "spring": (lambda: POTENTIALS["spring"], lambda t, q, w: of_spring(q, 0.7)),
@@ -151,7 +133,6 @@ FORCED = {  # loads of forces, of potentials, and what they are by hand
 }
 
 
-@patch.dict(KINDS, strength=Forces)
 @pytest.mark.parametrize("name", FORCED)
 def test_motion_and_work_in_every_integrator(name):
     """The order of both; and momentum changes by the moment, energy by the work."""
@@ -187,9 +168,8 @@ def require_same(run, known, directors=1e-13, multipliers=1e-10):
 
 
 @pytest.mark.parametrize("body", [FREE, HELD, SLANTED], ids=["standard", "nontwisting", "suslov"])
-@patch.dict(KINDS, strength=Forces)
 def test_director_scheme_is_that_of_the_paper(body):
-    names = ("table in space", "table along directors", "compiled", "term of one's own")
+    names = ("table in space", "table along directors", "compiled")
     load = sum((FORCED[name][0]() for name in names), moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0])))
     how = {"t_end": 0.2, "step": 0.02, "load": load, **START}
     run = integrate(body, integrator="energy-momentum", **how)
@@ -255,47 +235,6 @@ def test_compiled_potential_is_the_one_in_python():
         one, other = (integrate(FREE, load=load, **how) for load in (plain, POTENTIALS["function"]))
         assert abs(one.directors - other.directors).max() < 1e-12
         assert one.to_dataset().potential_energy.values == pytest.approx(other.to_dataset().potential_energy.values)
-
-
-def test_gauss_keeps_other_potentials_to_its_order():
-    errors = []
-    for n in (40, 80):
-        run = simulate(FREE, t_end=4, step=4 / n, load=POTENTIALS["function"], integrator="gauss", order=4, **START)
-        errors.append(drifts(run)["total_energy"].relative)
-    assert 1e-10 < errors[1] < errors[0] / 10
-
-
-def test_nutation_of_a_symmetric_top_on_a_spring():
-    """The angle of the axis moves between two turning points in a time that is a quadrature."""
-    J1, J3, k, rho, a, rest, spin = 2.0, 1.0, 30.0, 0.8, 1.5, 0.9, 3.0
-    load = spring(k, (0, 0, rho), (0, 0, a), rest)
-    angle = 1.0
-    start = {"rotation": Rotation.from_euler("x", angle), "material_angular_velocity": (0, 0, spin)}
-
-    def V(u):
-        return k * (np.sqrt(rho**2 + a**2 - 2 * rho * a * u) - rest) ** 2 / 2
-
-    u0 = np.cos(angle)
-    p = J3 * spin * u0  # momentum about the vertical; that about the axis is J3 spin
-
-    def square(u):  # of du/dt
-        return 2 / J1 * (V(u0) - V(u)) * (1 - u * u) - ((p - J3 * spin * u) / J1) ** 2
-
-    u1 = brentq(square, u0 + 1e-6, 1 - 1e-9)
-    mid, half = (u0 + u1) / 2, (u1 - u0) / 2
-    rate = lambda s: half * np.cos(s) / np.sqrt(square(mid + half * np.sin(s)))  # noqa: E731
-    period = 2 * quad(rate, -np.pi / 2, np.pi / 2, epsabs=1e-12)[0]
-
-    def turns_back(t, state):
-        d3 = state.rotation.as_matrix()[:, 2]
-        return np.cross(state.angular_velocity, d3)[2]
-
-    turns_back.direction = -1
-    how = {"load": load, "order": 12, "events": [turns_back], **start}
-    run = simulate(standard([J1, J1, J3]), t_end=20.5 * period, step=period / 60, **how)
-    times = run.t_events.values
-    assert len(times) == 20 or len(times) == 21
-    assert np.diff(times) == pytest.approx(period, rel=1e-9)
 
 
 @pytest.mark.parametrize("wheel", [None, rotor((0.6, 0, 0.8), 2), rotor((0.6, 0, 0.8), [0, 1.5, 30], [0, 3, 1])])

@@ -31,9 +31,8 @@ from nontwist.kernels.elements import (
     without,
 )
 from nontwist.kernels.kernel import Kernel, kernel, part
-from nontwist.kernels.memory import doubles, put, vector_at
+from nontwist.kernels.memory import put, vector_at
 from nontwist.kernels.series import Recurrence
-from nontwist.kernels.tracing import TraceError, Tracer, tracing
 from nontwist.kernels.vectors import (
     Vector,
 )
@@ -223,18 +222,6 @@ def test_refusals_say_what_to_write(what):
 def loop_once(n):
     for _ in loop(n):
         pass
-
-
-def test_numbers_of_another_function_are_refused():
-    t = Tracer(1, True)
-    with tracing(t):
-        t.open("first", "i64 %a0")
-        x = doubles(elements.Whole("%a0"))[0]
-        t.line("ret void")
-        t.close()
-        t.open("second", "")
-        with pytest.raises(TraceError, match="within the function"):
-            x + 1.0
 
 
 def test_threads_trace_at_once():

@@ -14,9 +14,7 @@ from conftest import BODIES, PAPER_J, compiled_load, thinned
 from nontwist.analysis.variables import angular_velocity, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, Split, stack_march
-from nontwist.integrators.problem import IVP
 from nontwist.integrators.split import HALVES, fractions, nodes
-from nontwist.models.stack import stacked
 from refusals import says
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
@@ -263,18 +261,6 @@ def test_turns_that_leave_no_digit_end_a_run_and_keep_what_was_before(body):
     with pytest.raises(SimulationError, match=r"^step 4 at t = 4 s: the body turns by more than 1e\+15 rad") as caught:
         nt.simulate(body([3, 4, 5]), integrator="split", **how)
     assert caught.value.partial.time.tolist() == [0, 1, 2, 3, 4]
-
-
-def test_a_step_under_moments_of_the_moving_frame_is_forecast_as_one():
-    """A held body takes them by quadrature; others have a substep for each node of the composition."""
-    start, grid = (np.eye(4)[3:], np.array([[1.0, 2, 0]])), (0.0, 0.01, 100, np.array([0, 100]))
-    seconds = [
-        Split(order=4).cost(IVP(stacked(body), *start, load, *grid), 2).seconds
-        for body in (nt.nontwisting(PAPER_J), BODIES["standard"]())
-        for load in (nt.sine((1, 2, 0.5), 0.7), nt.damping(0.3))
-    ]
-    assert 4 * seconds[0] < seconds[1]
-    assert seconds[2] > 0.9 * seconds[3]
 
 
 @pytest.mark.parametrize("load", [None, nt.damping(0.3)])

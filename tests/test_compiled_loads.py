@@ -20,15 +20,7 @@ import pytest
 from scipy import LowLevelCallable, special
 
 from conftest import BODIES, compiled_load
-from nontwist import (
-    body_moment,
-    damping,
-    director_forces,
-    integrate,
-    moment,
-    potential,
-    simulate,
-)
+from nontwist import body_moment, damping, director_forces, integrate, moment, potential, simulate
 from nontwist.loads.compiled import Moment, c_function
 from refusals import refused_as
 

@@ -17,25 +17,11 @@ import pytest
 from nontwist.kernels import elements, machine_code
 from nontwist.kernels.control import Variables, loop, when
 from nontwist.kernels.dual import Dual, jacobian, plain, seeded, tangent
-from nontwist.kernels.elements import (
-    arctan2,
-    cos,
-    exp,
-    fma,
-    larger,
-    logical_not,
-    select,
-    sin,
-    smaller,
-    sqrt,
-    without,
-)
+from nontwist.kernels.elements import arctan2, cos, exp, fma, larger, logical_not, select, sin, smaller, sqrt, without
 from nontwist.kernels.kernel import Kernel, kernel, part
 from nontwist.kernels.memory import put, vector_at
 from nontwist.kernels.series import Recurrence
-from nontwist.kernels.vectors import (
-    Vector,
-)
+from nontwist.kernels.vectors import Vector
 from texts_rule import faults
 
 HERE = Path(__file__).parent

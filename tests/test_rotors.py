@@ -109,12 +109,7 @@ def test_the_good_part_of_a_run_that_fails_is_kept():
     assert abs(good.total_momentum.values).max() < 1e-12
 
 
-test_refusals = refused_as(
-    [
-        lambda: rotor((0, 0, 1), [0, 1]),
-        lambda: rotor((0, 0, 1), [0], [1.0]),
-    ]
-)
+test_refusals = refused_as([lambda: rotor((0, 0, 1), [0, 1]), lambda: rotor((0, 0, 1), [0], [1.0])])
 
 
 WHEEL = """

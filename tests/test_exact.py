@@ -6,12 +6,10 @@ import re
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import exact_reference as reference
-from conftest import BODIES, PAPER_J, random_inertia, thinned
+from conftest import BODIES, PAPER_J, thinned
 from nontwist import (
     DirectorSystem,
     body_moment,
@@ -146,22 +144,6 @@ def test_principal_axes_that_are_not_the_directors(J, W):
     R, w = reference.taylor_top(J, W, t)
     assert distance(got[0], R) <= 1e-13
     assert velocity[0] == pytest.approx(w, abs=1e-13 * np.linalg.norm(W))
-
-
-@settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), t=st.floats(-5, 5), s=st.floats(-5, 5))
-def test_free_motion_is_a_flow(seed, t, s):
-    """Λ(t + s) = Λ from the state at t, after s; any attitude turns along."""
-    rng = np.random.default_rng(seed)
-    J, W, R0 = random_inertia(rng), rng.normal(size=3), Rotation.random(random_state=seed)
-    R, w = exact.free_standard(J, W, [t, t + s], R0)
-    R2, w2 = exact.free_standard(J, w[0], [s], R[0])
-    sensitivity = 1e-12 * (1 + np.abs([t, s]).max()) * np.exp(np.linalg.norm(W) * abs(s) / 2)
-    assert np.abs(R2[0] - R[1]).max() < sensitivity
-    assert np.abs(w2[0] - w[1]).max() < sensitivity
-    assert np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max() < 1e-14
-    size = np.linalg.norm(J, 2) * np.linalg.norm(W)
-    assert np.abs(R @ (J @ w[..., None]) - (R0.as_matrix() @ J @ W)[:, None]).max() < 3e-14 * size
 
 
 def chained(steps, start):

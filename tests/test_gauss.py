@@ -232,15 +232,6 @@ def test_needles_keep_their_energy_though_their_spin_is_round_off(order):
     assert abs(E - E[0]).max() <= (1e-10 if linear else 1e-12) * abs(E).max()
 
 
-def test_averages_over_the_stages_have_the_order_of_the_scheme():
-    """Of the energy of a heavy top, against fine steps."""
-    how = {"t_end": 2, "integrator": "gauss", "order": 8, "reduce": ("averages",), "angular_velocity": [1, -2, 0.5]}
-    body = nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5))
-    means = [nt.simulate_ensemble(body, step=2 / n, **how).kinetic_energy_mean.item() for n in (10, 14, 80)]
-    errors = np.abs(means[:2] - np.array(means[2]))
-    assert np.log(errors[0] / errors[1]) / np.log(1.4) == pytest.approx(8, abs=1)
-
-
 def test_the_lag_of_a_steady_rotation_in_rows():
     body, h = nt.nontwisting([3, 3, 5]), 0.05
     how = {"material_angular_velocity": [6, -8, 0], "t_end": 40 * h, "step": h, "store": "end"}

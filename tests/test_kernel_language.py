@@ -136,16 +136,14 @@ def test_a_kernel_of_arrays():
     @kernel("f8[:, :], i8, f8[:] -> f8, i8")
     def column(a, j, out):
         for i in loop(a.shape[0]):
-            row = a[i]
-            out[i] = row[j] * a[i, 0]
+            out[i] = a[i][j] * a[i, 0]
         return a[a.shape[0] - 1, j], j + a.shape[1]
 
     a, out = rng.normal(size=(5, 4)), np.empty(5)
-    assert column(a.T.copy().T, 2, out) == (a[-1, 2], 6)  # not contiguous: a copy
-    assert (out == a[:, 2] * a[:, 0]).all()
-    out[...] = 0.0
-    assert column.bound(a, 3, out)() == (a[-1, 3], 7)
-    assert column.on_floats(a, 3, out) == (a[-1, 3], 7)
+    for call in (lambda: column(a.T.copy().T, 2, out), column.bound(a, 2, out), lambda: column.on_floats(a, 2, out)):
+        out[...] = 0.0
+        assert call() == (a[-1, 2], 6)  # the first is not contiguous: a copy
+        assert (out == a[:, 2] * a[:, 0]).all()
     with pytest.raises(ValueError, match="is not what a kernel takes"):
         kernel("f8[:,:]")(leaking)
     with pytest.raises(TypeError, match="an array of f8 with 2 axes"):

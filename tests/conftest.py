@@ -4,9 +4,9 @@ import gc
 import os
 import shutil
 import sys
+from contextlib import contextmanager
 from functools import cache, partial
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,23 +124,22 @@ def browser():
         chromium.close()
 
 
-@pytest.fixture
-def visit_still(browser, tmp_path):
-    """Open a page with the network cut; whatever it asks for or complains of fails the test."""
-    contexts, trouble = [], []
+@contextmanager
+def visiting(browser, folder):
+    """Give what opens a page with the network cut; what pages ask for or complain of fails."""
+    contexts, trouble, place = [], [], folder / "page.html"
 
-    def opened(document, fragment="", **options):
-        context = browser.new_context(offline=True, **options)
-        contexts.append(context)
-        context.set_default_timeout(600_000)  # ms: against waiting for ever, for the slowest machines
-        page = context.new_page()
+    def opened(document, fragment="", moves=True, **options):
+        contexts.append(browser.new_context(offline=True, **options))
+        contexts[-1].set_default_timeout(600_000)  # ms: against waiting for ever, for the slowest machines
+        page, own = contexts[-1].new_page(), (place.as_uri(), "data:")
         page.on("console", lambda message: trouble.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: trouble.append(str(error)))
-        address = Path(tmp_path / "page.html").as_uri()
-        own = (address, "data:")
         page.on("request", lambda r: None if r.url.startswith(own) else trouble.append(r.url))
-        (tmp_path / "page.html").write_text(document, encoding="utf-8")
-        page.goto(address + fragment)
+        place.write_text(document, encoding="utf-8")
+        page.goto(place.as_uri() + fragment)
+        if moves:
+            page.wait_for_selector("#clock:not(:empty)")
         return page
 
     yield opened
@@ -150,23 +149,14 @@ def visit_still(browser, tmp_path):
 
 
 @pytest.fixture
-def visit(visit_still):
-    """Open a page that moves, as `visit_still` does."""
-
-    def opened(*arguments, **options):
-        page = visit_still(*arguments, **options)
-        page.wait_for_selector("#clock:not(:empty)")
-        return page
-
-    return opened
+def visit(browser, tmp_path):
+    with visiting(browser, tmp_path) as opened:
+        yield opened
 
 
 def frames(page, count):
     """Wait until the page has drawn so many frames: its own events, at the speed of the machine."""
-    page.evaluate(
-        "(n) => new Promise((done) => { const next = () => (n-- ? requestAnimationFrame(next) : done()); next(); })",
-        count,
-    )
+    page.evaluate("(n) => new Promise((f) => { (function g() { n-- ? requestAnimationFrame(g) : f(); })(); })", count)
 
 
 def until(page, happens):
@@ -178,14 +168,16 @@ def until(page, happens):
     raise AssertionError("it did not happen in 2000 frames")
 
 
+# Controls and pictures that have no name.
+UNNAMED = """[...document.querySelectorAll('button, input, select, textarea, canvas, [role=img]')]
+    .filter((e) => !e.getAttribute('aria-label') && !e.labels?.length && !e.textContent.trim())
+    .map((e) => e.outerHTML)"""
 # Texts on a page whose colour is not 4.5 times as light, or as dark, as what is behind them (WCAG).
 LOW_CONTRAST = """() => {
     const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
-    const light = (colour) => {
-        const linear = (x) => (x <= 0.03928 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
-        const [r, g, b] = numbers(colour).map((x) => linear(x / 255));
-        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-    };
+    const linear = (x) => (x <= 10 ? x / 3294.6 : ((x / 255 + 0.055) / 1.055) ** 2.4);
+    const weights = [0.2126, 0.7152, 0.0722, 0];
+    const light = (colour) => numbers(colour).reduce((sum, x, k) => sum + weights[k] * linear(x), 0.05);
     const ground = (e) => {
         const own = e ? getComputedStyle(e).backgroundColor : "rgb(255, 255, 255)", [, , , alpha = 1] = numbers(own);
         return alpha > 0 ? own : ground(e.parentElement);
@@ -195,6 +187,6 @@ LOW_CONTRAST = """() => {
         .filter((e) => [...e.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim()))
         .map((e) => {
             const [a, b] = [getComputedStyle(e).color, ground(e)].map(light);
-            return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), e.textContent.trim().slice(0, 40)];
+            return [Math.max(a, b) / Math.min(a, b), e.textContent.trim().slice(0, 40)];
         }).filter(([contrast]) => contrast < 4.5);
 }"""

@@ -5,7 +5,7 @@ import runpy
 import shutil
 import subprocess
 import sys
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -39,10 +39,13 @@ def printed(capsys):
     return run
 
 
+def text_of(*path):
+    return ROOT.joinpath(*path).read_text(encoding="utf-8")
+
+
 def test_the_recording_has_its_licence_and_source():
-    folder = ROOT / "examples" / "imu"
-    assert "Copyright (C) 2016 Thomas Haslwanter" in (folder / "LICENSE.txt").read_text(encoding="utf-8")
-    assert "scikit-kinematics" in (folder / "SOURCE.md").read_text(encoding="utf-8")
+    assert "Copyright (C) 2016 Thomas Haslwanter" in text_of("examples", "imu", "LICENSE.txt")
+    assert "scikit-kinematics" in text_of("examples", "imu", "SOURCE.md")
 
 
 def difference(one, other):
@@ -70,20 +73,21 @@ def test_the_map_of_chaos_is_drawn(tmp_path):
 
 
 def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
-    runpy.run_path(str(ROOT / "examples" / "gallery.py"))["main"](tmp_path)
-    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    """But for the one that is measured, of which a part is run."""
+    main = runpy.run_path(str(ROOT / "examples" / "gallery.py"))["main"]
+    compare = partial(main.__globals__["compare"], steps=[0.02, 0.01], repeats=1)
+    main.__globals__["compare"] = lambda body, t_end, **how: compare(body, t_end=1, **how)
+    main(tmp_path)
+    page = text_of("docs", "gallery.md")
     assert (tmp_path / "gallery.md").read_text(encoding="utf-8") == page
     figures = set(plot.__all__) - {"new_axes", "save", "style"}
+    assert all(f"plot.{name}(" in page and f"(gallery/{name}.png)" in page for name in figures)
     for folder in (tmp_path, ROOT / "docs"):
         pictures = {path.stem: path.stat().st_size for path in (folder / "gallery").iterdir()}
         assert pictures.keys() == figures | {"dna_circle"}
         assert all(3000 < size <= 150_000 for size in pictures.values())
-    drawn = {path.name: path for path in (tmp_path / "gallery").iterdir() if path.stem != "work_precision"}  # measured
-    for name, path in drawn.items():
-        assert difference(Image.open(path), stored(f"gallery/{name}")) < 1, name
-    for name in figures:
-        assert f"plot.{name}(" in page
-        assert f"(gallery/{name}.png)" in page
+    for name in pictures.keys() - {"work_precision"}:
+        assert difference(stored(tmp_path / "gallery" / f"{name}.png"), stored(f"gallery/{name}.png")) < 1, name
 
 
 def test_the_picture_of_the_first_page_says_what_is_true():
@@ -110,44 +114,41 @@ def test_the_film_of_the_readme_is_of_the_code_beside_it():
     ends = [float(np.degrees(twist(run).twist_angle[-1])) for run in runs]
     assert ends[0] < -180  # beyond half a turn, as the README says
     assert ends[1] == pytest.approx(0, abs=1e-9)
-    motions = [Motion(content(run)) for run in runs]
     for name, dark in (("bodies.gif", False), ("bodies-dark.gif", True)):
-        last = still(motions, 3.5, 90, Look(dark))
+        last = still([Motion(content(run)) for run in runs], 3.5, 90, Look(dark))
         words = [text.get_text() for ax in last.axes for text in ax.texts]
         assert [word for word in words if word.startswith("ψ")] == [f"ψ = −{-ends[0]:.1f}°", "ψ = 0.0°"]
         with Image.open(ROOT / "docs" / "images" / name) as film:
-            count = round(12.5 * script["SECONDS"])
-            film.seek(count)  # of so many and the last
+            film.seek(round(12.5 * script["SECONDS"]))  # of so many and the last
             assert film.info["duration"] == 1500
-            difference_at_the_end = difference(script["picture"](last, 90), film)
-            assert difference_at_the_end < 2.3, name  # 64 colours; that of a moment a second before is 7
+            assert difference(script["picture"](last, 90), film) < 2.3, name  # 64 colours; a second before it is 7
+
+
+def angles(text):
+    """The numbers of a picture, in degrees."""
+    return [float(word.strip("ψ= °")) for word in text.replace("−", "-").splitlines() if "°" in word]
 
 
 def test_the_pictures_of_the_pages_are_of_the_code_beside_them(tmp_path, monkeypatch):
     """Numbers that stand on the pictures, and what the code of the first page, or of the playground, computes."""
     monkeypatch.chdir(tmp_path)
-    code = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"), re.DOTALL)[-1]
+    code = re.findall(r"```python\n(.*?)```", text_of("docs", "index.md"), re.DOTALL)[-1]
     shown = []
     with patch("nontwist.viewer.content._of_two", lambda run, place: shown.append(run) or content(run)):
         exec(code, {})
     for name in ("view.png", "view-dark.png"):
-        lines = stored(f"images/{name}").text["numbers"].replace("−", "-").splitlines()
-        for k, run in enumerate(shown):
-            at = twist(run).interp(time=1.8)
-            d3 = run.directors.sel(director=3).interp(time=1.8).values
-            own = lines[5 * k : 5 * k + 5]
-            angles = [float(word.strip("ψ= °")) for word in own[:4]]
-            assert angles[0] == angles[2] == pytest.approx(np.degrees(float(at.twist_angle)), abs=0.1)
-            assert angles[3] == pytest.approx(np.degrees(float(at.solid_angle)), abs=0.2)
-            assert [float(x) for x in own[4].split("(")[1][:-1].split(",")] == pytest.approx(list(d3), abs=2e-3)
+        text = stored(f"images/{name}").text["numbers"]
+        told, places = angles(text), re.findall(r"\((.*)\)", text.replace("−", "-"))
+        for run, own, place in zip(shown, (told[:4], told[4:]), places, strict=True):
+            at, d3 = twist(run).interp(time=1.8), run.directors.sel(director=3).interp(time=1.8).values
+            assert own[0] == own[2] == pytest.approx(np.degrees(float(at.twist_angle)), abs=0.1)
+            assert own[3] == pytest.approx(np.degrees(float(at.solid_angle)), abs=0.2)
+            assert [float(x) for x in place.split(",")] == pytest.approx(list(d3), abs=2e-3)
     for name in ("playground.png", "playground-dark.png"):
-        kept = {}
-        exec(stored(f"images/{name}").text["code"], kept)
-        angles = [
-            float(word.replace("−", "-").rstrip("°")) for word in stored(f"images/{name}").text["numbers"].splitlines()
-        ]
+        told, kept = stored(f"images/{name}").text, {}
+        exec(told["code"], kept)
         computed = [np.degrees(float(twist(kept[one]).twist_angle[-1])) for one in ("free", "held")]
-        assert angles == pytest.approx(computed, abs=0.06)
+        assert angles(told["numbers"]) == pytest.approx(computed, abs=0.06)
 
 
 def numbers(line):
@@ -217,13 +218,11 @@ def test_a_reader_of_ones_own_reads_its_log(printed):
 
 @pytest.mark.parametrize("name", ["integrator", "body", "load", "reader"])
 def test_the_pages_for_contributors_show_their_examples(name):
-    file = "recording" if name == "reader" else name
-    page = (ROOT / "docs" / "contributing" / f"{file}.md").read_text(encoding="utf-8")
+    page = text_of("docs", "contributing", f"{'recording' if name == 'reader' else name}.md")
     assert f"{{literalinclude}} ../../examples/own_{name}.py" in page
     assert f"!python examples/own_{name}.py" in page
     for path in re.findall(r"`((?:tests|docs|[a-z]+)/[\w./]+\.(?:py|md|json))`", page):
-        places = [ROOT / path, ROOT / "src" / "nontwist" / path]
-        assert any(place.is_file() for place in places) or path == "integrators/munthe_kaas.py", path
+        assert any((ROOT / place / path).is_file() for place in (".", "src/nontwist")) or "munthe_kaas" in path, path
 
 
 def tether():
@@ -235,30 +234,29 @@ def tether():
     return R, "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
 
 
-def test_the_tether_counter_counts_what_twist_finds():
-    R, lines = tether()
-    command = [sys.executable, ROOT / "examples" / "tether_counter.py"]
-    found = subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout.splitlines()
-    expected = twist(R[:401], axis="x", order=2).twist_angle.values / (2 * np.pi)
+def counted(*command):
+    """What a tether counter prints."""
+    run = subprocess.run(command, input=tether()[1], capture_output=True, text=True, check=True)
+    return run.stdout.splitlines()
+
+
+def test_the_tether_counters_count_what_twist_finds(tmp_path):
+    source = ROOT / "examples" / "tether_counter.py"
+    found = counted(sys.executable, source)
+    expected = twist(tether()[0][:401], axis="x", order=2).twist_angle.values / (2 * np.pi)
     assert [float(line.split()[2]) for line in found[:401]] == pytest.approx(expected, abs=1e-12)
     assert all("gaps" not in line for line in found[:401])
     assert all(line.endswith("(1 gaps too long)") for line in found[401:])
-    code = (ROOT / "examples" / "tether_counter.py").read_text(encoding="utf-8").partition('"""\n\n')[2]
+    code = source.read_text(encoding="utf-8").partition('"""\n\n')[2]
     assert len(code.splitlines()) <= 20
-
-
-@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
-@pytest.mark.parametrize("standard", ["c99", "c11"])
-def test_the_tether_counter_in_c_counts_the_same(standard, tmp_path):
+    if COMPILER is None:
+        pytest.skip("there is no C compiler")
     program = tmp_path / "tether_counter"
-    flags = [f"-std={standard}", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-ffp-contract=off"]
-    source = ROOT / "examples" / "tether_counter.c"
-    subprocess.run([COMPILER, *flags, "-o", program, source, "-lm"], check=True)
-    lines = tether()[1]
-    run = subprocess.run([program], input=lines, capture_output=True, text=True, check=True)
-    command = [sys.executable, ROOT / "examples" / "tether_counter.py"]
-    python = subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout.splitlines()
-    for one, other in zip(run.stdout.splitlines(), python, strict=True):
+    flags = ["-Wall", "-Wextra", "-pedantic", "-Werror", "-ffp-contract=off"]
+    for version in ("c99", "c11"):
+        build = [COMPILER, f"-std={version}", *flags, "-o", program, source.with_suffix(".c"), "-lm"]
+        subprocess.run(build, check=True)
+    for one, other in zip(counted(program), found, strict=True):
         assert one.split()[:2] == other.split()[:2]
         assert float(one.split()[2]) == pytest.approx(float(other.split()[2]), abs=2e-12)
         assert one.partition(" turns")[2] == re.sub(r"^, give or take \S+", "", other.partition(" turns")[2])
@@ -274,7 +272,7 @@ def tumbling():
 def test_the_two_functions_for_pytorch_are_a_function_and_its_derivative():
     how, W, script = tumbling()
     A, V = script["states"](W, how)
-    by_A, by_V = np.random.default_rng(5).normal(size=A.shape), np.random.default_rng(6).normal(size=V.shape)
+    by_A, by_V = (np.random.default_rng(seed).normal(size=of.shape) for seed, of in ((5, A), (6, V)))
 
     def loss(W):
         A, V = script["states"](W, how)

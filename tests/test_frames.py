@@ -132,13 +132,6 @@ def test_order_of_closed_frames_and_at_corners():
     assert slope(counts, errors) == pytest.approx(2, abs=0.1)
 
 
-def test_octant():
-    for polygon, sign in ((AXES[::-1], -1), (AXES[[1, 2, 0, 1]], 1), (octant(7), 1)):
-        frames = nontwisting_frame(np.concatenate([polygon, polygon[:1]]), order=2)
-        turned = roll(frames[-1], frames[0, 0]), closed_frame(polygon, order=2)[1]
-        assert [holonomy(polygon), solid_angle(polygon), *turned] == pytest.approx([sign * np.pi / 2] * 4, abs=1e-13)
-
-
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**31), size=st.sampled_from([1e-7, 1e-4, 1e-2, 1.0]))
 def test_triangle_areas_against_many_digits(seed, size):

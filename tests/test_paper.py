@@ -20,79 +20,73 @@ NOTES = {  # Q_II at t = 1 ... 5 when every step is solved to round-off
 
 
 @pytest.fixture(scope="module")
-def reproduction(tmp_path_factory):
-    return reproduce(tmp_path_factory.mktemp("paper"))
+def reproductions(tmp_path_factory):
+    """The first case with all figures, and the others with one each."""
+    whole, quick = (tmp_path_factory.mktemp(name) for name in ("whole", "quick"))
+    return reproduce(whole, [1]), reproduce(quick, [2, 3], quick=True)
 
 
-@pytest.mark.parametrize("case", [1, 2, 3])
-def test_every_printed_digit_of_the_invariants(reproduction, case):
-    table = next(t for t in reproduction.tables if (t.case, t.name) == (case, "invariants"))
-    assert len(table.rows) == 15
-    printed = printed_tables()
-    for row in table.rows:
-        digits = f"{math.trunc(row.computed * 1e6) / 1e6:.6f}"
-        expected = dict(zip(("Π1", "Π2"), printed[f"case{case}"]["material_momentum"], strict=True))
-        expected["K"] = printed[f"case{case}"]["kinetic_energy"]
-        assert digits == f"{expected[row.quantity]:.6f}"
-        assert row.agrees
+def test_every_printed_digit_of_the_invariants_and_the_second_quotients(reproductions):
+    whole, quick = reproductions
+    tables = {(table.case, table.name): table.rows for table in (*whole.tables, *quick.tables)}
+    assert whole.agrees
+    assert quick.agrees
+    for case, printed in ((case, printed_tables()[f"case{case}"]) for case in (1, 2, 3)):
+        expected = dict(zip(("Π1", "Π2"), printed["material_momentum"], strict=True)) | {"K": printed["kinetic_energy"]}
+        rows = tables.pop((case, "invariants"))
+        assert len(rows) == 15
+        for row in rows:
+            assert f"{math.trunc(row.computed * 1e6) / 1e6:.6f}" == f"{expected[row.quantity]:.6f}"
+            assert row.agrees
+        rows = tables.pop((case, "second_quotient"))
+        computed = np.array([row.computed for row in rows])
+        assert computed == pytest.approx(np.array(printed["second_quotient"]), abs=6e-5)
+        assert computed == pytest.approx(np.array(NOTES[case]), abs=2e-6)
+        assert [row.time for row in rows] == [1, 2, 3, 4, 5]
+    assert not tables
 
 
-@pytest.mark.parametrize("case", [1, 2, 3])
-def test_second_quotients(reproduction, case):
-    table = next(t for t in reproduction.tables if (t.case, t.name) == (case, "second_quotient"))
-    computed = np.array([row.computed for row in table.rows])
-    assert computed == pytest.approx(np.array(printed_tables()[f"case{case}"]["second_quotient"]), abs=6e-5)
-    assert computed == pytest.approx(np.array(NOTES[case]), abs=2e-6)
-    assert [row.time for row in table.rows] == [1, 2, 3, 4, 5]
-
-
-def test_all_tables_agree(reproduction):
-    assert reproduction.agrees
-    assert sum(len(table.rows) for table in reproduction.tables) == 60
-
-
-def test_files(reproduction):
-    figures = ["momenta", "energy", "second_quotient", "path"]
-    for case in (1, 2, 3):
-        folder = reproduction.folder / f"case{case}"
-        expected = {"invariants.csv", "second_quotient.csv", "h.nc", "h2.nc", "h4.nc"}
-        expected |= {f"{name}{end}" for name in figures for end in (".pdf", ".png", "_data.csv")}
+def test_files(reproductions):
+    folders = [reproductions[0].folder / "case1", *(reproductions[1].folder / f"case{k}" for k in (2, 3))]
+    for folder, names in zip(folders, (("energy", "second_quotient", "path"), (), ()), strict=True):
+        expected = {f"{name}{end}" for name in (*names, "momenta") for end in (".pdf", ".png", "_data.csv")}
+        expected |= {"invariants.csv", "second_quotient.csv"} | ({"h.nc", "h2.nc", "h4.nc"} if names else set())
         assert {path.name for path in folder.iterdir()} == expected
-        run = open_run(folder / "h2.nc")
-        assert run.attrs["step"] == 0.0025
-        scheme = {"name": "energy-momentum", "order": 2, "dissipation": 0.0, "moments": "paper"}
-        assert json.loads(run.attrs["integrator"]) == scheme
-        data = np.genfromtxt(folder / "path_data.csv", delimiter=",", names=True)
-        h = open_run(folder / "h.nc")
-        assert np.array_equal(data["d3_y"], h.directors.sel(director=3, axis="y"))
-        with (folder / "invariants.csv").open(encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        assert rows[0].keys() == {"time", "quantity", "unit", "printed", "computed", "difference", "agrees"}
-        assert float(rows[2]["computed"]) == pytest.approx(
-            float(h.kinetic_energy.sel(time=1, method="nearest")), abs=1e-12
-        )
+    h, h2 = (open_run(folders[0] / f"{name}.nc") for name in ("h", "h2"))
+    assert h2.attrs["step"] == 0.0025
+    scheme = {"name": "energy-momentum", "order": 2, "dissipation": 0.0, "moments": "paper"}
+    assert json.loads(h2.attrs["integrator"]) == scheme
+    data = np.genfromtxt(folders[0] / "path_data.csv", delimiter=",", names=True)
+    assert np.array_equal(data["d3_y"], h.directors.sel(director=3, axis="y"))
+    with (folders[0] / "invariants.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0].keys() == {"time", "quantity", "unit", "printed", "computed", "difference", "agrees"}
+    K = float(h.kinetic_energy.sel(time=1, method="nearest"))
+    assert float(rows[2]["computed"]) == pytest.approx(K, abs=1e-12)
 
 
-def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reproduction, visit_still):
-    document = reproduction.page.read_text(encoding="utf-8")
-    titles = re.findall(r"<(?:figcaption|caption)>((?:Figure|Table) \d)\.", document)
-    parts = [[f"Figure {3 * k + j}" for j in (1, 2, 3)] + [f"Table {2 * k + j}" for j in (1, 2)] for k in range(3)]
-    assert titles == [title for part in parts for title in part]
-    assert document.count("data:image/png;base64,") == 12
-    assert "60 of 60 printed numbers agree." in document
-    cells = re.findall(r"<td>([^<]*)</td>", document)
-    for table in reproduction.tables:
-        for row in table.rows:
+def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reproductions, visit):
+    orders = ("F1 F2 F3 T1 T2", "F4 T3 T4 F7 T5 T6")
+    for result, order, pictures, count in zip(reproductions, orders, (4, 2), (20, 40), strict=True):
+        document = result.page.read_text(encoding="utf-8")
+        titles = re.findall(r"<(?:figcaption|caption)>(F|T)(?:igure|able) (\d)\.", document)
+        assert " ".join(map("".join, titles)) == order
+        assert document.count("data:image/png;base64,") == pictures
+        assert f"{count} of {count} printed numbers agree." in document
+        assert ("Drawn was momenta alone: a quick reproduction." in document) == (pictures == 2)
+        cells = re.findall(r"<td>([^<]*)</td>", document)
+        for row in (row for table in result.tables for row in table.rows):
             k = cells.index(f"{row.computed:.9f}".replace("-", "−"))
             assert cells[k - 1] == f"{row.printed:.6f}".replace("-", "−")
-    for link in re.findall(r'href="([^"]*)"', document):
-        assert link == "data:," or (reproduction.folder / link).is_file()
-    for scheme in ("light", "dark"):
-        for width in (1280, 390):
-            page = visit_still(document, viewport={"width": width, "height": 800}, color_scheme=scheme)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
-            assert page.evaluate(LOW_CONTRAST) == []
-            assert page.evaluate("[...document.images].filter((i) => !i.naturalWidth || !i.alt).length") == 0
+        for link in re.findall(r'href="([^"]*)"', document):
+            assert link == "data:," or (result.folder / link).is_file()
+    page = visit(reproductions[0].page.read_text(encoding="utf-8"), moves=False)
+    for scheme, width in (("light", 1280), ("dark", 390)):
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate(LOW_CONTRAST) == []
+    assert page.evaluate("[...document.images].filter((i) => !i.naturalWidth || !i.alt).length") == 0
 
 
 def test_printed_loads_miss_the_tables_by_twenty(tmp_path):
@@ -101,17 +95,10 @@ def test_printed_loads_miss_the_tables_by_twenty(tmp_path):
     assert not result.agrees
     row = next(row for row in result.tables[0].rows if row.quantity == "Π1")
     assert 15 < row.computed / row.printed < 20.1
-    files = {"invariants.csv", "second_quotient.csv", "momenta.pdf", "momenta.png", "momenta_data.csv"}
-    assert {path.name for path in (tmp_path / "case2").iterdir()} == files
     document = result.page.read_text(encoding="utf-8")
-    assert re.findall(r"(?:Figure|Table) \d", document) == ["Figure 4", "Table 3", "Table 4"]
-    assert "Drawn was momenta alone: a quick reproduction." in document
     assert "Loads of cases 2 and 3 are as printed." in document
     assert '<td class="bad">differs</td>' in document
     with pytest.raises(FileExistsError, match=r"index\.html"):
         reproduce(tmp_path, [3], quick=True)
-
-
-def test_a_case_that_the_paper_does_not_have(tmp_path):
     with pytest.raises(ValueError, match=re.escape("the paper has the cases 1, 2, 3; got 4")):
         reproduce(tmp_path, [4])

@@ -2,14 +2,14 @@
 
 import re
 import warnings
-from functools import partial
+from functools import partial, reduce
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from conftest import LOW_CONTRAST, frames, until
-from conftest import nontwist as command
+from conftest import LOW_CONTRAST, UNNAMED, ended, frames, until, visiting
 from nontwist import nontwisting, pulse, simulate, sphere, standard, suslov, with_gravity
 from nontwist.paper.tables import CASES, INERTIA
 from nontwist.playground import playground
@@ -40,15 +40,13 @@ def drawn_problem(rng):
         root[2, :2] = root[:2, 2] = 0
     E = root @ root.T + 0.3 * np.eye(3)
     centre = heavy * rng.normal(size=3) * ([0, 0, 1] if held else [1, 1, 1])
-    centre *= 0.16 / max(np.linalg.norm(centre), 1e-9)
-    attitude = rng.normal(size=4)
     return {
         "kind": str(kind),
         "J": (np.trace(E) * np.eye(3) - (E + E.T) / 2).tolist(),
         "held": held,
-        "centre": centre.tolist(),
+        "centre": (0.16 * centre / max(np.linalg.norm(centre), 1e-9)).tolist(),
         "gravity": [0, 0, -9.81 * heavy],
-        "attitude": (attitude / np.linalg.norm(attitude)).tolist(),
+        "attitude": Rotation.random(random_state=rng).as_quat().tolist(),
         "velocity": (rng.normal(size=3) * [1, 1, not held]).tolist(),
         "step": rng.uniform(0.002, 0.02),
         "pulse": (np.trace(E) * rng.normal(size=3) * rng.integers(2)).tolist(),
@@ -74,8 +72,11 @@ def solved(problem, change=0.0):
         )
 
 
-def end_of(run):
-    return np.array([*run.quaternion.values[-1], *run.material_angular_velocity.values[-1]])
+def gap(run, state):
+    """How far a state of the page, q or -q and W, is from the end of a run."""
+    expected, found = np.array([*run.quaternion.values[-1], *run.material_angular_velocity.values[-1]]), np.array(state)
+    found[:4] *= np.sign(expected[:4] @ found[:4])
+    return abs(expected - found).max()
 
 
 def of_bounded_divergence(count, seed):
@@ -84,37 +85,35 @@ def of_bounded_divergence(count, seed):
     while len(found) < count:
         problem = drawn_problem(rng)
         run, near = solved(problem), solved(problem, 1e-7)
-        if abs(end_of(near) - end_of(run)).max() < 100 * 1e-7:
+        end = [*near.quaternion.values[-1], *near.material_angular_velocity.values[-1]]
+        if gap(run, end) < 100 * 1e-7:
             found.append((problem, run))
     return found
 
 
-def transported(d3, arrow):
-    """The arrow, carried along the geodesics between directions."""
-    for a, b in pairwise(d3):
-        arrow = sphere.transport(a, b, arrow)
-    return arrow
+@pytest.fixture(scope="module")
+def still(browser, tmp_path_factory):
+    """A playground at rest, for what does not change it."""
+    with visiting(browser, tmp_path_factory.mktemp("page")) as opened:
+        yield opened(playground().html, reduced_motion="reduce")
 
 
 @pytest.mark.parametrize(("count", "seed"), [(8, 1), pytest.param(100, 2, marks=pytest.mark.long)])
-def test_the_browser_integrates_as_the_package_does(visit, count, seed):
-    page, problems = visit(playground().html), of_bounded_divergence(count, seed)
-    ends = np.array(page.evaluate(MARCH, [problem for problem, _ in problems]))
+def test_the_browser_integrates_as_the_package_does(still, count, seed):
+    problems = of_bounded_divergence(count, seed)
+    ends = still.evaluate(MARCH, [problem for problem, _ in problems])
     for end, (problem, run) in zip(ends, problems, strict=True):
-        expected = end_of(run)
-        expected[:4] *= np.sign(expected[:4] @ end[:4])  # q and -q are one attitude
-        assert abs(end[:7] - expected).max() < 1e-12, problem
-    free = [(end, *pair) for end, pair in zip(ends, problems, strict=True) if not pair[0]["held"]]
-    for end, problem, run in free[:4]:
-        d = run.directors.values
-        carried = transported(d[:, 2], d[0, 0])
-        psi = np.arctan2(d[-1, 2] @ np.cross(carried, d[-1, 0]), carried @ d[-1, 0])
-        assert np.exp(1j * end[7]) == pytest.approx(np.exp(1j * psi), abs=1e-11), problem
+        assert gap(run, end[:7]) < 1e-12, problem
+    for *_, psi, (problem, run) in [(*end, pair) for end, pair in zip(ends, problems, strict=True)]:
+        if not problem["held"]:
+            d = run.directors.values
+            carried = reduce(lambda arrow, way: sphere.transport(*way, arrow), pairwise(d[:, 2]), d[0, 0])
+            expected = np.arctan2(d[-1, 2] @ np.cross(carried, d[-1, 0]), carried @ d[-1, 0])
+            assert np.exp(1j * psi) == pytest.approx(np.exp(1j * expected), abs=1e-11), problem
 
 
-def test_long_runs_keep_energy_and_momentum(visit):
-    page = visit(playground().html)
-    changes = page.evaluate(
+def test_long_runs_keep_energy_and_momentum(still):
+    changes = still.evaluate(
         """() => PRESETS.map((preset) => {
             const world = new World(inputsOf(preset));
             world.advance(20000);
@@ -127,81 +126,63 @@ def test_long_runs_keep_energy_and_momentum(visit):
     assert all(held[2] < 4e-15 for _, held in changes[:5])  # no gravity, d3 principal
 
 
-STATES = "() => world.runs.map((run) => [...run.state.p, ...times(run.body.K, run.state.P)])"
-
-
-def same(run, state):
-    expected = end_of(run)
-    return abs(expected - np.array(state) * np.sign([*[expected[:4] @ state[:4]] * 4, 1, 1, 1])).max() < 1e-12
+STATES = "world.runs.map((run) => [...run.state.p, ...times(run.body.K, run.state.P)])"
 
 
 @pytest.mark.parametrize("number", [3, *(pytest.param(k, marks=pytest.mark.long) for k in (4, 5, 6))])
 def test_what_is_copied_gives_the_state_of_the_page(visit, tmp_path, number):
-    page = visit(playground().html)
-    page.click("#play")
+    page = visit(playground().html, reduced_motion="reduce")
     page.click(f"#presets button:nth-child({number + 1})")
-    page.click("#play")
-    page.evaluate("begin(world.inputs)")
-    for _ in range(3):
-        page.keyboard.press(".")
-    page.evaluate("world.advance(40)")
-    states, names = page.evaluate(STATES), {}
-    assert page.evaluate("world.steps") == 100
-    texts = {}
+    page.evaluate("begin(world.inputs); setPlaying(false); world.advance(100 - world.steps)")
+    states, names, texts = page.evaluate(STATES), {}, {}
     for label in page.locator("#copies button").all_inner_texts():
         page.get_by_role("button", name=label, exact=True).click()
         texts[label] = page.input_value("#text")
-    python = texts.pop("Copy as Python")
-    exec(python, names)
-    assert same(names["free"], states[0])
-    assert same(names["held"], states[1])
-    link = texts.pop("Copy the link")
-    for text, state in zip(texts.values(), states, strict=True):
+    exec(texts.pop("Copy as Python"), names)
+    link, runs = texts.pop("Copy the link"), [names["free"], names["held"]]
+    for text in texts.values():
         (tmp_path / "copied.toml").write_text(text, encoding="utf-8")
-        run = simulate(read_run_file(tmp_path / "copied.toml").problem)
-        assert same(run, state)
+        runs.append(simulate(read_run_file(tmp_path / "copied.toml").problem))
+    assert [gap(run, state) < 1e-12 for run, state in zip(runs, states * 2, strict=True)] == [True] * 4
     other = visit(playground().html, "#" + link.partition("#")[2], reduced_motion="reduce")
     assert other.evaluate("world.inputs") == page.evaluate("world.inputs")
     assert "The start is that of the link" in other.inner_text("#watch")
 
 
-def test_presets_are_the_cases_of_the_paper(visit):
-    page = visit(playground().html)
+def test_presets_are_the_cases_of_the_paper_and_show_what_they_say(still):
     for number, case in CASES.items():
-        given = page.evaluate(f"inputsOf(PRESETS.find((preset) => preset.name === 'Case {number}'))")
-        assert page.evaluate("(E) => inertiaOf(E)", given["inertia"]) == [list(row) for row in INERTIA]
+        given = still.evaluate(f"inputsOf(PRESETS.find((preset) => preset.name === 'Case {number}'))")
+        assert still.evaluate("(E) => inertiaOf(E)", given["inertia"]) == [list(row) for row in INERTIA]
         assert given["velocity"] == list(case.angular_velocity)
         assert given["pulse"] == [x / 20 for x in case.printed_peak]
 
-
-def test_presets_show_what_they_say(visit):
-    page = visit(playground().html)
-
     def after(name, steps):
-        return page.evaluate(
+        """The axes, velocities and twists of the free and of the held body, at 50 times."""
+        found = still.evaluate(
             """([name, steps]) => {
                 const world = new World(inputsOf(PRESETS.find((preset) => preset.name === name)));
                 return Array.from({ length: 50 }, () => {
                     world.advance(steps / 50);
-                    return world.runs.map(({ body, state: { p, P, twist } }) => (
-                        { d3: triadOf(p)[2], W: times(body.K, P), twist }));
+                    return world.runs.map(({ body, state: { p, P, twist } }) => [
+                        ...triadOf(p)[2], ...times(body.K, P), twist]);
                 });
             }""",
             [name, steps],
         )
+        return [(x[:, :3], x[:, 3:6], x[:, 6]) for x in np.swapaxes(found, 0, 1)]
 
-    kick = after("One kick", 1000)
-    assert max(abs(free["twist"]) for free, _ in kick) > 0.5
-    assert all(held["twist"] == 0 for _, held in kick)
-    racket = after("Tennis racket", 6000)
-    assert min(free["W"][1] for free, _ in racket) < -3  # it flips
-    assert min(held["W"][1] for _, held in racket) == pytest.approx(4)
-    top = after("Sleeping top", 2000)
-    assert min(free["d3"][2] for free, _ in top) > 0.99
-    assert min(held["d3"][2] for _, held in top) < 0
-    settling = after("Suslov's settling", 20000)
-    assert abs(settling[-1][1]["W"][1]) < 1e-3
-    assert abs(settling[-1][1]["W"][0]) > 2
+    (*_, twist), (*_, of_held) = after("One kick", 1000)
+    assert abs(twist).max() > 0.5
+    assert (of_held == 0).all()
+    (_, W, _), (_, of_held, _) = after("Tennis racket", 6000)
+    assert W[:, 1].min() < -3  # it flips
+    assert of_held[:, 1].min() == pytest.approx(4)
+    (d3, *_), (of_held, *_) = after("Sleeping top", 2000)
+    assert d3[:, 2].min() > 0.99
+    assert of_held[:, 2].min() < 0
+    _, (_, W, _) = after("Suslov's settling", 20000)
+    assert abs(W[-1, 1]) < 1e-3
+    assert abs(W[-1, 0]) > 2
 
 
 def test_a_kick_by_mouse_is_the_impulse_of_the_pull(visit):
@@ -275,7 +256,7 @@ def test_keys_alone(visit):
 
 
 def test_the_arrow_comes_back_turned_by_the_area(visit):
-    page = visit(playground().html, viewport={"width": 1280, "height": 1400})
+    page = visit(playground().html, viewport={"width": 1280, "height": 1400}, reduced_motion="reduce")
     page.click("#triangle")
     assert page.evaluate("[loop.area, loop.turn]") == pytest.approx([np.pi / 2] * 2, abs=1e-12)
     page.click("#circle")
@@ -286,7 +267,7 @@ def test_the_arrow_comes_back_turned_by_the_area(visit):
     page.mouse.move(x + 60, y)
     page.mouse.down()
     for k in range(1, 20):
-        page.mouse.move(x + 60 * np.cos(k / 3.1), y + 60 * np.sin(k / 3.1), steps=4)
+        page.mouse.move(x + 60 * np.cos(k / 3.1), y + 60 * np.sin(k / 3.1), steps=2)
         area, turn = page.evaluate("[loop.area, loop.turn]")
         assert turn == pytest.approx(area, abs=1e-12)
     assert not page.evaluate("loop.isClosed")
@@ -322,8 +303,7 @@ def test_touch(visit):
 
 
 def test_sliders_give_possible_bodies(visit):
-    page = visit(playground().html)
-    page.click("#play")
+    page = visit(playground().html, reduced_motion="reduce")
     sliders = page.locator("#sliders input")
     for values in ((0.3, 4, 0.3, 0.6, 0.6, 20), (4, 0.3, 0.3, -0.6, 0.6, 0), (0.3, 0.3, 0.3, 0.6, -0.6, 9.81)):
         for k, value in enumerate(values):
@@ -336,65 +316,48 @@ def test_sliders_give_possible_bodies(visit):
     assert page.locator(".stage h2").all_inner_texts() == ["Heavy top", "Suslov top"]
 
 
-def test_links_of_no_body_are_passed_over(visit):
-    page = visit(playground().html, reduced_motion="reduce")
+def test_links_of_no_body_are_passed_over(still, visit):
     good = "inertia=1,1,1,0.5,0,0&attitude=0,0,0,1&velocity=1,0,0&gravity=0&pulse=0,0,0"
-    assert page.evaluate("(text) => toLink(fromLink(text))", good) == good
-    for wrong in (
-        "inertia=1",
-        "<b id=evil>",
-        good.replace("0.5", "1"),  # a body without volume
-        good.replace("0.5", "0.99"),  # whose centre of mass cannot stand where it does
-        good.replace("velocity=1", "velocity=1e9"),
-        good.replace("velocity=1", "velocity=NaN"),
-        good.replace("0,0,0,1", "0,0,0,2"),
-        good.replace("gravity=0", "gravity=-1"),
-        good.replace("pulse=0", "pulse=0x1"),
+    assert still.evaluate("(text) => toLink(fromLink(text))", good) == good
+    wrong = ["inertia=1", "<b id=evil>"]
+    for part, other in (
+        ("0.5", "1"),  # a body without volume
+        ("0.5", "0.99"),  # whose centre of mass cannot stand where it does
+        ("velocity=1", "velocity=1e9"),
+        ("velocity=1", "velocity=NaN"),
+        ("0,0,0,1", "0,0,0,2"),
+        ("gravity=0", "gravity=-1"),
+        ("pulse=0", "pulse=0x1"),
     ):
-        assert page.evaluate("(text) => fromLink(text)", wrong) is None, wrong
-    again = visit(playground().html, "#<b id=evil>", reduced_motion="reduce")
-    assert again.evaluate("world.inputs") == again.evaluate("inputsOf(PRESETS[0])")
-
-
-def test_reduced_motion_begins_at_rest(visit):
-    page = visit(playground().html, reduced_motion="reduce")
+        wrong.append(good.replace(part, other))
+    assert still.evaluate("(texts) => texts.filter((text) => fromLink(text) !== null)", wrong) == []
+    page = visit(playground().html, "#<b id=evil>", reduced_motion="reduce")  # and begins at rest
+    assert page.evaluate("world.inputs") == page.evaluate("inputsOf(PRESETS[0])")
     frames(page, 10)
     assert page.get_attribute("#play", "aria-label") == "Play"
     assert page.evaluate("world.steps") == 20
     assert page.inner_text("#told").startswith("After 0.10 seconds.")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_overflows_and_text_is_legible(visit, scheme):
-    page = visit(playground().html, color_scheme=scheme)
+def test_nothing_overflows_text_is_legible_and_controls_have_names(visit):
+    page = visit(playground().html, reduced_motion="reduce")
     page.get_by_role("button", name="Copy as Python").click()
-    for width in (1400, 900, 390, 320):
+    for width, scheme in ((1400, "light"), (900, "dark"), (390, "light"), (320, "dark")):
+        page.emulate_media(color_scheme=scheme)
         page.set_viewport_size({"width": width, "height": 900})
         frames(page, 2)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.evaluate(LOW_CONTRAST) == []
-
-
-def test_names_of_controls_and_size(visit):
-    page = visit(playground().html)
-    unnamed = page.evaluate(
-        """[...document.querySelectorAll('button, input, select, textarea, canvas, [role=img]')]
-          .filter((e) => !(e.getAttribute('aria-label') || e.labels?.length || e.textContent.trim()))
-          .map((e) => e.outerHTML)"""
-    )
-    assert unnamed == []
+    assert page.evaluate(UNNAMED) == []
     assert page.locator("[aria-live=polite]").count() == 3
-    assert len(playground().html.encode()) < 150_000
     assert "default-src 'none'" in playground().html
 
 
 def test_the_command_writes_the_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = command("play", "--no-open")
-    assert result.exit_code == 0, result.stderr
+    size = len(playground().html.encode())
+    assert size < 150_000
+    assert ended(0, "play", "--no-open").stderr == f"written: playground.html ({size / 1e3:.0f} kB)\n"
     assert (tmp_path / "playground.html").read_text(encoding="utf-8") == playground().html
-    assert result.stderr == f"written: playground.html ({len(playground().html.encode()) / 1e3:.0f} kB)\n"
-    again = command("play", "--no-open")
-    assert again.exit_code == 5
-    assert "playground.html exists" in again.stderr
-    assert command("play", "--no-open", "--force", "--out", "playground.html").exit_code == 0
+    assert "playground.html exists" in ended(5, "play", "--no-open").stderr
+    ended(0, "play", "--no-open", "--force", "--out", "playground.html")

@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.functions import FUNCTIONS, changes_of_numbers, kind_of, numbers_of
+from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
 from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
-from ..geometry.values import as_list, guess, shown
+from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Changes, Entries, Nodes, is_in_orbital_frame
 from ..integrators.load_samples import as_marched
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP
-from ..loads.base import is_called, with_moments
+from ..loads.base import is_called, tables_as_moments
 from ..loads.derivatives import (
     Slopes,
     fixed_slopes,
@@ -86,13 +86,13 @@ class Parameters:
     def __init__(self, problem: IVP, names: Any, scheme: Compiled, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
-        self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
+        self.terms = (problem.load if scheme.is_director_scheme else tables_as_moments(problem.load)).terms
         self._orbits = is_in_orbital_frame(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:
             raise ValueError(f"{given} names no parameter; known are {', '.join(known)}")
-        for word in dict.fromkeys(w if isinstance(w, str) else shown(w) for w in words):
+        for word in dict.fromkeys(w if isinstance(w, str) else short_repr(w) for w in words):
             if word not in known:
                 raise ValueError(
                     f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"
@@ -183,7 +183,7 @@ class Parameters:
         term = self.terms[one.term]
         if not is_called(term) or isinstance(term, ForceTable):
             return []
-        if kind_of(term) in FUNCTIONS and one.field != "scale":
+        if kernel_kind(term) in FUNCTIONS and one.field != "scale":
             return [[(term, change)] for change in changes_of_numbers(term, one.field)]
         value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
         units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)

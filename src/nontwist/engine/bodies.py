@@ -28,7 +28,7 @@ def power_of_two(x: Array) -> Array:
     return found
 
 
-def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:
+def body_rows(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:
     """Return the numbers of each body, (m, BODY.size); damping is times `scale`.
 
     `principal`: the scheme takes constrained axes for principal ones, and wants principal moments in ascending order.

@@ -44,7 +44,7 @@ from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, pu
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
 from ..loads.potentials import on_orbit
 from ..loads.terms import MOST_NUMBERS
-from .records import FORCES, StateCall, places
+from .records import FORCES, StateCall, offsets_of
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING, OF_FORCES, OF_MOMENT = range(6)  # potentials; functions of the state
@@ -78,7 +78,7 @@ class Sloped(NamedTuple):
     slopes: Doubles  # (6, directions) where the derivatives of the moments of the load and of potentials go
 
 
-TERM = places(Term)
+TERM = offsets_of(Term)
 SCRATCH = fields(StateCall)["scratch"].place
 W = fields(StateCall)["w"].place
 OF_TABLE = fields(StateCall)["half"].place + 3  # places of seeds

@@ -46,10 +46,10 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, columns_of, tilted
+from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
 from .newton import Solved
-from .records import FORCES, Body, Parts, State, places
+from .records import FORCES, Body, Parts, State, offsets_of
 from .sampling import mean
 from .workspace import entered, turned_into
 
@@ -89,7 +89,7 @@ class Chain(NamedTuple):
     lengths: Doubles  # (times, count) R_kk
 
 
-CHAIN = places(Chain)
+CHAIN = offsets_of(Chain)
 
 
 def each_step(c: Any, back: bool = False) -> Iterator[tuple[Any, Any]]:
@@ -219,7 +219,7 @@ def product(c: Any, a: Any, b: Any) -> Any:
     return total
 
 
-def rows_of(parts: Parts) -> int:
+def tangent_size(parts: Parts) -> int:
     """Return how many numbers a state has: attitude, W and, of a director scheme, N."""
     return 12 if parts.is_director_scheme else 6
 
@@ -227,8 +227,8 @@ def rows_of(parts: Parts) -> int:
 @lru_cache
 def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     """Return the kernel that makes matrices of `Steps`, with the columns of the inputs that are wanted."""
-    places, n = columns_of(rows_of(parts), wanted), parts.lanes
-    directions = Directions(places, width := places[""])
+    offsets, n = column_offsets(tangent_size(parts), wanted), parts.lanes
+    directions = Directions(offsets, width := offsets[""])
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
@@ -308,8 +308,8 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     h = plain(known.h)
     state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
-    turned = q if known.now is None else known.now.p.inverse @ q
-    turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
+    rotation = q if known.now is None else known.now.p.inverse @ q
+    turn = known.turn @ attitude(rotation) + 2.0 * (q.inverse @ state.p).vector
     W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
@@ -338,8 +338,8 @@ class ForwardRun(NamedTuple):
 class Loaded(Directions):
     """Directions whose derivatives lie in memory, some lanes at a time; at places that are not used they are 0."""
 
-    def __init__(self, places: dict[str, int], memory: Any, stride: Any, used: frozenset[int]) -> None:
-        super().__init__(places, 1)
+    def __init__(self, offsets: dict[str, int], memory: Any, stride: Any, used: frozenset[int]) -> None:
+        super().__init__(offsets, 1)
         self._memory, self._stride, self._used = memory, stride, used
 
     def tangents(self, place: int) -> list[Any]:
@@ -350,7 +350,7 @@ class Loaded(Directions):
 @lru_cache
 def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
-    places, used = columns_of(rows_of(parts), wanted), frozenset((*range(rows_of(parts)), *inputs))
+    offsets, used = column_offsets(tangent_size(parts), wanted), frozenset((*range(tangent_size(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
@@ -360,8 +360,8 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         begin, W = entered(body, own.first, own.first.shifted(4))
         for _ in when(own.is_first != 0):
-            held = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
-            memory.p, memory.s = begin, held if parts.is_director_scheme else body.momentum_of(held)
+            constrained_W = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
+            memory.p, memory.s = begin, constrained_W if parts.is_director_scheme else body.momentum_of(constrained_W)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
@@ -373,11 +373,11 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
             calls.solved.begin()
-            values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
+            values = Loaded(offsets, changes, count, frozenset())  # which stand outside of the loop
             changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
             for first in loop(0, count, side):
                 own_changes = changes.shifted(first)
-                directions = Loaded(places, own_changes, count, used)
+                directions = Loaded(offsets, own_changes, count, used)
                 known = Known(calls, body, at, scale, directions, R, now)
                 for r, y in enumerate(changes_of(text, known, W, N)):
                     own_changes.store(r * count, tangent(y, 0), side)

@@ -1,10 +1,10 @@
 """The march over the time grid: one text for all schemes, for one body and for bodies in lanes.
 
-A kernel is made for the scheme and the `Parts` at hand, when it is first called (`kernel_of`). It takes the address of
-a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into the workspace,
-go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there on; its
-neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in the
-workspace.
+A kernel is made for the scheme and the `Parts` at hand, when it is first called (`march_kernel`). It takes the address
+of a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into its
+workspace, go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there
+on; its neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in
+the workspace.
 
 A scheme is a `Text`. Its step gets
 
@@ -60,13 +60,13 @@ def exponential(turn: Vector) -> tuple[Any, Vector]:
     return found.less, found.sine * turn
 
 
-def turned(p: Quaternion, turn: Vector) -> Quaternion:
+def turned_by_vector(p: Quaternion, turn: Vector) -> Quaternion:
     """Return the quaternion p turned by a rotation vector."""
     less, v = exponential(turn)
     return p @ Quaternion(1.0 + less, *v)
 
 
-def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
+def turned_and_normalised(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
     """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
 
     The sum of p and its increment is Knuth's. What p was rounded by is turned as well: else the rounding errors of
@@ -106,7 +106,7 @@ def magnus(h: Any, W: list[Vector]) -> Any:
     return a1 + a3 / 12.0 - cross(c1 - a3 - 20.0 * a1, a2 + c2) / 240.0
 
 
-TOTALS = "twist", "work", "turned", "late"  # what is no mean
+TOTALS = "twist", "work", "velocity_integral", "velocity_moment"  # what is no mean
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
@@ -129,8 +129,8 @@ class Step(NamedTuple):
     moment: Any = None  # of the moment of the load, of that of dead forces, in space
     dead: Any = None
     work: Any = None
-    turned: Any = None  # integrals of W, and of W times the time
-    late: Any = None
+    velocity_integral: Any = None  # integrals of W, and of W times the time
+    velocity_moment: Any = None
 
 
 # Of a state: what gives, of a time, the state after it, and the mask of bodies that turn too far.
@@ -184,15 +184,15 @@ def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any,
         found = found._replace(moment=nodes.R @ moment, work=2.0 * (a @ moment))
     if parts.dead and parts.is_constrained:
         found = found._replace(dead=nodes.R @ mean_moment_of_dead(dead, 1.0 / (1.0 + a @ a), a))
-    if parts.turns:
-        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
+    if parts.integrates_velocity:
+        found = found._replace(velocity_integral=2.0 * a, velocity_moment=(2.0 * nodes.time()) * a)
     return found._replace(twist=2.0 * (nodes.body.axis @ a), **multipliers)
 
 
 _kernels: dict[tuple[Text, Parts], Kernel] = {}
 
 
-def kernel_of(text: Text, parts: Parts) -> Kernel:
+def march_kernel(text: Text, parts: Parts) -> Kernel:
     """Return the kernel that marches bodies; it is compiled when it is called."""
     with machine_code.LOCK:
         if (text, parts) not in _kernels:
@@ -294,10 +294,10 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
     assert text.flow is not None
     b, x = nodes.block, nodes.x
     parts, h, begin, stored, lengths = nodes.parts, nodes.h, b.unloaded_from, b.stored, b.lengths
-    end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
+    end, loaded_from, state_after = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
     mu = cross(v.state.s, parts.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
-    far, nothing = moved(h * (loaded_from - begin))[1], NAN + 0.0 * h
+    far, nothing = state_after(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):
         note(parts, x, far, h != h, far, v.at, nothing, nothing)
         v.alive = without(v.alive, far)
@@ -308,16 +308,16 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
         if parts.observes:
             for number in loop(v.at - begin, until - begin):
                 for node, weight in GAUSS_4:
-                    see(moved(h * (number + node))[0])
+                    see(state_after(h * (number + node))[0])
                     integrate(x, h * weight)
-                see(moved(h * (number + 1))[0])
+                see(state_after(h * (number + 1))[0])
                 x.set_number(NOW + NODAL, -mu)
                 extend(x, h)
         for _ in when(until == stored[v.done + 1]):
-            store(moved(h * (until - begin))[0])
+            store(state_after(h * (until - begin))[0])
         v.at = until
     for _ in when(any_of(v.alive) & ((end == loaded_from) | (b.writes_end != 0))):
-        v.state = moved(h * (end - begin))[0]
+        v.state = state_after(h * (end - begin))[0]
 
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:

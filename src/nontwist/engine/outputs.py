@@ -34,7 +34,7 @@ from ..kernels.elements import larger, select, smaller
 from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, put, size_of, vector_at
 from ..kernels.vectors import Quaternion, Vector
-from .records import Block, Failure, Parts, Sums, Work, places
+from .records import Block, Failure, Parts, Sums, Work, offsets_of
 from .workspace import OK, copy, write
 
 ITERATIONS, WORKED = fields(Sums)["iterations"].place, fields(Sums)["work"].place
@@ -71,7 +71,7 @@ class Calls(NamedTuple):
     guesses: int  # where the numbers that first guesses are made of begin
 
 
-CALL, CALLS = places(Call), places(Calls)
+CALL, CALLS = offsets_of(Call), offsets_of(Calls)
 IN_BLOCK = Call._fields[: Call._fields.index("place")]
 
 
@@ -110,7 +110,16 @@ def carry_out(address: Any) -> None:
 
 def carry_out_outputs(parts: Parts) -> Kernel:
     """Return the kernel that carries out a list with outputs."""
-    names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports", "turns", "memory"
+    names = (
+        "lanes",
+        "is_director_scheme",
+        "is_constrained",
+        "dead",
+        "generalised",
+        "reports",
+        "integrates_velocity",
+        "memory",
+    )
     return _output_march(Parts(**{name: getattr(parts, name) for name in names}))
 
 
@@ -184,7 +193,7 @@ class Prepared(NamedTuple):
     fastest: float
 
 
-HEAD, PREPARED = places(Head), places(Prepared)
+HEAD, PREPARED = offsets_of(Head), offsets_of(Prepared)
 
 
 @kernel("i8")

@@ -111,8 +111,18 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
             means, sums = View(Sums, b.intervals.shifted((row - i - 1) * size_of(Sums))), lane.sums
             for name in reported(parts):
                 y = getattr(sums, name)
-                mean = turned_into(B, y) if name == "lam" else B @ y if name in ("turned", "late") else y
-                setattr(means, name, mean if name in ("twist", "iterations", "turned", "late") else unit * mean)
+                mean = (
+                    turned_into(B, y)
+                    if name == "lam"
+                    else B @ y
+                    if name in ("velocity_integral", "velocity_moment")
+                    else y
+                )
+                setattr(
+                    means,
+                    name,
+                    mean if name in ("twist", "iterations", "velocity_integral", "velocity_moment") else unit * mean,
+                )
                 setattr(sums, name, (0.0,) * len(y) if isinstance(y, tuple) else 0.0)
 
 
@@ -122,8 +132,8 @@ def reported(parts: Parts) -> list[str]:
         "lam": parts.is_director_scheme,
         "mu": parts.is_constrained,
         "dead": parts.dead or parts.generalised,
-        "turned": parts.turns,
-        "late": parts.turns,
+        "velocity_integral": parts.integrates_velocity,
+        "velocity_moment": parts.integrates_velocity,
     }
     return [name for name in Sums._fields if is_made.get(name, True)]
 

@@ -41,7 +41,18 @@ from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, si
 from ..kernels.kernel import part
 from ..kernels.memory import View
 from ..kernels.vectors import Vector
-from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, harmonics, phase, set_constants, thetas, unit
+from .free_constants import (
+    BAD_TIME,
+    FARTHEST,
+    OK,
+    beginning,
+    circled,
+    direction_and_norm,
+    harmonics,
+    phase,
+    set_constants,
+    thetas,
+)
 
 SMALL, STEADY = 0.5, 1e-150
 
@@ -68,7 +79,7 @@ def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector,
 
 def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
     """Set the constants of a free motion from the momentum P on, those of `set_origin` left out."""
-    (I1, I2, I3), (M, m) = moments, unit(P)
+    (I1, I2, I3), (M, m) = moments, direction_and_norm(P)
     is_swapped, rx, rz = circled(I1, I2, I3, M[0], M[2])
     x, z = select(is_swapped, M[2], M[0]), select(is_swapped, M[0], M[2])
     sx, sz = copysign(1.0, x), copysign(1.0, z)
@@ -82,7 +93,7 @@ def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
 def set_origin(motion: FreeMotion, c: View) -> None:
     """Set the constants that long increments of a motion need beside the others."""
     c.u0 = beginning(motion.M, c)
-    c.start, c.x0, c.y0, c.extra0 = _at(0.0 * c.pace, c)
+    c.start, c.x0, c.y0, c.angle0 = _at(0.0 * c.pace, c)
 
 
 def free_until(motion: FreeMotion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
@@ -108,11 +119,11 @@ def increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
         quarter = sin(0.5 * half)
         v.less, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
     for _ in when(logical_not(is_steady)):
-        v.d, v.less, v.v = _moved(M, h, c)
+        v.d, v.less, v.v = _increments(M, h, c)
     return v.d, v.less, v.v
 
 
-def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
+def _increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     """Return what `increments` does, for a momentum that is not steady."""
     near, is_x = abs(c.pace * h) <= SMALL, c.pole_x != 0.0
     v = Variables(found=(0.0 * h,) * 7)
@@ -120,7 +131,7 @@ def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
         v.found = _near(M, h, c)
     for _ in when(logical_not(near)):
         v.found = _far(h, c)
-    dx, dy, dz, g, X, Y, extra = v.found
+    dx, dy, dz, g, X, Y, angle = v.found
     d = Vector(dx, dy, dz)
     # The pole and the two axes across it.
     pole, e, f = select(is_x, (M[0], M[1], M[2]), (M[2], M[0], M[1]))
@@ -135,7 +146,7 @@ def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     A, B = a * a1 + b * b1, a * db - b * da  # the change of the azimuth
     X, Y = A * X + B * Y, A * Y - B * X
     e1, f1 = e + de, f + df
-    A, B = cos(c.rate * h + extra), sin(c.rate * h + extra)
+    A, B = cos(c.rate * h + angle), sin(c.rate * h + angle)
     X, Y = A * X - B * Y, A * Y + B * X
     r = sqrt(X * X + Y * Y)
     C, S = select(X >= 0.0, (r + X, Y), (Y, r - X))  # of half the angle, times 2 r (r + |X|) under a root
@@ -185,13 +196,13 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
 
 def _at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
     """Return the unit momentum at the time `h` and the angle about it, less RATE h, as `phase` does."""
-    cn, sn, dn, X, Y, extra = phase(c, h)
+    cn, sn, dn, X, Y, angle = phase(c, h)
     M = Vector(c.ax * cn, c.ax / c.rx * sn, c.az * dn)
-    return M / sqrt(M[0] * M[0] + M[1] * M[1] + M[2] * M[2]), X, Y, extra
+    return M / sqrt(M[0] * M[0] + M[1] * M[1] + M[2] * M[2]), X, Y, angle
 
 
 def _far(h: Any, c: View) -> tuple[Any, ...]:
     """Return the change of the unit momentum, 0, and the turning about it, less RATE h: a complex number, an angle."""
-    M, X, Y, extra = _at(h, c)
+    M, X, Y, angle = _at(h, c)
     X, Y = X * c.x0 + Y * c.y0, Y * c.x0 - X * c.y0
-    return (*(M - c.start), 0.0 * h, X, Y, extra - c.extra0)
+    return (*(M - c.start), 0.0 * h, X, Y, angle - c.angle0)

@@ -277,7 +277,7 @@ def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
     return float(total.sum()), float(sizes.sum())
 
 
-def _series(t: Any) -> Any:
+def _arctan_series(t: Any) -> Any:
     """Return the arc tangent of a small number."""
     s = t * t
     rest = 1 / 13 - s * (1 / 15 - s * (1 / 17))
@@ -315,7 +315,7 @@ def row_integrals(
             number = load(numbers, j)
             is_pair = (number >= 1.0 * begin) & (number < 1.0 * end)
             is_small = (along > 0.0) & (abs(up) < _SMALL * along)
-            v.angle = _series(select(is_small, up / along, 0.0))
+            v.angle = _arctan_series(select(is_small, up / along, 0.0))
             for _ in when(any_of(logical_not(is_small) & is_pair)):
                 v.angle = select(is_small, v.angle, arctan2(up, along))
             angle = select(is_pair, v.angle, 0.0)

@@ -17,7 +17,7 @@ from ..kernels.memory import View, matrix_at, put, size_of, vector_at, view_in
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from .arrays import Array
 from .frame_kernels import length, transported
-from .path_kernels import Path, advance, begin, estimate, is_antipodal
+from .path_kernels import Path, add_sample, begin, estimate, is_antipodal
 
 
 class Stream(NamedTuple):
@@ -65,8 +65,8 @@ def _axes(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
     x, y, z, w = q
     size = sqrt(x * x + y * y + z * z + w * w)
     turn = Quaternion(w / size, sign * x / size, sign * y / size, sign * z / size)
-    d3 = turn.turned(triad[2])
-    return turn.turned(triad[0]), d3 / length(d3)
+    d3 = turn.rotate(triad[2])
+    return turn.rotate(triad[0]), d3 / length(d3)
 
 
 def _angle(t: Vector, d: Vector, v: Vector) -> Any:
@@ -169,7 +169,7 @@ def _move(s: View, order: Any, d1: Vector, d3: Vector) -> None:
     for _ in when(logical_not(is_opposite)):
         none = 0.0 * d3[0]
         s.great = transported(s.great, s.path.last, d3, none)
-        is_node = advance(s.path, d3)
+        is_node = add_sample(s.path, d3)
         v = Variables(d1=s.great)
         s.before = s.twist
         for _ in when(is_node & (order == 4)):

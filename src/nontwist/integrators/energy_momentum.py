@@ -94,7 +94,7 @@ from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
@@ -159,7 +159,7 @@ class EnergyMomentum(Dissipative):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not among(self.moments, MOMENTS):
-            raise ValueError(f"moments must be 'paper' or 'exact', got {shown(self.moments)}")
+            raise ValueError(f"moments must be 'paper' or 'exact', got {short_repr(self.moments)}")
 
     def refusal(self, problem: IVP) -> str | None:
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
@@ -222,10 +222,10 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     Om = W + y
     a = f * Om
     s = shrinking(a)
-    Y = rows_of(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
+    Y = velocity_rows(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
     if parts.dissipates:
         gammas = gammas_at(start, Om, next_lengths(*plain((f, chi, W, N, Om))))
-        Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
+        Y = Y + Matrix(*(g * row for g, row in zip(gammas, velocity_rows(Om), strict=True)))
     Mt = twice_mean_transposed(s, a)
     X = Matrix(*(Mt @ row for row in Y))
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
@@ -241,7 +241,7 @@ def shrinking(a: Vector) -> Any:
     return 1.0 / (1.0 + a @ a)
 
 
-def rows_of(W: Vector) -> Matrix:
+def velocity_rows(W: Vector) -> Matrix:
     """Return the rows W × e_i."""
     return Matrix((0.0, W[2], -W[1]), (-W[2], 0.0, W[0]), (W[1], -W[0], 0.0))
 
@@ -330,7 +330,7 @@ def multipliers(
 ) -> Step:
     """Return the step with multipliers, moments and work: λ and μ of the rows L_i."""
     parts, body, f, Om, moment = nodes.parts, start.body, start.f, (1.0 / start.f) * a, None
-    V = rows_of(start.W) + start.N
+    V = velocity_rows(start.W) + start.N
     L = (-1.0 / f) * combined(body, Y + Matrix(*(cross(a, v) for v in V)))
     m = of_load = loads.space
     if parts.calls:
@@ -368,8 +368,8 @@ def pair(s: Any, a: Vector, m: Vector) -> Vector:
 def directors_of(f: Any, W: Vector, N: Matrix, Om: Vector) -> list[tuple[Vector, Any, Vector]]:
     """Return for each director V, |V| and M (Ω × e_i)."""
     a = f * Om
-    V, s = rows_of(W) + N, shrinking(a)
-    return [(v, sqrt(v @ v), s * (u + cross(a, u))) for u, v in zip(rows_of(Om), V, strict=True)]
+    V, s = velocity_rows(W) + N, shrinking(a)
+    return [(v, sqrt(v @ v), s * (u + cross(a, u))) for u, v in zip(velocity_rows(Om), V, strict=True)]
 
 
 def gain(chi: Any, v: Any, p: Any) -> tuple[Any, Any]:

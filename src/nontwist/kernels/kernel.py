@@ -85,7 +85,9 @@ class Signature:
 
 
 def address_of(array: Any) -> int:
-    """Return where the numbers of an array lie."""
+    """Return the address of the numbers of an array, 0 for None."""
+    if array is None:
+        return 0
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     except (TypeError, ValueError):  # read-only, or empty: in ten times the time
@@ -132,7 +134,7 @@ class Kernel:
     @property
     def address(self) -> int:
         """The address of the C function."""
-        return int(ctypes.cast(self.function, ctypes.c_void_p).value or 0)
+        return machine_code.pointer_address(self.function)
 
     def code(self, is_fused: bool | None = None) -> str:
         """Trace the text; return LLVM's."""

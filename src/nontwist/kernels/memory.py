@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 import numpy as np
 
 from .control import loop
-from .elements import Element, Traced, Whole, kind_of
+from .elements import Element, Traced, Whole, llvm_type
 from .tracing import TraceError, tracer, width, writer
 from .vectors import Matrix, Vector
 
@@ -62,12 +62,12 @@ class Pointer:
 
     def load(self, i: Any, n: int = 1) -> Any:
         """Return n numbers side by side, in lanes."""
-        line = f"load {kind_of(self._kind.scalar, n)}, ptr {self.at(i)}, align 8"
+        line = f"load {llvm_type(self._kind.scalar, n)}, ptr {self.at(i)}, align 8"
         return self._kind(writer().value(line, is_pure=False), n)
 
     def store(self, i: Any, x: Any, n: int = 1) -> None:
         """Write n numbers side by side."""
-        value = f"{kind_of(self._kind.scalar, n)} {self._kind.named(x, n)}"
+        value = f"{llvm_type(self._kind.scalar, n)} {self._kind.named(x, n)}"
         writer().line(f"store {value}, ptr {self.at(i)}, align 8")
 
     @property
@@ -236,7 +236,7 @@ class View:
 
     def __init__(self, record: Any, memory: Any, lanes: int = 1, stride: int | None = None) -> None:
         stride = lanes if stride is None else stride
-        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _held={})
+        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _references={})
 
     def _field(self, name: str) -> Field:
         if name not in fields(self._record):
@@ -258,7 +258,7 @@ class View:
             getattr(self, name).write(value)
         elif field.kind in WHOLE:
             if isinstance(value, np.ndarray):
-                self._held[name] = value  # as long as the view lives, so does what it points to
+                self._references[name] = value  # as long as the view lives, so does what it points to
                 value = value.ctypes.data
             self._memory.shifted(field.place * self._stride, True)[0] = getattr(value, "address", value)
         else:

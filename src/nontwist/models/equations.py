@@ -89,9 +89,9 @@ def split_rates(
     along, mu = float(pi_perp @ d_dot + m @ d), 0.0  # π_∥' + μ
     if system.axis is None:
         return SplitRates(q @ turn.T, m - along * d - pi_par * d_dot, along, mu)
-    held = _held(system)
-    perp_dot = m - along * d - float(held @ (q @ pi_perp)) * d_dot
-    mu = along - float(held @ (q @ perp_dot))
+    axial_response = _axial_response(system)
+    perp_dot = m - along * d - float(axial_response @ (q @ pi_perp)) * d_dot
+    mu = along - float(axial_response @ (q @ perp_dot))
     return SplitRates(q @ turn.T, perp_dot, along - mu, mu)
 
 
@@ -137,7 +137,7 @@ def _is_heavy(system: DirectorSystem) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _held(system: DirectorSystem) -> Array:
+def _axial_response(system: DirectorSystem) -> Array:
     """Return what gives ``π_∥ = n·J W`` of Π, of a body with an axis n."""
     return _axis(system) @ system.convected_inertia @ _response(system)
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
 from nontwist import damping, integrate, moment, nontwisting, pulse, resample, simulate, sine, space_moment, standard
-from nontwist.errors import SimulationError
+from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous
 from nontwist.integrators.continuous import TURNS, solver_of
 from refusals import refused_as
@@ -38,6 +38,13 @@ test_refused_with_the_value = refused_as(
         "no end on a grid": lambda: simulate(standard([1, 1, 1])),
     }
 )
+
+
+def test_a_load_that_fails_ends_the_run_with_the_states_before():
+    load = moment(lambda t, d, w: [0, 0, 1 / int(t < 0.5)], breakpoints=[0.5])
+    with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0\.5") as info:
+        simulate(standard([1, 1, 1]), t_end=1, step=0.25, load=load, integrator="continuous")
+    assert (info.value.status, info.value.partial.time.tolist()) == (Status.LOAD, [0, 0.25, 0.5])
 
 
 def test_a_run_of_too_many_steps_is_aborted():

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import BODIES, LOADS
+from conftest import BODIES, LOADS, PAPER_J
 
 LIE = {"integrator": "lie-midpoint", "order": 2, "step": 0.01, "t_end": 0.4, "project": True}
 ALL_LOADS = {"none": lambda: None} | LOADS
@@ -40,6 +40,15 @@ def test_the_step_is_symmetric():
     w = there.to_dataset().angular_velocity[-1].values
     back = nt.integrate(body, rotation=there.rotation[-1], angular_velocity=-w, load=load, **LIE)
     assert back.directors[-1] == pytest.approx(there.directors[0], abs=1e-12)
+
+
+def test_lie_midpoint_continues_a_run_of_the_director_scheme():
+    """Whose velocities are not tangent."""
+    body, how = nt.nontwisting(PAPER_J), {"load": nt.sine([30, 10, 0], 2), "step": 0.01}
+    first = nt.integrate(body, t_end=0.2, angular_velocity=[1, -2, 0], integrator="energy-momentum", **how)
+    second = nt.integrate(body, t_end=0.4, start=first, integrator="lie-midpoint", **how)
+    assert second.time[0] == 0.2
+    assert abs(second.to_dataset().twist_rate).max() < 1e-13
 
 
 @pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum", "gauss", "split"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from conftest import thinned
 from nontwist.engine import marching
 from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
+from nontwist.integrators.members import in_threads
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
 
@@ -138,3 +140,21 @@ def test_values_and_functions_are_arguments():
             assert abs(nt.simulate(HELD, load=load, **about).load_work).max() > 1e-7
         before = before or dict(marching._kernels)
         assert marching._kernels == before
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_blocks_make_a_span_and_the_first_exception_cancels_those_that_have_not_begun(threads):
+    begun, reported = [], []
+
+    def task(first, last):
+        begun.append((first, last))
+        if last - first == 1:
+            time.sleep(0.01)
+            raise ValueError
+
+    in_threads(task, (3, 25), 4, threads, reported.append)
+    assert sorted(begun) == [(3, 7), (7, 11), (11, 15), (15, 19), (19, 23), (23, 25)]
+    assert reported == [4, 4, 4, 4, 4, 2]
+    with pytest.raises(ValueError):  # noqa: PT011 - of the task
+        in_threads(task, (0, 1000), 1, threads, reported.append)
+    assert len(begun) < 6 + 500

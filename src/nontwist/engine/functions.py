@@ -32,7 +32,7 @@ class StateFunctions:
     ----------
     address : int
         Of the moments of the state as one C function, 0 where there are none.
-    remembers : int
+    memory_response : int
         Of what terms with memory give, 0 where there are none.
     generalised : int
         Of what makes moments of director forces and potentials (`generalised`), 0 where there are none.
@@ -43,7 +43,7 @@ class StateFunctions:
     """
 
     def __init__(self, load: Load, action: int = MOMENT) -> None:
-        self.load, self.address, self.remembers, self.generalised, self.terms = load.called, 0, 0, 0, 0
+        self.load, self.address, self.memory_response, self.generalised, self.terms = load.called, 0, 0, 0, 0
         self._whole, self.action, self.keepalive = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
@@ -53,7 +53,7 @@ class StateFunctions:
         if load.memories:
             functions = ((term, self._with_address(term.c_function or evaluated(term))) for term in load.memories)
             responses = tuple((function, term.scale, term.state0.size) for term, function in functions)
-            self.remembers = self._address(response_of(responses))
+            self.memory_response = self._address(response_of(responses))
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 

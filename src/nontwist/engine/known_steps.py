@@ -2,9 +2,9 @@
 
 All is in the frame b of the body, in its units, and relative to the attitude Λ at the beginning: the quaternion that
 the text turns is 1 there, and what is given in space is seen from there, f = Λᵀ m, which a turn δ of the body changes
-by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`Varied`). With the
-constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂ -
-ε̂ A.
+by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`DualBody`). With
+the constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂
+- ε̂ A.
 
 Functions of the state are evaluated once, with their derivatives, and linear from there on (`LinearFunctions`).
 """
@@ -91,7 +91,7 @@ class Steps(NamedTuple):
 STEPS = offsets_of(Steps)
 
 
-class Step(NamedTuple):
+class KnownStep(NamedTuple):
     """What is known of a step, in body components and the units of the caller; functions of the state in b."""
 
     h: float
@@ -228,9 +228,9 @@ class Known(Nodes):
             if self.tilt is not None:
                 N = varied(N, tilted(N.matrix, self.tilt).symmetric)
             auxiliary = (*N, *auxiliary[6:])
-        elif text.remembered is not None and self.delta is None:
+        elif text.first_guess is not None and self.delta is None:
             ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
-            auxiliary = text.remembered(at.h, *ends)
+            auxiliary = text.first_guess(at.h, *ends)
         return now._replace(s=s if self.now is None else varied(now.s, s), auxiliary=auxiliary)
 
     def velocity(self, W: Vector) -> Vector:
@@ -330,7 +330,7 @@ class Calls(NamedTuple):
 
     def slopes(self, at: View) -> Any:
         """Return the memory of the derivatives, which lies behind what else is known."""
-        return at._memory.shifted(size_of(Step) * self.parts.lanes)
+        return at._memory.shifted(size_of(KnownStep) * self.parts.lanes)
 
     def linear(self, known: Known, j: Any) -> LinearFunctions:
         """Return the functions at a node, as they were evaluated there."""

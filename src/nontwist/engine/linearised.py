@@ -46,7 +46,7 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, column_offsets, tilted
+from .known_steps import LANES, Calls, Directions, Known, KnownStep, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, offsets_of
@@ -185,13 +185,13 @@ def grow(rows: int) -> Kernel:
         x, normal = c.state, [c.normal[i] for i in range(rows)]
         for k in loop(c.grown):
             y = [x[i * LANES + k] for i in range(rows)]
-            away = product(c, normal, y)
+            away = inner_product(c, normal, y)
             v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
             for j in loop(k):
                 before = [x[i * LANES + j] for i in range(rows)]
-                along = product(c, before, v.y)
+                along = inner_product(c, before, v.y)
                 v.y = tuple(v.y[i] - along * before[i] for i in range(rows))
-            length = sqrt(product(c, v.y, v.y))
+            length = sqrt(inner_product(c, v.y, v.y))
             lengths[k] = length
             for i in range(rows):
                 x[i * LANES + k] = v.y[i] / length
@@ -209,7 +209,7 @@ def grow(rows: int) -> Kernel:
     return Kernel(text, "i8", 0)
 
 
-def product(c: Any, a: Any, b: Any) -> Any:
+def inner_product(c: Any, a: Any, b: Any) -> Any:
     """Return the scalar product of two changes."""
     total = c.weights[0] * a[0] * b[0]
     for i in range(1, 6):
@@ -232,11 +232,11 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
-        body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
+        body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace), n)
         scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
             read_steps(parts, b, x, b.first + k)
-            found, is_stalled = derivatives(text, body, x, scale, directions, calls)
+            found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
             for i, y in enumerate(found):
@@ -278,7 +278,7 @@ def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:
         lane.t, lane.forces = b.times[k], select(b.forces == 0, 0, b.forces + 8 * FORCES * k)
 
 
-def derivatives(
+def step_derivatives(
     text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
@@ -356,7 +356,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
     def kernel(address: Any) -> None:
         own = View(ForwardRun, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
-        body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
+        body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         begin, W = entered(body, own.first, own.first.shifted(4))
         for _ in when(own.is_first != 0):

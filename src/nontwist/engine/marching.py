@@ -39,7 +39,20 @@ from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .newton import Solution
 from .records import NODAL, Block, Parts, State, Work
 from .sampling import Nodes, mean_moment_of_dead
-from .workspace import NAN, NOW, OK, begin_observing, extend, gather, integrate, note, observe, remember, scatter, write
+from .workspace import (
+    NAN,
+    NOW,
+    OK,
+    advance_internal,
+    begin_observing,
+    extend,
+    gather,
+    integrate,
+    note,
+    observe,
+    scatter,
+    write,
+)
 
 COSINE = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800  # (cos h - 1)/h² and sin h/2h by the powers of h²
 SINE = 1 / 2, -1 / 12, 1 / 240, -1 / 10080, 1 / 725760
@@ -143,7 +156,7 @@ class Text(NamedTuple):
     step: Callable[[Nodes, State, Any], Step]
     auxiliary: int = 0  # numbers of `State.auxiliary` that it carries
     # The first guess of a known step: `State.auxiliary`, of h, s, s⁺.
-    remembered: Callable[[Any, Vector, Vector], Any] | None = None
+    first_guess: Callable[[Any, Vector, Vector], Any] | None = None
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
     exchange: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
     flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps
@@ -270,7 +283,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             if parts.needs_means:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
-            remember(parts, nodes.internal)
+            advance_internal(parts, nodes.internal)
             if parts.observes:
                 see(v.state)
                 if not text.integrates:

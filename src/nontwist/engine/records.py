@@ -241,7 +241,7 @@ class Block(NamedTuple):
     rotor: Doubles  # (nodes, 6) momentum of the rotors and its rate
     spin: Doubles  # (nodes,) change of the prescribed spin in the step
     function: int  # address of a moment of the state
-    remembers: int  # address of what loads with memory give
+    memory_response: int  # address of what loads with memory give
     internal: int  # how many internal states they have
     internal_scales: Doubles  # of these
     forces: int  # address of (nodes, 18) on the directors: in space, along them; 0: none

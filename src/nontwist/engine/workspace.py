@@ -50,7 +50,7 @@ def copy(source: Any, target: Any, count: Any) -> None:
         target[k] = source[k]
 
 
-def remember(parts: Parts, z: Any) -> None:
+def advance_internal(parts: Parts, z: Any) -> None:
     """Add the change in a step to z."""
     k = parts.memory
     for c in loop(k) if k else ():

@@ -93,7 +93,7 @@ def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
 def set_origin(motion: FreeMotion, c: View) -> None:
     """Set the constants that long increments of a motion need beside the others."""
     c.u0 = beginning(motion.M, c)
-    c.start, c.x0, c.y0, c.angle0 = _at(0.0 * c.pace, c)
+    c.start, c.x0, c.y0, c.angle0 = _state_at(0.0 * c.pace, c)
 
 
 def free_until(motion: FreeMotion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
@@ -194,7 +194,7 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     return dx, dy, dz, g, *select(is_hyperbolic, (X, Y), harmonics(w, S, C, t)), 0.0 * h
 
 
-def _at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
+def _state_at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
     """Return the unit momentum at the time `h` and the angle about it, less RATE h, as `phase` does."""
     cn, sn, dn, X, Y, angle = phase(c, h)
     M = Vector(c.ax * cn, c.ax / c.rx * sn, c.az * dn)
@@ -203,6 +203,6 @@ def _at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
 
 def _far(h: Any, c: View) -> tuple[Any, ...]:
     """Return the change of the unit momentum, 0, and the turning about it, less RATE h: a complex number, an angle."""
-    M, X, Y, angle = _at(h, c)
+    M, X, Y, angle = _state_at(h, c)
     X, Y = X * c.x0 + Y * c.y0, Y * c.x0 - X * c.y0
     return (*(M - c.start), 0.0 * h, X, Y, angle - c.angle0)

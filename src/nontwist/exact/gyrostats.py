@@ -109,7 +109,7 @@ class Gyrostat(NamedTuple):
     lattice: Lattice | None  # None: W is constant
 
 
-def number(x: Decimal, y: Decimal = ZERO) -> Any:
+def complex_number(x: Decimal, y: Decimal = ZERO) -> Any:
     """Return the complex number x + iy of many digits, as the matrix that multiplies by it: ``@`` is the product."""
     return np.array([[x, -y], [y, x]])
 
@@ -119,10 +119,10 @@ def _root(z: Any) -> Any:
     (x, _), (y, _) = z
     size = (x * x + y * y).sqrt()
     if not size:
-        return number(ZERO)
+        return complex_number(ZERO)
     a = ((size + abs(x)) / 2).sqrt()
     b = y / (2 * a)
-    return number(a, b) if x >= 0 else number(abs(b), a.copy_sign(y))
+    return complex_number(a, b) if x >= 0 else complex_number(abs(b), a.copy_sign(y))
 
 
 def _rounded(z: Any) -> complex:
@@ -161,12 +161,12 @@ def _frame(n: Vector) -> Vector:
 
 def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
     """Return the periods and poles from the `rates` Re m, -Im m and f - 2 b3, and from b and W."""
-    m, beta = number(rates[0], -rates[1]), number(W[0], -W[1])
-    gamma = -beta - 2 * number(b[0], -b[1])
+    m, beta = complex_number(rates[0], -rates[1]), complex_number(W[0], -W[1])
+    gamma = -beta - 2 * complex_number(b[0], -b[1])
     quartic = _quartic(m, beta, gamma, rates[2] + 2 * b[2], b[2])
     first, second, third = _roots(*_invariants(quartic))
     is_real = not second[1, 0]
-    slope, y, a2 = number(-W[1], W[0]) / 2, _root(quartic[4]), quartic[2] / 12
+    slope, y, a2 = complex_number(-W[1], W[0]) / 2, _root(quartic[4]), quartic[2] / 12
     poles = []
     for sign in (1, -1):
         p = a2 + sign * slope @ y / 2
@@ -187,7 +187,11 @@ def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
 
 def _quartic(m: Any, beta: Any, gamma: Any, f: Decimal, b3: Decimal) -> Any:
     """Return the coefficients of -(B² - 4AC)/4, B = β* + f z + γ z², A = m* + γ* z + 2 b3 z², C = β z + m z²."""
-    A, B, C = (m.T, gamma.T, number(2 * b3)), (beta.T, number(f), gamma), (number(ZERO), beta, m)
+    A, B, C = (
+        (m.T, gamma.T, complex_number(2 * b3)),
+        (beta.T, complex_number(f), gamma),
+        (complex_number(ZERO), beta, m),
+    )
     return [ac - bb / 4 for ac, bb in zip(_polynomial_product(A, C), _polynomial_product(B, B), strict=True)]
 
 
@@ -221,9 +225,9 @@ def _roots(g2: Decimal, g3: Decimal) -> tuple[Any, Any, Any]:
     x = x.copy_sign(g3)
     rest = g2 - 3 * x * x
     half = abs(rest).sqrt() / 2
-    half_difference = number(half) if rest >= 0 else number(ZERO, half)
-    middle = number(-x / 2)
-    return number(x), middle + half_difference, middle - half_difference
+    half_difference = complex_number(half) if rest >= 0 else complex_number(ZERO, half)
+    middle = complex_number(-x / 2)
+    return complex_number(x), middle + half_difference, middle - half_difference
 
 
 def _half_period(span: float, part: float) -> float:

@@ -60,7 +60,7 @@ _HALF_TURN = math.pi * (1.0 - 1e-9)
 _TURN = 2.0 * math.pi
 
 
-def _axes(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
+def _first_and_third(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
     """Return the first and the third vector of a triad in the body; `sign` is -1 for the inverse of the attitude."""
     x, y, z, w = q
     size = sqrt(x * x + y * y + z * z + w * w)
@@ -81,7 +81,7 @@ def _nearest(angle: Any, last: Any) -> Any:
 
 def body_axes(quaternions: Array, sign: float, triad: Array) -> tuple[Array, Array]:
     """Return the first and the third vector of a triad that is fixed in the body, for quaternions, scalar last."""
-    first, d3 = _axes(tuple(quaternions.T), sign, matrix_at(triad))
+    first, d3 = _first_and_third(tuple(quaternions.T), sign, matrix_at(triad))
     return np.stack(first, axis=-1), np.stack(d3, axis=-1)
 
 
@@ -128,7 +128,7 @@ def count(
         s, at = view_in(Stream, state[k]), select(time.shape[0] == 1, 0, k)
         for _ in when(_is_given(given[k])):
             q = Quaternion(*(given[k, j] for j in range(4)))
-            d1, d3 = _axes(q, sign, matrix_at(triad))
+            d1, d3 = _first_and_third(q, sign, matrix_at(triad))
             is_first = s.path.samples == 0.0
             for _ in when(is_first):
                 _start(s, d1, d3)

@@ -113,7 +113,7 @@ def slowest_damping(systems: SystemStack, load: Load, scale: Array = ONE) -> Arr
     """
     if not load.damping.any():
         return np.zeros(len(systems))
-    (basis, moments), turning = _axes(systems), _free_axes(systems)
+    (basis, moments), turning = _body_axes(systems), _free_axes(systems)
     basis, root = basis[:, :, turning], np.sqrt(moments[:, turning])
     C = basis.mT @ ((load.damping + load.damping.T) / 2) @ basis / (root[:, :, None] * root[:, None, :])
     return np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
@@ -159,7 +159,7 @@ def largest_velocity(
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
-    basis, moments = axes = _axes(systems)
+    basis, moments = axes = _body_axes(systems)
     smallest = moments[:, _free_axes(systems)].min(axis=1)
     impulse, largest = 0.0, 0.0
     if load.terms:
@@ -218,7 +218,7 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
 
     Damped at the rate ρ > 2ω, ``x'' + ρ x' + ω² x = 0`` does not swing but creeps, at ω²/(ρ/2 + sqrt(ρ²/4 - ω²)).
     """
-    basis, moments = _axes(systems)
+    basis, moments = _body_axes(systems)
     pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
     turning = _free_axes(systems)
     squares = pulls[:, turning] / moments[:, turning]
@@ -244,7 +244,7 @@ def gyration_rate(systems: SystemStack, load: Load, t_start: float, t_end: float
     return float(abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(across, J.shape)))).max())
 
 
-def _axes(systems: SystemStack) -> tuple[Array, Array]:
+def _body_axes(systems: SystemStack) -> tuple[Array, Array]:
     """Return the axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
     return _axes_of_one(systems) if len(systems) == 1 else _axes_of(systems)
 

@@ -252,7 +252,7 @@ def symmetric_part(X: Matrix) -> Symmetric:
     return Symmetric(X[0][0], X[1][1], X[2][2], yz, xz, xy)
 
 
-def combined(body: Body, X: Matrix) -> Matrix:
+def apply_euler_inertia(body: Body, X: Matrix) -> Matrix:
     """Return the rows Σ E_ij X_j."""
     (b0, b1), (e0, e1, e2), c = body.off, body.E, body.coupling
     rows = Matrix(fma(e0, X[0], -b0 * X[2]), fma(e1, X[1], -b1 * X[2]), fma(e2, X[2], -fma(b0, X[0], b1 * X[1])))
@@ -265,7 +265,7 @@ def combined(body: Body, X: Matrix) -> Matrix:
 def without_loads(start: Start) -> tuple[Matrix, Vector]:
     """Return K and k of ``r(y) = K y + k`` without loads and dissipation."""
     f, body, W, N, _ = start
-    EN, J = combined(body, N), body.inertia
+    EN, J = apply_euler_inertia(body, N), body.inertia
     turned = Matrix(*(cross(W, column) for column in body.euler_inertia)).T  # Ŵ E, E symmetric
     rate, tau = -(turned + EN.T), EN.trace
     rate = Matrix(*(Vector(*(x + tau if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rate)))
@@ -281,7 +281,7 @@ def residual(
     if loads.damping is not None:
         own = sum_of(own, -(shrinking(a) * (loads.damping @ Om)))
     if own is not None or m is not None:
-        r = r - f * moments(a, own, m, is_exact)
+        r = r - f * moment_terms(a, own, m, is_exact)
     if loads.dead is not None:
         F = loads.dead
         r = r - f * (first_moment(F) - (F.trace * a - a @ F))
@@ -302,7 +302,7 @@ def affine(K: Matrix, y: Vector, k: Vector) -> Vector:
     return k
 
 
-def moments(a: Vector, own: Any, m: Any, is_exact: bool) -> Vector:
+def moment_terms(a: Vector, own: Any, m: Any, is_exact: bool) -> Vector:
     """Return what moments give to G: `own` along the mean directors, m at the beginning of the step."""
     total, acts = sum_of(own, m), sum_of(own, None if m is None else m - cross(a, m))
     if is_exact:
@@ -331,7 +331,7 @@ def multipliers(
     """Return the step with multipliers, moments and work: λ and μ of the rows L_i."""
     parts, body, f, Om, moment = nodes.parts, start.body, start.f, (1.0 / start.f) * a, None
     V = velocity_rows(start.W) + start.N
-    L = (-1.0 / f) * combined(body, Y + Matrix(*(cross(a, v) for v in V)))
+    L = (-1.0 / f) * apply_euler_inertia(body, Y + Matrix(*(cross(a, v) for v in V)))
     m = of_load = loads.space
     if parts.calls:
         state_moment = loads.functions.moment(a, s * Om)

@@ -26,7 +26,7 @@ from ..exact.free_bodies import TOO_FAR, free_members, rotations_about
 from ..exact.free_constants import OK
 from ..exact.gyrostats import gyrostat_motion
 from ..geometry.arrays import Array, cross, sum_of_squares
-from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
+from ..geometry.attitudes import States, attitudes, director_velocities, quaternion_product, without_jumps
 from ..loads import Load
 from ..loads.base import tables_as_moments
 from ..models.stack import SystemStack, is_principal
@@ -276,7 +276,7 @@ def _gyrostat(problem: IVP) -> Outcome:
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
     start = problem.quaternion
     p, velocity, *_ = out.states
-    p[0, place:], velocity[0, place:] = product(start, turn), W
+    p[0, place:], velocity[0, place:] = quaternion_product(start, turn), W
     p[0] = without_jumps(np.concatenate([start, p[0]]))[1:]
     if not problem.intervals:
         return out

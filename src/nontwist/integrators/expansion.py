@@ -117,7 +117,7 @@ def output_kernel(parts: Parts) -> Kernel:
         for i in loop(run.first, run.last):
             run.mismatch[i] = 0.0
             for first in loop(0, run.steps_taken[i], lanes_of_text()):
-                fill(parts, run, i, first)
+                find_outputs(parts, run, i, first)
             join(parts, run, i)
 
     return Kernel(kernel, "i8")
@@ -255,7 +255,7 @@ class Expansion:
         return [*(body.unit * x for x in found), *turning, *velocity_moment, body.axis @ now.W]
 
 
-def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
+def find_outputs(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
     arena, own, (signs, mismatch, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))

@@ -64,7 +64,7 @@ steps have let them decay before, as those of a tolerance do.
 
 Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
 iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
-(`turned_on`). Energy and momentum change like the root of the number of steps.
+(`turned_and_normalised`). Energy and momentum change like the root of the number of steps.
 The first guess extrapolates the last step; its increments belong to the state that a run leaves, so that a run that
 resumes has the same bits.
 """

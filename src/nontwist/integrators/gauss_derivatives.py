@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, Step, Steps, Wanted, column_offsets
+from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, KnownStep, Steps, Wanted, column_offsets
 from ..engine.linearised import read_ends, read_loads
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
@@ -67,7 +67,7 @@ def scratches(s: int, columns: int) -> dict[str, int]:
 
 def scratch_size(s: int, columns: int, slopes: int) -> int:
     """Return how many numbers of a lane a kernel needs; `slopes`: those of functions of the state at a node."""
-    return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
+    return s * (size_of(KnownStep) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
 
 
 @lru_cache
@@ -97,7 +97,7 @@ class Collocation:
         self.columns, n, self.table = column_offsets(6, wanted, s), parts.lanes, b.table
         self.calls = Calls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
-        self._node_size = (size_of(Step) + self.calls.size) * n
+        self._node_size = (size_of(KnownStep) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size
         self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
         scratch = Scratch(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
@@ -110,7 +110,7 @@ class Collocation:
 
     def node(self, j: Any) -> View:
         """Return what is known of a node; all but what acts there stands in the first one."""
-        return View(Step, self._nodes.shifted(j * self._node_size), self.parts.lanes)
+        return View(KnownStep, self._nodes.shifted(j * self._node_size), self.parts.lanes)
 
     def read_steps(self, first: Any) -> None:
         """Fill the nodes with steps; lanes beyond the last repeat it."""

@@ -156,7 +156,7 @@ class Residuals:
             for q in loop(square):
                 self.slopes[q] = 0.0
 
-    def place(self) -> None:
+    def update_stages(self) -> None:
         """Set P, W and the vectors of the stages from the increments of P."""
         e, stages = self.equations, self.stages
         for i in loop(stages.number):
@@ -165,7 +165,7 @@ class Residuals:
             stage.P, stage.W = P, e.k * P
             stage.V = e.turning(stage.W, axes_at(stage)) if e.has_rows else stage.W
         if e.memory:
-            e.memory.place()
+            e.memory.update_states()
         if e.start:
             vectors_of_space(stages, Scratch(self.turns, 1), self.h, e.start, "V", e.names[1:], e.k)
 
@@ -191,7 +191,7 @@ class Residuals:
                     row[m], stiff = rest[c], stiff + taxicab(H)
                 self.stiffness[i] = stiff
                 if e.memory:
-                    self.remember(i, stage, b)
+                    self.set_memory_slopes(i, stage, b)
 
     def row(self, i: Any, c: Any, H: Any, B: Vector) -> Any:
         """Set a row of the slopes to derivatives by turns and by the momenta of a stage; return it."""
@@ -205,7 +205,7 @@ class Residuals:
             row[n * i + d] = row[n * i + d] + x
         return row
 
-    def remember(self, i: Any, stage: View, b: Any) -> None:
+    def set_memory_slopes(self, i: Any, stage: View, b: Any) -> None:
         """Set the slopes by z, and those of z, at a stage."""
         e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, axes_at(stage)
         memory, h, speed = e.memory, b / e.nodes.rate, self.change(stage.W)
@@ -257,7 +257,7 @@ class Residuals:
         kinds = (
             ("of_functions", True, True),
             ("of_potentials", e.parts.generalised, False),
-            ("remembered", e.memory, True),
+            ("of_memory", e.memory, True),
         )
         loads = dict[str, Vector]()
         for k, (name, is_there, by_velocity) in enumerate(kinds):
@@ -354,7 +354,7 @@ def newton(
         e.memory.clear()
     level = FAR + e.stiffness
     for _ in whilst(lambda: v.goes):
-        r.place()
+        r.update_stages()
         v.goes = False
         for _ in when(logical_not(v.is_found)):
             v.count = v.count + 1

@@ -69,7 +69,7 @@ class Stage(NamedTuple):
     space: Vector
     of_functions: Vector
     of_potentials: Vector
-    remembered: Vector  # along the frame, of loads with memory
+    of_memory: Vector  # along the frame, of loads with memory
     rotor: Vector
     axial: float  # increment of a constrained momentum
     P: Vector
@@ -184,7 +184,7 @@ class StageLoads(NamedTuple):
     rotor: Any = None
     of_functions: Any = None
     of_potentials: Any = None
-    remembered: Any = None
+    of_memory: Any = None
 
     def store(self, stage: View) -> None:
         """Keep it in memory."""
@@ -264,7 +264,7 @@ class Equations:
         if parts.is_constrained and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
         drag = -(body.damping @ W) if parts.damping else None
-        own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.remembered)
+        own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.of_memory)
         still = None
         for force, v in reversed(list(zip(self.forces, g, strict=False))):
             still = sum_of(cross(force, v), still)
@@ -295,13 +295,13 @@ class Equations:
             length = nodes.h / nodes.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
         functions.evaluate(nodes.R @ rows, w, 0.0 * w)
-        found = StageLoads(remembered=self.remembered(j, functions.t, rows, W) if self.memory else None)
+        found = StageLoads(of_memory=self.evaluate_memory(j, functions.t, rows, W) if self.memory else None)
         if not self.parts.generalised:
             return found._replace(of_functions=functions.found("total") @ nodes.R)
         torque = functions.found("of_potentials") @ nodes.body.basis
         return found._replace(of_functions=functions.found("load") @ nodes.R, of_potentials=torque)
 
-    def remembered(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
+    def evaluate_memory(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
         """Return the moment along the frame of loads with memory; add the one in space to what was found."""
         nodes, basis = self.nodes, self.nodes.body.basis
         d, w = Matrix(*(basis @ row for row in nodes.R @ rows)).T, nodes.R @ (rows @ W)
@@ -337,7 +337,7 @@ class Equations:
         """
         v, stages, memory = Variables(least=0.0 * self.P[0] - 1.0), self.stages, self.memory
         if memory:
-            memory.place()
+            memory.update_states()
         for i, stage in stages.each():
             b = self.nodes.h * stages.coefficient(TABLE.weights, i)
             stage.P, g, now = self.evaluated(i, stage)
@@ -415,7 +415,7 @@ def iterated(
         count, v.change, v.reach, v.turn = v.count, zero, zero, zero
         is_checked = True if soonest is None else count >= soonest
         if memory:
-            memory.place(v.matrix)
+            memory.update_states(v.matrix)
         for i, stage in stages.each():
             new = equations.follow(i, stage, v.matrix)
             d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]

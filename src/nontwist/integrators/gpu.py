@@ -68,7 +68,7 @@ class GpuMarch(StackMarch):
         code = gpu.code_of(
             run, {(1, self.functions.generalised): generalised.text} | texts_of(self.functions.keepalive)
         )
-        block, head, (rows, alive) = self.block.copy(), todo.head.copy(), todo.arrays
+        block, head, (rows, keepalive) = self.block.copy(), todo.head.copy(), todo.arrays
         rows, results = rows.copy(), self.arrays["quaternions"].base  # in which all arrays of the march are
         assert results is not None
         device = gpu.gpu()
@@ -76,7 +76,7 @@ class GpuMarch(StackMarch):
         with Copies(device) as copies:
             own = [getattr(self, name) for name in ARRAYS]
             copies.add(
-                results, *arrays_in((own, self.functions.keepalive, self.loads, self.stages[todo.parts][0], alive))
+                results, *arrays_in((own, self.functions.keepalive, self.loads, self.stages[todo.parts][0], keepalive))
             )
             rows[:, IN_CALL], block[POINTERS] = copies.of(rows[:, IN_CALL]), copies.of(block[POINTERS])
             head[CALLS.rates : CALLS.rates + 1] = copies.of(head[CALLS.rates : CALLS.rates + 1])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import body_rows
 from ..engine.functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.known_steps import INPUTS, LANES, STEPS, Step, column_offsets, offsets_of_directions
+from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
 from ..engine.records import BODY, pack
 from ..geometry.arrays import Array, aligned
@@ -67,11 +67,11 @@ class Entries(NamedTuple):
         return Entries(self.name, self.component[which], self.parameter[which], self.value[which], step)
 
 
-EntriesOf = Callable[["Nodes"], Iterable[Entries]]
+EntriesOf = Callable[["StepNodes"], Iterable[Entries]]
 StepMask = NDArray[np.int64]
 
 
-class Nodes(NamedTuple):
+class StepNodes(NamedTuple):
     """Some steps and the nodes of the load in them."""
 
     first: int
@@ -181,7 +181,7 @@ class Linearised:
         table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
             self.make: Any = linearised(scheme.text(parts.motion), parts, sizes)
-            self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
+            self._scratch = LANES * (size_of(KnownStep) + 3 * seeds.shape[1])
             if not called:
                 self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
@@ -213,16 +213,16 @@ class Linearised:
         """Return the first and last steps of all chunks."""
         return ranged(0, self.problem.steps, LONGEST, back)
 
-    def nodes(self, first: int, last: int) -> Nodes:
+    def nodes(self, first: int, last: int) -> StepNodes:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
         sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
         times, middles = (problem.times(k), problem.times(k + 1)), self.middles
         if self._orbit is not None:  # seen from there, no time passes in a step
             middles = np.zeros(len(middles))
-        return Nodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
+        return StepNodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
 
-    def sampled_loads(self, nodes: Nodes) -> dict[str, Array | None]:
+    def sampled_loads(self, nodes: StepNodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
         systems, ends = self.problem.systems, (nodes.begin, nodes.end, nodes.sizes)
         arrays = sampled(systems, self.load, 1.0, lambda: nodes.times, lambda: ends, nodes.middles)
@@ -259,7 +259,7 @@ class Linearised:
                 part = is_stored[nodes.first : nodes.last]
                 pack(chunk.chain, CHAIN, is_stored=part)
                 chunk = chunk._replace(
-                    alive=chunk.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
+                    arrays=chunk.arrays | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
                 )
             yield chunk
 
@@ -334,7 +334,7 @@ class Chunk(NamedTuple):
     last: int
     loads: dict[str, Array | None]
     chain: NDArray[np.int64]
-    alive: dict[str, Any]
+    arrays: dict[str, Any]
     place: int = 0  # how many states are stored before
 
     def fill_block(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
@@ -352,7 +352,7 @@ class Chunk(NamedTuple):
         return address_of(self.chain)
 
 
-def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
+def chunk_of(steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
     every = [entry.transformed(steps.input_maps.get(entry.name)).without_zeros() for entry in entries]

@@ -63,7 +63,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     common, end = None, None
     if todo is not problem.marched:
         if problem.memory is not None:
-            todo.remember(problem.memory)
+            todo.resume(problem.memory)
         common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.stored_times)
     failures = arrays["failures"]
@@ -194,12 +194,12 @@ class PreparedMarch:
         march, (arrays, wheel_columns) = self._march, side_by_side(**self._march.shapes)
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
-        block, *alive = march.laid(self._todo)
+        block, *keepalive = march.laid(self._todo)
         pack(block, BLOCK, **wheel_columns, scales=call[HEAD.size + PREPARED.factor :])
         pack(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
         pack(call, HEAD, run=march.driver(self._todo).address)
         start = call[HEAD.size :].data.cast("B")
-        return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)
+        return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, keepalive)
 
 
 Numbers = tuple[float, ...]
@@ -241,8 +241,8 @@ class SingleStep:
         own |= {"rotor": np.zeros((count, 6)) if has_rotors else None, "spin": np.zeros(count) if varies else None}
         march.loads = tuple(own.values())
         todo = listed(march, parts, 1, 0, 1)
-        block, self._workspace, alive = march.laid(todo)
-        self._alive = block, alive
+        block, self._workspace, keepalive = march.laid(todo)
+        self._alive = block, keepalive
         self._run, self._address = march.driver(todo).function, block.ctypes.data
         owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
         self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
@@ -250,11 +250,11 @@ class SingleStep:
         at = {name: part.start for name, (part, _) in march.slab.items()}
         means, march_state = at["intervals"], (at["states"], march.shapes["states"][1])
         rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), march_state, (at["failures"], 1)
-        self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
+        self._read = _struct_of((4, 4), (at["velocities"] + 3, 3), *rest)
         self._velocity_integrals = slice(means + SUMS.velocity_integral, means + SUMS.twist)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
         # between is the kernel's to write, or zeros.
-        self._written = _places((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
+        self._written = _struct_of((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
 
     def begin(self, problem: IVP) -> Numbers:
         """Return the numbers at the start of a problem; nothing but its body, start and memory is looked at."""
@@ -266,7 +266,7 @@ class SingleStep:
             problem = replace(problem, internal=np.array([own]) if own else None)
         march.begin(problem if director else on_constraint(problem))
         if problem.memory is not None:
-            march.remember(problem.memory)
+            march.resume(problem.memory)
         p, W, march_state = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))
         return (*p[:4], *W[:3], 0.0, 0.0, *march_state, 0.0)
 
@@ -362,7 +362,7 @@ class SingleStep:
             functions.error = None
 
 
-def _places(*spans: tuple[int, int]) -> Struct:
+def _struct_of(*spans: tuple[int, int]) -> Struct:
     """Return the layout of spans of doubles, each a place and a count, in the order of their places."""
     text, end = "=", 0
     for place, count in spans:

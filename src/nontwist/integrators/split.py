@@ -206,7 +206,7 @@ class Split(Compiled):
         Nodes of substeps are their middles.
         """
         if parts.is_constrained and parts.is_explicit:
-            return ONCE, GAUSS[self.order].nodes
+            return ONCE, GAUSS_RULES[self.order].nodes
         return fractions(self.order), nodes(self.order)
 
     def refusal(self, problem: IVP) -> str | None:
@@ -236,7 +236,7 @@ DIFFERENCE = sqrt(EPS)
 SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
 
 
-class Gauss(NamedTuple):
+class GaussRule(NamedTuple):
     """Gauss nodes, weights, the matrix (a_ij), and the integrals of the Lagrange polynomials from 0 to c_i c_j."""
 
     nodes: Array
@@ -245,7 +245,7 @@ class Gauss(NamedTuple):
     inner: Array
 
 
-def gauss(s: int) -> Gauss:
+def gauss_rule(s: int) -> GaussRule:
     """Return the coefficients of s Gauss nodes; the attitude at a single one is turned by half the step."""
     x, w = leggauss(s)
     c, k = 0.5 + 0.5 * x, np.arange(1, s + 1)
@@ -254,10 +254,10 @@ def gauss(s: int) -> Gauss:
     def until(t: Array) -> Array:
         return t[..., None] ** k @ integrals
 
-    return Gauss(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
+    return GaussRule(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
 
 
-GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
+GAUSS_RULES = {2 * s: gauss_rule(s) for s in (1, 2, 3)}
 
 
 def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
@@ -333,7 +333,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
 def quadrature(nodes: Nodes, state: State) -> Step:
     """Turn a constrained body, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
     parts, k, h, P, zero, s = nodes.parts, nodes.body.k, nodes.h, state.s, 0.0 * state.s, nodes.parts.nodes
-    rule, means = GAUSS[2 * s], StepSums(nodes)
+    rule, means = GAUSS_RULES[2 * s], StepSums(nodes)
     M = [nodes.moving(j) if parts.moving else zero for j in range(s)]
     across = [Vector(B[0], B[1], zero[2]) for B in M]
 
@@ -391,9 +391,9 @@ def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None
     """Change the momentum by the moments of a substep; turn a constrained body."""
     parts, k, now, mu = nodes.parts, nodes.body.k, v.state, 0.0 * h
     if parts.is_explicit:
-        (torque, load), R = moments(nodes.loads(), k * now.s), nodes.R
+        (torque, load), R = total_moments(nodes.loads(), k * now.s), nodes.R
     else:
-        v.stalled, used, v.residual, (torque, load, R) = solved(nodes, h, now)
+        v.stalled, used, v.residual, (torque, load, R) = solve_for_change(nodes, h, now)
         v.used = larger(used, v.used)
     dP = h * Vector(torque[0], torque[1], torque[2] * nodes.body.free)
     middle = now.s + 0.5 * dP
@@ -409,7 +409,7 @@ def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None
     means.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
 
 
-def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
+def total_moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
     """Return all moments, and those of the load without dead forces and potentials."""
     zero, moment, own = 0.0 * W, None, None
     if loads.functions is not None:
@@ -421,7 +421,7 @@ def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
     return sum_of(applied, moment, dead) or zero, sum_of(applied, own) or zero
 
 
-def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
+def solve_for_change(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
     """Solve for y; return whether it is not found, iterations, the residual, and the moments and where they act.
 
     A change of y for a difference quotient is small beside W, and round-off of the residual small beside the change.
@@ -434,7 +434,7 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
         if parts.is_constrained:
             nodes.begin(node, turned_by_vector(start.p, (0.5 * h) * (W + y)))
             there = nodes.loads()._replace(moving=loads.moving)
-        torque, load = moments(there, W + y)
+        torque, load = total_moments(there, W + y)
         return f * torque, (torque, load, nodes.R)
 
     e0, e1, e2 = (Vector(*(float(i == j) for j in range(3))) + zero for i in range(3))

@@ -114,7 +114,11 @@ class StackMarch:
         pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
         self.internal_scales = self.load.internal_scale
         pack(
-            self.block, BLOCK, remembers=self.functions.remembers, internal=z.size, internal_scales=self.internal_scales
+            self.block,
+            BLOCK,
+            memory_response=self.functions.memory_response,
+            internal=z.size,
+            internal_scales=self.internal_scales,
         )
         pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
@@ -194,7 +198,7 @@ class StackMarch:
         z = slice(states.shape[1] - 2 * k, states.shape[1] - k)
         return np.array_equal(carried[:, z], states[:, z]) and not max(differences) > SAME
 
-    def remember(self, memory: Array) -> None:
+    def resume(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
         states = self.arrays["states"]
         if memory.shape != states.shape or not self.is_start(known := memory / self.factors):
@@ -442,16 +446,16 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
-    alive: tuple[Any, ...] = ()
+    keepalive: tuple[Any, ...] = ()
     if has_outputs:
-        rows, rates, alive = _calls_with_outputs(march, parts, first, last, unloaded)
+        rows, rates, keepalive = _calls_with_outputs(march, parts, first, last, unloaded)
         pack(head, CALLS, rates=rates)
-        alive = rates, alive
+        keepalive = rates, keepalive
     elif rows is None:
         rows = grid_calls(march, first, last, unloaded)
     pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
     pack(head, CALLS, **march.addresses(parts, width, has_outputs))
-    return Listed(head, (rows, alive), has_outputs, parts)
+    return Listed(head, (rows, keepalive), has_outputs, parts)
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:

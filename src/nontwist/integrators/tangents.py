@@ -19,7 +19,7 @@ from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Chunk, Entries, EntriesOf, Linearised, Nodes, StepMask, Workspace
+from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
 from .members import PerThread
 
 
@@ -101,7 +101,7 @@ class PreparedTangents:
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
         found = aligned(self._stored_count, 6, padded, empty=True)
-        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        own, calls, keepalive = steps.workspace(), list[Any](), list[Any]()
         for chunk in self._chunks:
             block = own.block.copy()
             refresh = partial(chunk.fill_block, block, states)
@@ -109,8 +109,8 @@ class PreparedTangents:
             block[STEPS.factor] = scale.ctypes.data
             chunk = chunk._replace(chain=chunk.chain.copy())
             calls.append((block, chunk.linked(block, state=x, states=found[chunk.place :]), refresh))
-            alive.append(chunk)
-        return states, x, found, scale, calls, (own, alive)
+            keepalive.append(chunk)
+        return states, x, found, scale, calls, (own, keepalive)
 
 
 class ForwardTangents:
@@ -127,11 +127,11 @@ class ForwardTangents:
         self._steps, self._stored_count, side = steps, int(is_stored.sum()), machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
-        def entries_of(nodes: Nodes) -> Iterator[Entries]:
+        def entries_of(nodes: StepNodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
         self._chunks = list(steps.chunks(self._count, entries_of, is_stored))
-        arrays = [chunk.alive.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
+        arrays = [chunk.arrays.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
         self._turn = None if steps.frame is None else steps.in_frame(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
@@ -172,10 +172,10 @@ class ForwardTangents:
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
-        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        own, calls, keepalive = steps.workspace(), list[Any](), list[Any]()
         for chunk in self._chunks:
             fixed[rows:] = 0.0
-            fixed[chunk.alive["used"], : self._count] = chunk.alive["changes"][:, : self._count]
+            fixed[chunk.arrays["used"], : self._count] = chunk.arrays["changes"][:, : self._count]
             block = own.block.copy()
             chunk.fill_block(block)
             block[STEPS.factor] = scale.ctypes.data
@@ -184,9 +184,9 @@ class ForwardTangents:
             head.padded, head.found, head.chain = self._padded, found[chunk.place :], chunk.linked(block)
             head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.place :]
             calls.append((block, head.address))
-            alive.append((head, chunk))
+            keepalive.append((head, chunk))
         x[:] = fixed
-        return x, state, found, turns, scale, calls, (own, alive)
+        return x, state, found, turns, scale, calls, (own, keepalive)
 
 
 class Growth:

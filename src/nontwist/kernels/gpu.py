@@ -69,7 +69,7 @@ def polynomial(x: Any, coefficients: list[float]) -> Any:
     return found
 
 
-def remainder(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
+def reduced_argument(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
     """Return r and e, with r + e = x - n Σ parts."""
     first, product = fma(-n, parts[0], x), n * parts[1]
     r = first - product
@@ -81,7 +81,7 @@ def remainder(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
 def sine_ahead(x: Any, ahead: float) -> Any:
     """Return sin(x + ahead π/2)."""
     n = rint(x * (1.0 / HALF_PI[0]))
-    r, e = remainder(x, n, HALF_PI)
+    r, e = reduced_argument(x, n, HALF_PI)
     z = r * r
     sine = r + fma(r * z, polynomial(z, SINE), e * fma(-0.5, z, 1.0))
     half = 0.5 * z
@@ -109,14 +109,14 @@ def exp(x: Any) -> Any:
     """Return the exponential."""
     within = select(x > LARGEST, LARGEST, select(x < -LARGEST, -LARGEST, x))
     n = rint(within * (1.0 / LN_2[0]))
-    r, e = remainder(within, n, LN_2)
+    r, e = reduced_argument(within, n, LN_2)
     y = 1.0 + (r + fma(r * r, polynomial(r, EXPONENTIAL), fma(r, e, e)))
     n = select(x == x, n, 0.0)
     half = floor(0.5 * n)
-    return (y * power_of_two(half)) * power_of_two(n - half)
+    return (y * two_to_the(half)) * two_to_the(n - half)
 
 
-def power_of_two(n: Any) -> Any:
+def two_to_the(n: Any) -> Any:
     """Return 2^n, n a whole number from -1022 to 1023 as a double."""
     if tracer() is None:
         return ldexp(1.0, int(n))

@@ -49,8 +49,8 @@ class Signature:
     def __init__(self, words: str) -> None:
         inputs, _, outputs = words.partition(" -> ")
         self.is_address = words == "i8"
-        self.places, end = _places(inputs, 0)
-        self.results, self._size = _places(outputs, end)
+        self.places, end = _argument_places(inputs, 0)
+        self.results, self._size = _argument_places(outputs, end)
         self._first = 8 * end
         self._in = Struct("=" + "".join("q" * (1 + axes) if axes else LETTERS[kind] for kind, _, axes in self.places))
         self._out = Struct("=" + "".join(LETTERS[kind] for kind, _, _ in self.results))
@@ -94,7 +94,7 @@ def address_of(array: Any) -> int:
         return int(array.__array_interface__["data"][0])
 
 
-def _places(words: str, place: int) -> tuple[list[Place], int]:
+def _argument_places(words: str, place: int) -> tuple[list[Place], int]:
     """Return where the arguments that are declared lie, from a place on, and the place behind them."""
     found = []
     for word in re.split(r", (?!:)", words) if words else []:

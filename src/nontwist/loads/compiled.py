@@ -154,7 +154,7 @@ def term_function(term: Term) -> Any:
     return own if isinstance(own, CFunction) else _made(lambda *given: _traced(term, _numbers(term, *given)))
 
 
-def slopes_of(term: Term) -> MachineFunction | None:
+def slopes_function(term: Term) -> MachineFunction | None:
     """Return what writes these with their derivatives, by each argument and number of the term; of C functions None."""
 
     def text(*given: Any) -> list[Any]:

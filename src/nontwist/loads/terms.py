@@ -230,9 +230,9 @@ class Term(ABC):
     @cached_property
     def slopes(self) -> Any:
         """A C function that differentiates the text as well; None: its derivatives are others."""
-        from .compiled import slopes_of
+        from .compiled import slopes_function
 
-        return slopes_of(self) if self.compiled and self.derivative is None else None
+        return slopes_function(self) if self.compiled and self.derivative is None else None
 
     # ---- as a value
 

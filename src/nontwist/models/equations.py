@@ -54,7 +54,7 @@ class SplitRates(NamedTuple):
 
 def split_momentum(system: DirectorSystem, q: Array, pi: Array) -> tuple[Array, float]:
     """Split a spatial momentum into ``(π_⊥, π_∥)`` along d = Λn (eq-pi-split)."""
-    d = _axis(system) @ q
+    d = _axis_or_d3(system) @ q
     par = float(pi @ d)
     return pi - par * d, par
 
@@ -83,7 +83,7 @@ def split_rates(
     w : (3,) array, rad/s, optional
         The velocity, where `split_velocity` has found it.
     """
-    turn, d = hat(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis(system) @ q
+    turn, d = hat(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis_or_d3(system) @ q
     m = moment + products(q, system.dead_force) if _is_heavy(system) else moment
     d_dot = turn @ d
     along, mu = float(pi_perp @ d_dot + m @ d), 0.0  # π_∥' + μ
@@ -127,7 +127,7 @@ def director_rates(
     return x[:9].reshape(3, 3), x[9:]
 
 
-def _axis(system: DirectorSystem) -> Array:
+def _axis_or_d3(system: DirectorSystem) -> Array:
     return I3[2] if system.axis is None else system.axis
 
 
@@ -139,7 +139,7 @@ def _is_heavy(system: DirectorSystem) -> bool:
 @lru_cache(maxsize=64)
 def _axial_response(system: DirectorSystem) -> Array:
     """Return what gives ``π_∥ = n·J W`` of Π, of a body with an axis n."""
-    return _axis(system) @ system.convected_inertia @ _response(system)
+    return _axis_or_d3(system) @ system.convected_inertia @ _response(system)
 
 
 @lru_cache(maxsize=64)

@@ -22,7 +22,7 @@ import nontwist
 from fuzz_values import NEEDED, strategy
 from fuzz_wrong import THINGS, damaged
 from nontwist import errors
-from nontwist.geometry.values import shown
+from nontwist.geometry.values import short_repr
 from nontwist.integrators import Integrator
 from nontwist.integrators.compiled import Compiled
 from test_docstrings import MADE, NOT_CALLED, PUBLIC
@@ -206,7 +206,7 @@ def fuzz(name, count):
 
 
 def shown_arguments(given):
-    return ", ".join(f"{name}={shown(value)}" for name, value in given.items())
+    return ", ".join(f"{name}={short_repr(value)}" for name, value in given.items())
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

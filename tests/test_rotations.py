@@ -13,9 +13,9 @@ from many_digits import EPS, assert_ulps, exact, length, many_digits, ulps  # no
 from nontwist.geometry import rotations
 from refusals import refused_as
 
-ANGLES = [1e-300, 1e-200, 1e-155, 1e-100, 1e-30, 1e-16, 1e-12, 1e-8, 1e-4, 0.01, 0.1, 0.5]
-ANGLES += [np.nextafter(1, 0), 1.0, np.nextafter(1, 2), 1.5, np.pi / 2, 2 * np.pi / 3, 2.5, 3.1]
-NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-5, 1e-8, 1e-10, 1e-12, 1e-14, 1e-15)]
+ANGLES = [1e-300, 1e-155, 1e-30, 1e-12, 1e-8, 1e-4, 0.1, 0.5]
+ANGLES += [np.nextafter(1, 0), 1.0, np.nextafter(1, 2), np.pi / 2, 2.5, 3.1]
+NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-8, 1e-12, 1e-14, 1e-15)]
 PAST_PI = [np.pi, np.nextafter(np.pi, 4), 3.2, 4.0, 6.0, 2 * np.pi - 1e-6, 2 * np.pi + 1e-6, 7.0, 20.0, 100.0]
 SINGULAR = [2 * np.pi, 4 * np.pi, 200 * np.pi]
 
@@ -107,7 +107,7 @@ def test_against_mpmath(name):
 
 
 def test_exp_keeps_the_digits_of_a_small_skew_part():
-    for x in vectors(ANGLES[:9])[1:]:
+    for x in vectors(ANGLES[:6])[1:]:
         want = mp.sin(mp.norm(exact(x))) / mp.norm(exact(x)) * exact(x)
         R = rotations.exp(x)
         assert length(exact(rotations.vee(R / 2 - R.T / 2)) - want) <= 8 * EPS * length(want)

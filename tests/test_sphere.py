@@ -12,9 +12,9 @@ from many_digits import EPS, assert_ulps, exact, many_digits, mp_cross, mp_dot, 
 from nontwist.geometry import sphere
 from refusals import refused_as
 
-TINY_ANGLES = [0.0, 1e-300, 1e-200, 1e-155, 1e-100, 1e-30, 1e-17]
-ANGLES = [1e-15, 1e-12, 1e-8, 1e-4, 0.1, 1.0, 1.5, np.pi / 2, np.nextafter(np.pi / 2, 2), 1.6, 2.5, 3.1]
-NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 2e-15, 1e-15)]
+TINY_ANGLES = [0.0, 1e-300, 1e-155, 1e-30, 1e-17]
+ANGLES = [1e-15, 1e-8, 1e-4, 0.1, 1.0, np.pi / 2, np.nextafter(np.pi / 2, 2), 2.5, 3.1]
+NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-8, 1e-12, 1e-14, 2e-15, 1e-15)]
 PAST_PI = [np.pi, np.nextafter(np.pi, 4), 3.2, 4.0, 2 * np.pi - 1e-8, 2 * np.pi, 7.0, 20.0, 100.0]
 AXES = E1, E2, E3 = np.eye(3)
 

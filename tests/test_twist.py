@@ -273,7 +273,7 @@ def fuzz(rows, times):
         assert np.isfinite(result[name]).all() or (name == "noise_estimate" and result.time.size < 12), name
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(ROWS, TIMES)
 def test_fuzzed_recordings(rows, times):
     fuzz(rows, times)

@@ -178,19 +178,13 @@ ROOT Hips
   {
     OFFSET 0 1 0
     CHANNELS 3 Yrotation Xrotation Zrotation
-    End Site
-    {
-      OFFSET 0 1 0
-    }
+    End Site { OFFSET 0 1 0 }
   }
   JOINT Leg
   {
     OFFSET 0 1 0
     CHANNELS 3 Xrotation Yrotation Zrotation
-    End Site
-    {
-      OFFSET 0 1 0
-    }
+    End Site { OFFSET 0 1 0 }
   }
 }
 MOTION

@@ -1,7 +1,7 @@
 """What every run promises: integrator × body × load, each cell with the same promises, or refused for a reason.
 
 Bodies, loads and integrators are those of `covering.problems`, wheels, memory and dry friction, and those that are
-registered when the tests begin. In the quick suite each load meets gauss and a quarter of the other integrators, with a
+registered when the tests begin. In the quick suite each load meets gauss and a sixth of the other integrators, with a
 body that changes; the long suite has more.
 """
 
@@ -130,7 +130,7 @@ def cells(names, offsets, every=1):
 
 MARKED = [
     *cells(["gauss 4"], (0,)),
-    *cells(QUICK, (0,), 4),
+    *cells(QUICK, (0,), 6),
     *(pytest.param(*cell, marks=pytest.mark.long) for cell in cells(SCHEMES, (4,))),
 ]
 

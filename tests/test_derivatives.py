@@ -169,10 +169,14 @@ MORE = {  # of a body and a load
     ("suslov", "all"): INERTIA | FORCES | LOADED | {"axis[2]": {"axis": EYE[1]}},
 }
 SCHEMES = [("lie-midpoint", 2), ("energy-momentum", 2), *(("gauss", order) for order in (8, 2, 4, 16))]
-QUICK = [("heavy", "none", *scheme) for scheme in SCHEMES[:3]] + [("suslov", "all", *scheme) for scheme in SCHEMES[:3]]
-QUICK += [("standard", "none", "energy-momentum", 2)]
-QUICK += [("standard", "body", "gauss", 8), ("nontwisting", "none", "gauss", 8)]
+QUICK = [("heavy", "none", "gauss", 8), ("standard", "body", "gauss", 8), ("nontwisting", "none", "gauss", 8)]
+QUICK += [("standard", "none", "energy-momentum", 2), *(("suslov", "all", *scheme) for scheme in SCHEMES[:3])]
 LONG = [case for case in ((*pair, *scheme) for pair in MORE for scheme in SCHEMES) if case not in QUICK]
+
+
+def or_long(quick, long):
+    """The cases of the quick suite, and more for the long one."""
+    return [*quick, *(pytest.param(*case, marks=pytest.mark.long) for case in long)]
 
 
 def fields(names):
@@ -180,9 +184,7 @@ def fields(names):
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
-@pytest.mark.parametrize(
-    ("body", "load", "scheme", "order"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.long) for case in LONG)]
-)
+@pytest.mark.parametrize(("body", "load", "scheme", "order"), or_long(QUICK, LONG))
 def test_tangents_are_those_of_the_discrete_run(body, load, scheme, order):
     step, steps = (0.1, 4) if order < 8 else (0.4, 2)
     require_tangents(BODIES[body], partial(loaded, load), DIRECTIONS | MORE[body, load], scheme, order, step, steps)
@@ -213,9 +215,7 @@ def test_tangents_with_dissipation(make, order):
 
 
 @pytest.mark.filterwarnings("ignore:.*step")
-@pytest.mark.parametrize(
-    ("scheme", "order"), [("lie-midpoint", 2), ("energy-momentum", 2), *(("gauss", order) for order in (2, 4, 16))]
-)
+@pytest.mark.parametrize(("scheme", "order"), or_long([*SCHEMES[:2], ("gauss", 2), ("gauss", 16)], [("gauss", 4)]))
 def test_a_body_that_hardly_turns(scheme, order):
     """Its attitude turns by t dW, though its momentum turns by any angle, and in a longer run by W."""
     how = {"wrt": ["material_angular_velocity", "inertia", "duration"], "integrator": scheme, "order": order}
@@ -231,7 +231,7 @@ def test_a_body_that_hardly_turns(scheme, order):
         assert abs(turn[:, 9] - W).max() <= 1e-12 * abs(W).max()
 
 
-@pytest.mark.parametrize(("order", "steps", "bound"), [(2, 8000, 4e-9), (16, 50, 3e-13)])
+@pytest.mark.parametrize(("order", "steps", "bound"), [(4, 50, 3e-10), (16, 50, 3e-13)])
 def test_a_top_that_hangs_at_rest(order, steps, bound):
     """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
     u, o = np.array([0.3, -0.2, 0.6]) / 0.7, np.zeros((3, 3))
@@ -261,15 +261,16 @@ def test_spin_is_a_parameter(scheme, values):
     weights = np.random.default_rng(4).normal(size=len(values))
     by = derivative(lambda x: nt.integrate(body(x * weights), **how), 1e-3)
     assert abs(last(d)[:, : len(values)] @ weights - by).max() < 1e-11
-    assert len(values) > 1 or last(d, 0)[5] == 1
+    if len(values) == 1:
+        assert last(d, 0)[5] == 1
 
 
-@pytest.mark.parametrize(
-    ("body", "scheme", "order"),
-    [("standard", "lie-midpoint", 2), ("standard", LieMidpoint(dissipation=0.7), None), ("heavy", "lie-midpoint", 2)]
-    + [("standard", "gauss", 8), ("heavy", "gauss", 8)]
-    + [pytest.param(body, "gauss", k, marks=pytest.mark.long) for body in ("standard", "heavy") for k in (2, 4, 16)],
-)
+BALANCED = [("standard", "lie-midpoint", 2), ("standard", LieMidpoint(dissipation=0.7), None)]
+MORE_ORDERS = [(body, "gauss", order) for body in ("standard", "heavy") for order in (2, 4, 16)]
+BALANCED += [("heavy", "lie-midpoint", 2), ("standard", "gauss", 8), ("heavy", "gauss", 8)]
+
+
+@pytest.mark.parametrize(("body", "scheme", "order"), or_long(BALANCED, MORE_ORDERS))
 def test_differentiated_balances(body, scheme, order):
     """``dK + dV`` of a conservative run stays, and dπ of a free one, over 2000 steps."""
     system, steps, h = SYSTEMS[body], 2000, 0.05
@@ -378,14 +379,15 @@ def test_a_gradient_of_a_run_that_fails():
     assert run.to_dataset().sizes["time"] == 1
 
 
+JACOBIANS = [("gauss", "suslov", "all", 4, False), ("lie-midpoint", "suslov", "all", 4, False)]
+JACOBIANS += [("gauss", "heavy", "none", "end", False), ("gauss", "nontwisting", "none", 4, True)]
+JACOBIANS += [("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "heavy", "none", 4, True)]
+
+
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 @pytest.mark.parametrize(
     ("scheme", "body", "load", "store", "few"),
-    [
-        *((scheme, "suslov", "all", 4, False) for scheme in ("gauss", "lie-midpoint", "energy-momentum")),
-        *[("gauss", "heavy", "none", "end", False), ("gauss", "nontwisting", "none", 4, True)],
-        *[("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "heavy", "none", 4, True)],
-    ],
+    or_long(JACOBIANS, [("energy-momentum", "suslov", "all", 4, False)]),
 )
 def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load, few):
     """By few parameters: turns of the start alone turn all of a run that does not see its attitude."""
@@ -419,7 +421,7 @@ def test_jacobian_from_threads_and_without_preparation():
     assert np.array_equal(again, expected[0])
 
 
-@pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize("integrator", ["gauss", "energy-momentum"])
 def test_an_axis_turns_what_is_removed_of_the_start(integrator):
     """With project=True, W - n (n·W) turns with n in both factors; against central differences of the run."""
     J, n, W = [[2, 0.1, 0.3], [0.1, 2.5, -0.2], [0.3, -0.2, 3]], np.array([0.1, 0, 1]), (-1, 0.4, 0)

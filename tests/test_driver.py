@@ -21,6 +21,10 @@ def paper(**arguments):
     return nt.simulate(nt.nontwisting(PAPER_J), **{"t_end": 0.1, "step": 0.01, **W, **arguments})
 
 
+def twisting():
+    return nt.simulate(nt.standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=[0, 0, 1])
+
+
 STARTS = {
     "stretched": {"rotation": np.diag([1, 1, 1 + 1e-6])},
     "left": {"rotation": np.diag([1, 1, -1])},
@@ -45,6 +49,7 @@ test_refused_with_the_value = refused_as(
         "load": lambda: paper(order=2, load=nt.space_moment(lambda t: (np.inf, 0, 0))),
         "start twice": lambda: paper(start=paper(), rotation=np.eye(3)),
         "start velocity": lambda: paper(start=paper()),
+        "start that twists": lambda: nt.simulate(nt.nontwisting(PAPER_J), t_end=0.2, step=0.01, start=twisting()),
         "no step small enough": lambda: nt.simulate(nt.standard([1, 1, 1]), **FAST),
     }
 )

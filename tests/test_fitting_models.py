@@ -263,6 +263,8 @@ def test_intervals_that_meet_the_wall_are_those_of_the_likelihood_of_bodies():
         assert reach == pytest.approx(-found.fun, abs=0.01)
         assert reach < 1.001
     assert np.diff(fit.principal.intervals)[2, 0] < 0.75 * 2 * loose[2] * fit.size  # the wall counts
+    flat = model.nearest(1e-3 * np.eye(3), np.zeros(0))  # where no fit starts, as L has no slope there
+    assert model.thinnest(flat, np.zeros(0)) > 1e-8
     assert ((fit.principal.intervals[:, 0] < true) & (true < fit.principal.intervals[:, 1])).all()
 
 

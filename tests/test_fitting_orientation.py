@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from conftest import ended
 from fit_errors import csv, off, off_by, share_covered
 from nontwist import fit_inertia, heavy_top, read_motion, rotation, sensors, simulate, standard
+from nontwist.fitting.measuring import continuous
+from nontwist.fitting.readings import noise_of_attitudes
 from nontwist.runfile import read_run_file
 from refusals import refused_as, warned
 
@@ -102,6 +104,15 @@ def test_missing_attitudes_count_for_nothing_and_others_stay_with_their_rows():
     assert fit.solution.turned_by.shape == (np.isfinite(q[:, 0]).sum(), 3)
     assert len(fit.residual) == len(time)
     assert abs(off(fit, body)).max() < 4
+    order = np.random.default_rng(0).permutation(len(time))
+    with warned("unsorted-times"):
+        shuffled = fit_inertia((time[order], rates[order], read[order]), interval="all")
+    np.testing.assert_allclose(shuffled.inertia, fit_inertia((time, rates, read), interval="all").inertia, atol=1e-6)
+
+
+def test_the_noise_of_attitudes_is_about_that_of_the_recording():
+    _, _, read, _ = flight(2, rate=400)
+    assert noise_of_attitudes(continuous(read.as_quat())) == pytest.approx(TILT, rel=0.3)  # to start from
 
 
 def test_a_pivoted_body_by_its_attitudes():

@@ -1,5 +1,6 @@
 """Lyapunov exponents: closed forms, sums, and the growth of the tangents of `sensitivities`."""
 
+import ctypes
 import json
 
 import numpy as np
@@ -7,6 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
+from nontwist.engine import linearised
+from nontwist.engine.known_steps import LANES, Steps
+from nontwist.kernels import machine_code
+from nontwist.kernels.memory import View, doubles, view_of
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 C = np.array([[0.1, 0.02, 0], [0.02, 0.2, 0.03], [0, 0.03, 0.3]])
@@ -133,3 +138,34 @@ def test_ensembles_choose_steps_as_runs_do():
     assert found.step == many.step
     again = nt.lyapunov_ensemble(nt.standard(J), step=many.step, order=json.loads(many.integrator)["order"], **how)
     assert (again.lyapunov_exponent.values == found.lyapunov_exponent.values).all()
+
+
+@pytest.mark.parametrize("how", ["__call__", "on_floats"])
+@pytest.mark.parametrize(("rows", "count"), [(6, 5), (12, 3)])
+def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
+    rng, steps = np.random.default_rng(rows + count), 2 * linearised.TOGETHER
+    M, n = np.eye(rows, rows + 2) + 0.1 * rng.normal(size=(steps, rows, rows + 2)), rng.normal(size=rows)
+    G, x, lengths, length = np.eye(rows), rng.normal(size=(rows, LANES)), np.zeros((2, count)), np.linalg.norm(n)
+    metric, memory = np.eye(6) + np.cov(rng.normal(size=(6, 20))), np.zeros((rows, rows + 2, LANES))
+
+    @machine_code.KIND
+    def make(address):
+        k = View(Steps, doubles(address)).first
+        memory[:, :, : len(M[k : k + LANES])] = np.moveaxis(M[k : k + LANES], 0, -1)
+
+    made, chain = view_of(Steps), view_of(linearised.Chain)
+    made.steps, made.out = steps, memory
+    chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
+    chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
+    chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
+    chain.state, chain.lengths = x.copy(), lengths
+    getattr(linearised.grow(rows), how)(chain.address)
+    G[:6, :6], G[6:, 6:] = np.diag(np.linspace(1, 2, 6)), metric[: rows - 6, : rows - 6]
+    first = x[:, :count]
+    for k in range(2):
+        for A in M[k * linearised.TOGETHER : (k + 1) * linearised.TOGETHER]:
+            first = A[:, :rows] @ first
+        first = first - np.outer(n, n @ G @ first) / (length * length)
+        R = np.linalg.qr(np.linalg.cholesky(G).T @ first)[1]
+        assert lengths[k] == pytest.approx(abs(np.diag(R)), rel=1e-11)
+        first = first @ np.linalg.inv(R)

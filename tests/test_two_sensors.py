@@ -370,13 +370,15 @@ def facts(result):
     return json.loads(result.stdout)
 
 
-@pytest.mark.parametrize("stamped", [np.array, dates])
-def test_the_command_aligns_clocks_by_shakes(tmp_path, command, stamped):
+def test_the_command_aligns_clocks_by_shakes(tmp_path, command):
+    """Of times, and of dates, the first of which is at 0 s."""
     t, fore, s, arm, _ = shaken(1, -300e-6)
-    one, other = written(tmp_path / "fore.csv", fore, stamped(t)), written(tmp_path / "upper.csv", arm, stamped(s))
-    run = (one, "--relative-to", other, "--json", "--shake", "1,4")
-    assert facts(command(*run))["alignment"].startswith("clock of relative_to: shifted by -4.32")
-    told = ALIGNED.search(facts(command(*run, "--shake", "46,49", "--clocks", "drift"))["alignment"])
+    one, other = written(tmp_path / "fore.csv", fore, t), written(tmp_path / "upper.csv", arm, s)
+    dated = written(tmp_path / "fore_d.csv", fore, dates(t)), written(tmp_path / "upper_d.csv", arm, dates(s))
+    found = facts(command(one, "--relative-to", other, "--json", "--shake", "1,4"))
+    assert found["alignment"].startswith("clock of relative_to: shifted by -4.32")
+    shakes = ("--shake", "1,4", "--shake", "46,49", "--clocks", "drift", "--json")
+    told = ALIGNED.search(facts(command(dated[0], "--relative-to", dated[1], *shakes))["alignment"])
     assert float(told[1]) == pytest.approx(-LATE, abs=2e-4)
     assert float(told[2]) == pytest.approx(-300, abs=15)
 

@@ -128,7 +128,6 @@ FORMATS = {
     ".npz, matrices": array("npz", ARRAYS),
     ".npz, two arrays": array("npz", {"t": T, **TWO}, body="fore arm", scalar_first=False),
     ".mat, matrices": array("mat", ARRAYS),
-    ".mat, quaternions": array("mat", {"quat": WXYZ, "time": T[:, None]}, scalar_first=True),
     ".mat, a structure": array("mat", STRUCTURE, scalar_first=False),
     ".mat, columns in a structure": array("mat", {"imu": PLAIN}, rate=50),
     ".mat, pages": array("mat", {"R": np.moveaxis(MATRICES, 0, 2)}, rate=50),

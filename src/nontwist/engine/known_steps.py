@@ -180,7 +180,14 @@ class Known(Nodes):
     """
 
     def __init__(
-        self, calls: Calls, body: Body, at: Any, scale: Any, directions: Directions, R: Any = None, now: Any = None
+        self,
+        calls: FunctionCalls,
+        body: Body,
+        at: Any,
+        scale: Any,
+        directions: Directions,
+        R: Any = None,
+        now: Any = None,
     ) -> None:
         self.parts, self.solved, self.memory, self.node = calls.parts, calls.solved, None, 0
         self._at, self._scale = at, scale
@@ -306,7 +313,7 @@ def tilted(A: Matrix, tilt: Vector) -> Matrix:
     return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
 
 
-class Calls(NamedTuple):
+class FunctionCalls(NamedTuple):
     """How functions of the state are called, in one step after the other, and in which directions.
 
     Where potentials have a torque of their own they are `generalised`, all else is of a `function`. Directions are the
@@ -367,7 +374,7 @@ def offsets_of_directions(wanted: dict[str, int]) -> dict[str, int]:
 class LinearFunctions:
     """Functions of the state at a node, linear about the state at which they were evaluated."""
 
-    def __init__(self, known: Known, calls: Calls, j: Any) -> None:
+    def __init__(self, known: Known, calls: FunctionCalls, j: Any) -> None:
         self._known, self._at, self._calls, self._j = known, known.known(j), calls, j
         self.R, self.B = Matrix(*map(known.to_material, AXES)), Matrix(*map(known.tilted, known.basis))
 

@@ -46,7 +46,7 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Calls, Directions, Known, KnownStep, Steps, Wanted, column_offsets, tilted
+from .known_steps import LANES, Directions, FunctionCalls, Known, KnownStep, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
 from .newton import Solved
 from .records import FORCES, Body, Parts, State, offsets_of
@@ -233,7 +233,7 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace), n)
-        scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
+        scale, out, calls = b.factor[0] / body.unit, b.out, FunctionCalls(parts, b, dict(wanted))
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
             read_steps(parts, b, x, b.first + k)
             found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)
@@ -279,7 +279,7 @@ def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:
 
 
 def step_derivatives(
-    text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
+    text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: FunctionCalls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
     calls, parts = calls._replace(solved=Solved()), calls.parts
@@ -292,7 +292,7 @@ def step_derivatives(
     return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
 
 
-def call_at_middle(calls: Calls, at: View) -> None:
+def call_at_middle(calls: FunctionCalls, at: View) -> None:
     """Evaluate functions of the state in the middle of a midpoint step, which turns by ``cay(hΩ)``, from its ends."""
     p, q = at.p, at.q
     turn, R = p.inverse @ q, attitude(p)
@@ -368,7 +368,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             x.h = b.sizes[i]
             read_loads(parts, b, x, i)
             add_own(own, chain, i, True)
-            now, at, calls = v.state, x.read(), Calls(parts, b, dict(wanted), Solved())
+            now, at, calls = v.state, x.read(), FunctionCalls(parts, b, dict(wanted), Solved())
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)

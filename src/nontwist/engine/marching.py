@@ -48,7 +48,7 @@ from .workspace import (
     extend,
     gather,
     integrate,
-    note,
+    note_failure,
     observe,
     scatter,
     write,
@@ -62,25 +62,25 @@ SERIES = 0.01  # the largest h² for which they are enough
 def exponential(turn: Vector) -> tuple[Any, Vector]:
     """Return (c - 1, v) of the quaternion (c, v) that turns one body by the rotation vector."""
     h2 = 0.25 * (turn @ turn)
-    less, sine = 0.0 * h2 + COSINE[-1], 0.0 * h2 + SINE[-1]
+    cosm1, sine = 0.0 * h2 + COSINE[-1], 0.0 * h2 + SINE[-1]
     for c, s in zip(COSINE[-2::-1], SINE[-2::-1], strict=True):
-        less, sine = fma(h2, less, c), fma(h2, sine, s)
-    found = Variables(less=h2 * less, sine=sine)
+        cosm1, sine = fma(h2, cosm1, c), fma(h2, sine, s)
+    found = Variables(cosm1=h2 * cosm1, sine=sine)
     for _ in when(h2 >= SERIES):
         half = sqrt(h2)
         quarter = sin(0.5 * half)
-        found.less, found.sine = -2.0 * quarter * quarter, 0.5 * sin(half) / half
-    return found.less, found.sine * turn
+        found.cosm1, found.sine = -2.0 * quarter * quarter, 0.5 * sin(half) / half
+    return found.cosm1, found.sine * turn
 
 
 def turned_by_vector(p: Quaternion, turn: Vector) -> Quaternion:
     """Return the quaternion p turned by a rotation vector."""
-    less, v = exponential(turn)
-    return p @ Quaternion(1.0 + less, *v)
+    cosm1, v = exponential(turn)
+    return p @ Quaternion(1.0 + cosm1, *v)
 
 
-def turned_and_normalised(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
-    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
+def turned_and_normalised(p: Quaternion, c: Quaternion, cosm1: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
+    """Return p (1 + cosm1, v), of unit length to first order in its deviation, its compensation, and that deviation.
 
     The sum of p and its increment is Knuth's. What p was rounded by is turned as well: else the rounding errors of
     motions that nearly repeat add up.
@@ -88,7 +88,7 @@ def turned_and_normalised(p: Quaternion, c: Quaternion, less: Any, v: Vector) ->
 
     def grown(p: Quaternion) -> Quaternion:
         q = p.vector
-        return Quaternion(less * p[0] - q @ v, *(fma(less, q, p[0] * v) + cross(q, v)))
+        return Quaternion(cosm1 * p[0] - q @ v, *(fma(cosm1, q, p[0] * v) + cross(q, v)))
 
     def updated(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
         t = x + d
@@ -162,14 +162,14 @@ class Text(NamedTuple):
     flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps
 
 
-def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, less: Any) -> tuple[Quaternion, Quaternion, Any]:
-    """Return the quaternion ``p (1 + less, f a)``, what it is rounded by, and how far p was from unit length.
+def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, cosm1: Any) -> tuple[Quaternion, Quaternion, Any]:
+    """Return the quaternion ``p (1 + cosm1, f a)``, what it is rounded by, and how far p was from unit length.
 
-    It has unit length where ``1 + less`` is f/√(f² (1 + |a|²)), to first order in what p was away from it.
+    It has unit length where ``1 + cosm1`` is f/√(f² (1 + |a|²)), to first order in what p was away from it.
     """
     v = p.vector
     gap = 1.0 - fma(p[0], p[0], v @ v)
-    more, d = less + 0.5 * gap, f * fma(p[0], a, cross(v, a))
+    more, d = cosm1 + 0.5 * gap, f * fma(p[0], a, cross(v, a))
     change = Quaternion(fma(more, p[0], -f * (v @ a)), *(fma(more, x, y) for x, y in zip(v, d, strict=True)))
     ahead, left = compensated(p, c, change)
     return ahead, left, abs(gap)
@@ -261,7 +261,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         turn = abs(h) * taxicab(parts.velocity(nodes.body, v.state.s))
         far = v.alive & (turn > FARTHEST)
         for _ in when(any_of(far)):
-            note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
+            note_failure(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
             v.alive = without(v.alive, far)
     if parts.observes:
         see(v.state)
@@ -277,7 +277,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         for _ in when(any_of(bad)):
             W = parts.velocity(nodes.body, v.state.s)
             how_far = select(found.stalled, h * sqrt(W @ W), found.turn)
-            note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
+            note_failure(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
         for _ in when(any_of(v.alive)):
             if parts.needs_means:
@@ -312,7 +312,7 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
     v.at = larger(b.first, begin)
     far, nothing = state_after(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):
-        note(parts, x, far, h != h, far, v.at, nothing, nothing)
+        note_failure(parts, x, far, h != h, far, v.at, nothing, nothing)
         v.alive = without(v.alive, far)
     for _ in whilst(lambda: any_of(v.alive) & (v.at < end)):
         until = smaller(stored[v.done + 1], end)

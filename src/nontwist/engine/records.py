@@ -2,7 +2,7 @@
 
 All numbers of a body are in its frame b and in its units (`bodies`).
 
-Beside them: the places of a row's fields, what is put there, and arrays in one piece of memory.
+Beside them: the offsets of fields in a row, what is written there, and arrays in one piece of memory.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ SlabLayout = dict[str, tuple[slice, tuple[int, ...]]]
 
 
 def layout(**sizes: int) -> Any:
-    """Return the places, one attribute each, at which so many numbers begin one after the other, and their `size`."""
+    """Return the offsets, an attribute each, of so many numbers one after the other, and their `size`."""
     return SimpleNamespace(**dict(zip([*sizes, "size"], accumulate(sizes.values(), initial=0), strict=True)))
 
 
 def pack(row: NDArray[np.int64], where: Any, **values: Any) -> None:
-    """Write numbers, and addresses of arrays, to the places of these names; 0 for None."""
+    """Write numbers, and addresses of arrays, at the offsets of these names; 0 for None."""
     for name, x in values.items():
         row[getattr(where, name)] = address_of(x) if x is None or isinstance(x, np.ndarray) else x
 
@@ -61,7 +61,7 @@ Quantities = Annotated[tuple[Any, ...], QUANTITIES]
 
 
 def offsets_of(record: Any) -> Any:
-    """Return where the fields of a record begin, an attribute each, and its `size`."""
+    """Return the offsets of the fields of a record, an attribute each, and its `size`."""
     return layout(**{name: field.size for name, field in fields(record).items()})
 
 

@@ -22,8 +22,8 @@ from .workspace import internal, turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
-FOUND = fields(Work)["found"].place
-W, C_MOMENT = (fields(StateCall)[name].place for name in ("w", "c_moment"))
+FOUND = fields(Work)["found"].offset
+W, C_MOMENT = (fields(StateCall)[name].offset for name in ("w", "c_moment"))
 
 
 def mean(s: Any, a: Vector, x: Vector) -> Vector:
@@ -154,7 +154,7 @@ def mean_moment_of_dead(F: Matrix, s: Any, a: Vector) -> Vector:
 
 
 ARRAYS = {"times": "is_timed", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
-STATE_CALL = fields(Work)["state_call"].place
+STATE_CALL = fields(Work)["state_call"].offset
 
 
 class Loads(NamedTuple):

@@ -21,7 +21,7 @@ from .records import NODAL, QUANTITIES, Block, Body, Failure, Observed, Parts, S
 
 NAN, ROUND_OFF = float("nan"), 2.0**-48
 OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status
-NOW, AUXILIARY = fields(Work)["now"].place, fields(State)["auxiliary"].place
+NOW, AUXILIARY = fields(Work)["now"].offset, fields(State)["auxiliary"].offset
 
 
 def member_fields(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
@@ -144,7 +144,9 @@ def turned_into(B: Any, A: Symmetric) -> Symmetric:
 
 
 @part
-def note(parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any) -> None:
+def note_failure(
+    parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any
+) -> None:
     """Note why bodies cannot go on."""
     status = select(stalled, STALLED, select(far, TURN, BROKEN + 0.0 * x.scale))
     if parts.calls:
@@ -192,8 +194,8 @@ def enter(address: Any) -> None:
             put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)
 
 
-OF_OBSERVED = fields(Work)["observed"].place
-LEAST, MOST, INTEGRAL = (OF_OBSERVED + fields(Observed)[name].place for name in ("least", "most", "integral"))
+OF_OBSERVED = fields(Work)["observed"].offset
+LEAST, MOST, INTEGRAL = (OF_OBSERVED + fields(Observed)[name].offset for name in ("least", "most", "integral"))
 
 
 @part

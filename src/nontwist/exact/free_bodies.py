@@ -68,7 +68,9 @@ from .border import Motion, checked_attitude, checked_times, checked_velocity, p
 from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
 from .free_step import FreeMotion, free_motion, free_until, set_origin
 
-Displacement = Callable[[Any], tuple[Any, Any, Any, Vector]]  # from the time to a status, W, and less and v of the turn
+Displacement = Callable[
+    [Any], tuple[Any, Any, Any, Vector]
+]  # from the time to a status, W, and cosm1 and v of the turn
 
 
 def _prepared(J: Matrix, W: Vector, c: View) -> tuple[Matrix, Vector, FreeMotion]:
@@ -92,8 +94,8 @@ def _free(J: Matrix, W: Vector) -> Displacement:
     D = Matrix(*(row / moment for row, moment in zip(V, I, strict=True)))  # ΔW = ΔP D
 
     def displacement(t: Any) -> tuple[Any, Any, Any, Vector]:
-        status, dP, less, v = free_until(motion, t, c)
-        return status, W + dP @ D, less, v @ V
+        status, dP, cosm1, v = free_until(motion, t, c)
+        return status, W + dP @ D, cosm1, v @ V
 
     return displacement
 
@@ -119,11 +121,11 @@ def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes:
 
     def follow(displacement: Displacement) -> None:
         for k in loop(times.shape[0], whilst=lambda: v.status == OK):
-            v.status, velocity, less, turn = displacement(times[k])
+            v.status, velocity, cosm1, turn = displacement(times[k])
             put(velocities[k], velocity)
-            for i, (row, rest) in enumerate(zip(R, D, strict=True)):  # R (I + 2 (1 + less) v̂ + 2 v̂²), row by row
+            for i, (row, rest) in enumerate(zip(R, D, strict=True)):  # R (I + 2 (1 + cosm1) v̂ + 2 v̂²), row by row
                 a = cross(row, turn)
-                put(attitudes[k, i], row + (rest + 2.0 * (1.0 + less) * a + 2.0 * cross(a, turn)))
+                put(attitudes[k, i], row + (rest + 2.0 * (1.0 + cosm1) * a + 2.0 * cross(a, turn)))
 
     for _ in when(is_constrained == 0):
         follow(_free(matrix_at(J), W))
@@ -159,9 +161,9 @@ def free_members(
         def follow(displacement: Displacement, i: Any = i, p: Quaternion = p) -> None:
             s = Variables(p=p, status=OK)
             for k in loop(times.shape[0], whilst=lambda: s.status == OK):
-                s.status, velocity, less, turn = displacement(times[k])
+                s.status, velocity, cosm1, turn = displacement(times[k])
                 u = p.vector
-                q = p + Quaternion(less * p[0] - u @ turn, *(less * u + p[0] * turn + cross(u, turn)))
+                q = p + Quaternion(cosm1 * p[0] - u @ turn, *(cosm1 * u + p[0] * turn + cross(u, turn)))
                 s.p = select(q[0] * s.p[0] + q.vector @ s.p.vector < 0.0, -q, q)  # no jump of sign
                 put(attitudes[i, place + k], (*s.p[1:], s.p[0]))
                 put(velocities[i, place + k], velocity)

@@ -66,9 +66,9 @@ class FreeMotion(NamedTuple):
 
 
 def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
-    """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (less, v).
+    """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (cosm1, v).
 
-    It is (1 + less, v). Components along the principal axes, right-handed, of the ascending `moments`; `c` (Constants)
+    It is (1 + cosm1, v). Components along the principal axes, right-handed, of the ascending `moments`; `c` (Constants)
     is working space.
     """
     motion = free_motion(moments, P, c)
@@ -99,28 +99,28 @@ def set_origin(motion: FreeMotion, c: View) -> None:
 def free_until(motion: FreeMotion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
     """Return what `free_step` does."""
     m, zero = c.momentum, 0.0 * c.momentum
-    v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))
+    v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), cosm1=zero, v=Vector(zero, zero, zero))
     for _ in when(abs(h) * m / smaller(c.ix, c.iz) <= FARTHEST):
-        d, less, turn = increments(motion.M, h, c)
+        d, cosm1, turn = increments(motion.M, h, c)
         d, turn = motion.signs * (m * d), motion.signs * turn
         v.d, v.v = (select(motion.is_swapped, Vector(x[2], x[1], x[0]), x) for x in (d, turn))
-        v.status, v.less = OK, less
-    return v.status, v.d, v.less, v.v
+        v.status, v.cosm1 = OK, cosm1
+    return v.status, v.d, v.cosm1, v.v
 
 
 @part
 def increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
-    """Return the change of the unit momentum M in the time `h`; less and v as `free_step`, along x, y, z."""
+    """Return the change of the unit momentum M in the time `h`; cosm1 and v as `free_step`, along x, y, z."""
     zero = 0.0 * h
-    v = Variables(d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))
+    v = Variables(d=Vector(zero, zero, zero), cosm1=zero, v=Vector(zero, zero, zero))
     is_steady = abs(M[0]) + abs(M[1]) < STEADY
     for _ in when(is_steady):
         half = 0.5 * c.momentum * h / c.iz
         quarter = sin(0.5 * half)
-        v.less, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
+        v.cosm1, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
     for _ in when(logical_not(is_steady)):
-        v.d, v.less, v.v = _increments(M, h, c)
-    return v.d, v.less, v.v
+        v.d, v.cosm1, v.v = _increments(M, h, c)
+    return v.d, v.cosm1, v.v
 
 
 def _increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
@@ -156,8 +156,8 @@ def _increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     one = over * (C * (w * df - dpole * f) + S * (w1 * e + w * e1))
     two = over * (C * (dpole * e - w * de) + S * (w1 * f + w * f1))
     along = over * (C * (f * de - e * df) + S * (w * w1 - e * e1 - f * f1))
-    less = select(q >= 0.0, -(one * one + two * two + along * along) / (1.0 + q), q - 1.0)
-    return d, less, Vector(*select(is_x, (along, one, two), (one, two, along)))
+    cosm1 = select(q >= 0.0, -(one * one + two * two + along * along) / (1.0 + q), q - 1.0)
+    return d, cosm1, Vector(*select(is_x, (along, one, two), (one, two, along)))
 
 
 def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
@@ -179,15 +179,15 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     dn = c.dn * select(is_hyperbolic, 0.5, 1.0) * theta3 * over
     s2 = sn * sn
     over = 2.0 * s2 / (1.0 - k2 * s2 * s2)
-    less_c, less_d = over * dn * dn, over * k2 * cn * cn
+    one_minus_c, one_minus_d = over * dn * dn, over * k2 * cn * cn
     ratio = select(v != 0.0, 2.0 * sn * cn * dn / (1.0 - k2 * s2 * s2) / v, 1.0)
     g = c.momentum * ((c.iz - c.ix) / c.ix / c.iz) * h * ratio
     part_of_square = rx * rz * y * g
     square = part_of_square * part_of_square
     over = 1.0 / (1.0 - square)
-    dx = over * (x * (square - less_c) - rx * rx * y * z * g * (1.0 - less_d))
-    dy = over * (y * (square - less_c - less_d + less_c * less_d) + x * z * g)
-    dz = over * (z * (square - less_d) - rz * rz * x * y * g * (1.0 - less_c))
+    dx = over * (x * (square - one_minus_c) - rx * rx * y * z * g * (1.0 - one_minus_d))
+    dy = over * (y * (square - one_minus_c - one_minus_d + one_minus_c * one_minus_d) + x * z * g)
+    dz = over * (z * (square - one_minus_d) - rz * rz * x * y * g * (1.0 - one_minus_c))
     S, C, t = 2.0 * S * C, 1.0 + 2.0 * t, 4.0 * t * (1.0 + t)  # at v
     X = C * (w[1] + w[3] * q2 * (1.0 + 4.0 * t) + w[5] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
     Y = S * (w[0] + w[2] * q2 * (3.0 + 4.0 * t) + w[4] * q6 * (5.0 + t * (20.0 + 16.0 * t)))

@@ -334,8 +334,8 @@ def gyrostat_motion(J: Array, c: Array, W: Array, times: Array) -> tuple[Array, 
     if body.lattice is None:
         return _steady_rotation(W, times)
     first, second = _spinor(body.lattice, body.W, times * body.unit)
-    less = np.conj(first) * second
-    turned = body.length * np.stack([2 * less.real, 2 * less.imag, -2 * abs(second) ** 2], axis=1)
+    product = np.conj(first) * second
+    turned = body.length * np.stack([2 * product.real, 2 * product.imag, -2 * abs(second) ** 2], axis=1)
     axis = np.stack([second.imag, -second.real, first.imag], axis=1)
     p = np.concatenate([axis @ body.frame, first.real[:, None]], axis=1)
     velocity: Array = W + turned @ body.frame @ body.inverse

@@ -105,7 +105,7 @@ def summed_fields(parts: Parts) -> list[str]:
 
 def sums_of(parts: Parts) -> list[int]:
     """Return the places in `Sums` of what is summed."""
-    return [fields(Sums)[name].place + k for name in summed_fields(parts) for k in range(fields(Sums)[name].size)]
+    return [fields(Sums)[name].offset + k for name in summed_fields(parts) for k in range(fields(Sums)[name].size)]
 
 
 @lru_cache

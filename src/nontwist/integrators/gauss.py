@@ -267,16 +267,16 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_compensation = compensated(P, state.compensation, dP)
     if e.has_rows:
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
+        cosm1, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
     elif motion == "moved":
         turn_equations = rows_of_turn(y, nodes, alive)
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in turn_equations.names)))
+        cosm1, w = quaternion_of(Matrix(*(y.total(name) for name in turn_equations.names)))
     elif motion == "heavy":
-        less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
+        cosm1, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:
         f = select(P @ P > FAINT, 1.0 / (sqrt(P @ P) + TINY), 0.0)
-        less, w = about_a_line(y, h, "P", P, next_P, f)
-    p, c, gap = turned_and_normalised(state.p, state.c, less, w)
+        cosm1, w = about_a_line(y, h, "P", P, next_P, f)
+    p, c, gap = turned_and_normalised(state.p, state.c, cosm1, w)
     if e.orbit is not None:
         n, o = nodes.orbit
         half = 0.5 * n * h
@@ -411,8 +411,8 @@ def arc(angle: Vector, g: Vector, r: Vector) -> Any:
 
 def turned_about(r: Vector, psi: Any, g0: Vector, g1: Vector) -> Quaternion:
     """Return the quaternion of C, of any length."""
-    less, sine = half_angle(psi)
-    return smallest(g0, r, -1.0) @ Quaternion(1.0 + less, *(sine * r)) @ smallest(g1, r, 1.0)
+    cosm1, sine = half_angle(psi)
+    return smallest(g0, r, -1.0) @ Quaternion(1.0 + cosm1, *(sine * r)) @ smallest(g1, r, 1.0)
 
 
 def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
@@ -424,8 +424,8 @@ def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
 def about(turn: Vector) -> tuple[Any, Vector]:
     """Return (c - 1, v) of the quaternion (c, v) that turns by a rotation vector."""
     angle = sqrt(turn @ turn)
-    less, sine = half_angle(angle)
-    return less, select(angle > SLIGHT, sine / (angle + TINY), 0.5) * turn
+    cosm1, sine = half_angle(angle)
+    return cosm1, select(angle > SLIGHT, sine / (angle + TINY), 0.5) * turn
 
 
 def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
@@ -440,9 +440,9 @@ def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
         return found
     if nodes.parts.observes:
         for j in loop(y.number):
-            less, v = about(h * y.table[TABLE.nodes + j] * W)
+            cosm1, v = about(h * y.table[TABLE.nodes + j] * W)
             stage = y.one(j)
-            stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + less, *v))
+            stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + cosm1, *v))
             stage.W, stage.sum = W, 0.0 * W
         observe_stages(nodes, y)
     return found._replace(mu=cross(P, W)[2], twist=nodes.body.axis @ turn)

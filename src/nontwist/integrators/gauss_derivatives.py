@@ -27,7 +27,17 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, KnownStep, Steps, Wanted, column_offsets
+from ..engine.known_steps import (
+    LANES,
+    NODAL,
+    Directions,
+    FunctionCalls,
+    Known,
+    KnownStep,
+    Steps,
+    Wanted,
+    column_offsets,
+)
 from ..engine.linearised import read_ends, read_loads
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
@@ -95,7 +105,7 @@ class Collocation:
     def __init__(self, s: int, motion: str, parts: Parts, wanted: Wanted, b: View, body: Body) -> None:
         self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, dict(wanted), b, body
         self.columns, n, self.table = column_offsets(6, wanted, s), parts.lanes, b.table
-        self.calls = Calls(parts, b, self.wanted)
+        self.calls = FunctionCalls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
         self._node_size = (size_of(KnownStep) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size
@@ -145,8 +155,8 @@ class Collocation:
         """Return these axes, where those that the vectors g turn about are in an orbit."""
         if not self.parts.orbit:
             return self.rows(i)
-        less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
+        cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
+        found: Matrix = attitude(Quaternion(1.0 + cosm1, *v)) @ self.rows(i)
         return found
 
     def matrix(self, name: str, k: Any) -> Matrix:
@@ -182,8 +192,8 @@ class Collocation:
         p, q = at.p, at.q
         if self.parts.orbit:
             n, o = e.nodes.orbit
-            less, v = about((n * self.h) * o)
-            p = Quaternion(1.0 + less, *v) @ p
+            cosm1, v = about((n * self.h) * o)
+            p = Quaternion(1.0 + cosm1, *v) @ p
             self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
         self.turn = B.T @ attitude(Quaternion(p[0], -p[1], -p[2], -p[3]) @ q) @ B  # C at the end
         self.V = self.W[0] - self.ends[0], self.W[1] - self.ends[1]
@@ -401,7 +411,7 @@ class Collocation:
                 for rows, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
                     for r in range(0 if is_nothing(dx) else 6):
                         ends[6 * j + r] = ends[6 * j + r] + rows[r] @ dx
-            turn.note(i, stage, g)
+            turn.add_changes(i, stage, g)
         for j, change in enumerate(turn.changes(V)):
             theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
             for r, x in enumerate(self.at_end(e.nodes, theta + change, dV, j)):
@@ -453,7 +463,7 @@ def in_direction(x: Any, j: int) -> Any:
 class KnownStages(Known):
     """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
 
-    def __init__(self, calls: Calls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
+    def __init__(self, calls: FunctionCalls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
         super().__init__(calls, body, nodes(0), scale, directions)
         self._nodes, self._steps = nodes, calls.block
         self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.offsets else None

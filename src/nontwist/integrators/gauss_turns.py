@@ -60,7 +60,7 @@ class Turn:
         """Begin with the equations in the directions of columns, and W at the beginning."""
         self.equations, self.known, self.W, self.count = e, e.nodes, W, count
 
-    def note(self, i: Any, stage: View, g: Any) -> None:
+    def add_changes(self, i: Any, stage: View, g: Any) -> None:
         """Take up what does not change V at a stage."""
 
     def changes(self, V: Vector) -> list[Vector]:
@@ -76,16 +76,16 @@ class Steady(Turn):
         steps, v = self.steps, Variables(total=0.0 * self.steps.turn)
         steps.set_matrix("direct", 0, 0.0 * steps.turn)
         for i, _ in steps.each():
-            less, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
-            theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + less, *x))
+            cosm1, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
+            theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + cosm1, *x))
             v.total = v.total + theta
             steps.set_matrix("theta", i, theta)
         self.total = v.total
 
     def changes(self, V: Vector) -> list[Vector]:
         """Return that of the exponential, less what the stages make of it."""
-        less, x = about(self.known.h * V)
-        found = rotation_tangents(Quaternion(1.0 + less, *x), self.count)
+        cosm1, x = about(self.known.h * V)
+        found = rotation_tangents(Quaternion(1.0 + cosm1, *x), self.count)
         return [theta - self.total @ tangent(V, j) for j, theta in enumerate(found)]
 
 
@@ -171,7 +171,7 @@ class Line(Turn):
         for k in range(4 * count):
             self.steps.scratches["along"][k] = 0.0 * self.steps.h
 
-    def note(self, i: Any, stage: View, g: Any) -> None:
+    def add_changes(self, i: Any, stage: View, g: Any) -> None:
         """Take up changes of ψ, and of the vertical at the end."""
         sums, b = self.steps.scratches["along"], self.known.h * self.steps.weight(i)
         direction = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]

@@ -259,7 +259,7 @@ class Linearised:
                 part = is_stored[nodes.first : nodes.last]
                 pack(chunk.chain, CHAIN, is_stored=part)
                 chunk = chunk._replace(
-                    arrays=chunk.arrays | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
+                    arrays=chunk.arrays | {"is_stored": part}, first_stored=int(is_stored[: nodes.first].sum())
                 )
             yield chunk
 
@@ -335,7 +335,7 @@ class Chunk(NamedTuple):
     loads: dict[str, Array | None]
     chain: NDArray[np.int64]
     arrays: dict[str, Any]
-    place: int = 0  # how many states are stored before
+    first_stored: int = 0  # how many states are stored before
 
     def fill_block(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""

@@ -260,9 +260,9 @@ def gauss_rule(s: int) -> GaussRule:
 GAUSS_RULES = {2 * s: gauss_rule(s) for s in (1, 2, 3)}
 
 
-def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
-    """Return the state turned by the quaternion (1 + less, v), P changed by dP; how far p was from unit length."""
-    p, c, gap = turned_and_normalised(state.p, state.c, less, v)
+def rotated(state: State, cosm1: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
+    """Return the state turned by the quaternion (1 + cosm1, v), P changed by dP; how far p was from unit length."""
+    p, c, gap = turned_and_normalised(state.p, state.c, cosm1, v)
     P, compensation = compensated(state.s, state.compensation, dP)
     return State(p, P, compensation, c, state.auxiliary), gap
 
@@ -277,8 +277,8 @@ def flow(nodes: Nodes, start: State) -> Any:
     set_origin(motion, constants)
 
     def state_at(t: Any) -> tuple[State, Any]:
-        status, dP, less, v = free_until(motion, t, constants)
-        return rotated(start, less, v, dP)[0], status == BAD_TIME
+        status, dP, cosm1, v = free_until(motion, t, constants)
+        return rotated(start, cosm1, v, dP)[0], status == BAD_TIME
 
     return state_at
 
@@ -367,9 +367,9 @@ def composed(nodes: Nodes, state: State) -> Step:
         return without(v.gap <= UNIT, v.far | v.stalled)
 
     def drift(t: Any) -> None:
-        status, dP, less, turn = free_step(body.moments, v.state.s, t, View(Constants, scratch(CONSTANTS)))
+        status, dP, cosm1, turn = free_step(body.moments, v.state.s, t, View(Constants, scratch(CONSTANTS)))
         v.far = status == BAD_TIME
-        v.state, v.gap = rotated(v.state, less, turn, dP)
+        v.state, v.gap = rotated(v.state, cosm1, turn, dP)
 
     count = parts.nodes
     for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):

@@ -472,7 +472,7 @@ def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *st
     rows[free, CALL.unloaded_from] = unloaded.begin[within[free]]
     rows[free, CALL.loaded_from] = unloaded.end[within[free]]
     if march.loads is not NOTHING:
-        rows[:, CALL.times : CALL.place] = addresses(march.loads, march.count * march.sampled_before(begin, first))
+        rows[:, CALL.times : CALL.output_row] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
 
 
@@ -507,10 +507,10 @@ def _calls_with_outputs(
     begin[free] = origin
     own = _rows(march, begin, (inside | free).astype(np.int64), 0, lengths, np.arange(n))
     own[free, CALL.unloaded_from] = origin
-    own[:, CALL.place], own[:, CALL.begins] = here + 1, np.isin(begin, stack.grid.numbers[1:-1])
+    own[:, CALL.output_row], own[:, CALL.begins] = here + 1, np.isin(begin, stack.grid.numbers[1:-1])
     t, h = stack.times(node[is_step]), since[is_step]
     loads = march.samples_at(lambda: (t[:, None] + h[:, None] * middles).ravel(), lambda: (t, t + h, h), middles)
-    own[is_step, CALL.times : CALL.place] = addresses(loads, march.count * np.arange(len(t)))
+    own[is_step, CALL.times : CALL.output_row] = addresses(loads, march.count * np.arange(len(t)))
     rates = np.append(march.unit / outputs.length[here], np.ones(len(steps)))
     rows = np.concatenate([own, steps])
     order = np.argsort(rows[:, CALL.first], kind="stable")

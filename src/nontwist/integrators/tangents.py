@@ -33,7 +33,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: EntriesOf,
     x, found = aligned(steps.rows, padded), aligned(int(is_stored.sum()), 6, padded, empty=True)
     x[:, :count] = steps.in_frame(start)
     for chunk in steps.chunks(count, entries, is_stored):
-        steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.place :])
+        steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.first_stored :])
     return steps.in_frame(found[:, :, :count], back=True)
 
 
@@ -48,7 +48,7 @@ def back(
     found = np.zeros(-(-count // LANES) * LANES)
     slopes = np.ascontiguousarray(steps.in_frame(slopes[:, :, None])[:, :, 0])
     for chunk in steps.chunks(count, entries, is_stored, back=True):
-        arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.place :], "found": found}
+        arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.first_stored :], "found": found}
         steps.run(chain_back, own, chunk, states, **arrays)
     return steps.in_frame(x[:, None], back=True)[:, 0], found[:count]
 
@@ -108,7 +108,7 @@ class PreparedTangents:
             refresh()
             block[STEPS.factor] = scale.ctypes.data
             chunk = chunk._replace(chain=chunk.chain.copy())
-            calls.append((block, chunk.linked(block, state=x, states=found[chunk.place :]), refresh))
+            calls.append((block, chunk.linked(block, state=x, states=found[chunk.first_stored :]), refresh))
             keepalive.append(chunk)
         return states, x, found, scale, calls, (own, keepalive)
 
@@ -181,8 +181,8 @@ class ForwardTangents:
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[chunk.place :], chunk.linked(block)
-            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.place :]
+            head.padded, head.found, head.chain = self._padded, found[chunk.first_stored :], chunk.linked(block)
+            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.first_stored :]
             calls.append((block, head.address))
             keepalive.append((head, chunk))
         x[:] = fixed

@@ -193,7 +193,7 @@ WHOLE = (int, Doubles, Wholes)
 class Field(NamedTuple):
     """Where the numbers of a field lie, and what they are."""
 
-    place: int
+    offset: int
     kind: Any
     size: int
 
@@ -201,10 +201,10 @@ class Field(NamedTuple):
 @lru_cache
 def fields(record: Any) -> dict[str, Field]:
     """Return the fields of a record."""
-    found, place = {}, 0
+    found, offset = {}, 0
     for name, kind in get_type_hints(record, include_extras=True).items():
-        found[name] = Field(place, kind, size_of(kind))
-        place += found[name].size
+        found[name] = Field(offset, kind, size_of(kind))
+        offset += found[name].size
     return found
 
 
@@ -246,11 +246,11 @@ class View:
     def __getattr__(self, name: str) -> Any:
         field = self._field(name)
         if _is_record(field.kind):
-            return View(field.kind, self._memory.shifted(field.place * self._stride), self._lanes, self._stride)
+            return View(field.kind, self._memory.shifted(field.offset * self._stride), self._lanes, self._stride)
         if field.kind in WHOLE:
-            found = self._memory.shifted(field.place * self._stride, True)[0]
+            found = self._memory.shifted(field.offset * self._stride, True)[0]
             return found if field.kind is int else memory_at(found, field.kind is Wholes)
-        return _composed(field.kind, [self.number(field.place + k) for k in range(field.size)])
+        return _composed(field.kind, [self.number(field.offset + k) for k in range(field.size)])
 
     def __setattr__(self, name: str, value: Any) -> None:
         field = self._field(name)
@@ -260,13 +260,13 @@ class View:
             if isinstance(value, np.ndarray):
                 self._references[name] = value  # as long as the view lives, so does what it points to
                 value = value.ctypes.data
-            self._memory.shifted(field.place * self._stride, True)[0] = getattr(value, "address", value)
+            self._memory.shifted(field.offset * self._stride, True)[0] = getattr(value, "address", value)
         else:
             numbers = flat(value)
             if len(numbers) != field.size:
                 raise TraceError(f"{name} takes {field.size} numbers, not {len(numbers)}")
             for k, x in enumerate(numbers):
-                self.set_number(field.place + k, x)
+                self.set_number(field.offset + k, x)
 
     @property
     def address(self) -> Any:

@@ -5,10 +5,11 @@ mpmath; `taylor_top` sums the Taylor series of the differential equations in 50-
 """
 
 from fractions import Fraction
-from operator import mul
 
 import mpmath as mp
 import numpy as np
+
+from conftest import cross
 
 mp.mp.dps = 40
 BITS = 170
@@ -59,25 +60,9 @@ def elliptic_top(moments, W, t):
         return np.array([[float(R[i, j]) for j in range(3)] for i in range(3)])
 
 
-def _fixed(x):
-    x = Fraction(x)
-    return (x.numerator << BITS) // x.denominator
-
-
-def _inverse(J):
-    c = [
-        [
-            J[(i + 1) % 3][(j + 1) % 3] * J[(i + 2) % 3][(j + 2) % 3]
-            - J[(i + 1) % 3][(j + 2) % 3] * J[(i + 2) % 3][(j + 1) % 3]
-            for j in range(3)
-        ]
-        for i in range(3)
-    ]
-    return [[c[j][i] / sum(J[0][k] * c[0][k] for k in range(3)) for j in range(3)] for i in range(3)]
-
-
-def _convolution(a, b):
-    return sum(map(mul, a, reversed(b)))
+def _fixed(numbers):
+    """Integers in units of 2^-BITS."""
+    return np.array([int(mp.ldexp(mp.mpf(x), BITS)) for x in np.ravel(numbers)], object).reshape(np.shape(numbers))
 
 
 def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35, rotor=(0, 0, 0)):
@@ -87,53 +72,33 @@ def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35, rotor=(0, 0, 0))
     Suslov body W itself in J11 W1' = -W2 M3, J22 W2' = W1 M3, M3 = J13 W1 + J23 W2.
     """
     J = np.diag(inertia) if np.ndim(inertia) == 1 else np.asarray(inertia, float)
-    exact = [[Fraction(float(x)) for x in row] for row in J]
-    back = [[_fixed(x) for x in row] for row in _inverse(exact)]
-    x = [Fraction(float(w)) for w in W]
-    if not axis3:
-        x = [sum(exact[i][j] * x[j] for j in range(3)) + Fraction(float(rotor[i])) for i in range(3)]
-    apart = [_fixed(Fraction(float(v))) for v in rotor]
-    fastest = np.sqrt(np.asarray(W) @ J @ np.asarray(W) / np.linalg.eigvalsh(J)[0])
-    fastest += np.linalg.norm(rotor) / np.linalg.eigvalsh(J)[0]
+    least = np.linalg.eigvalsh(J)[0]
+    fastest = np.sqrt(np.asarray(W) @ J @ np.asarray(W) / least) + np.linalg.norm(rotor) / least
     steps = max(1, int(np.ceil(abs(t) * fastest / turn)))
-    h = _fixed(Fraction(float(t)) / steps)
-    cross, over = [_fixed(exact[i][2]) for i in range(2)], [_fixed(1 / exact[i][i]) for i in range(2)]
-    state, q = [_fixed(v) for v in x], [1 << BITS, 0, 0, 0]
+    with mp.workprec(3 * BITS):
+        exact, w, apart = mp.matrix(J.tolist()), mp.matrix([float(x) for x in W]), _fixed([float(x) for x in rotor])
+        back, h = _fixed((exact**-1).tolist()), _fixed([mp.mpf(float(t)) / steps])
+        state = _fixed(list(w)) if axis3 else _fixed(list(exact * w)) + apart
+        across, over = _fixed(J[:2, 2]), _fixed([-1 / exact[0, 0], 1 / exact[1, 1]])
+    q = _fixed([1, 0, 0, 0])
     for _ in range(steps):
-        X, V, Q = [[v] for v in state], [[], [], []], [[v] for v in q]
-        M3 = []
+        X, V, Q, M3 = (np.zeros((order + 1, n), object) for n in (3, 3, 4, 1))
+        X[0], Q[0] = state, q
         for k in range(order):
-            for i in range(3):
-                M = X if k else [[x[0] - v] for x, v in zip(X, apart, strict=True)]
-                w = X[i][k] if axis3 else sum(back[i][j] * M[j][k] for j in range(3)) >> BITS
-                V[i].append((h * w) >> BITS)
+            V[k] = h * (X[k] if axis3 else back @ (X[k] - apart * (k == 0)) >> BITS) >> BITS
+            u, s, v = V[k::-1], Q[: k + 1, :1], Q[: k + 1, 1:]
             if axis3:
-                M3.append((cross[0] * X[0][k] + cross[1] * X[1][k]) >> BITS)
-                pair = -_convolution(V[1], M3), _convolution(V[0], M3)
-                new = [((p >> BITS) * o >> BITS) // (k + 1) for p, o in zip(pair, over, strict=True)] + [0]
+                M3[k] = across @ X[k, :2] >> BITS
+                X[k + 1, :2] = ((u[:, 1::-1] * M3[: k + 1]).sum(0) >> BITS) * over // (k + 1) >> BITS
             else:
-                new = [
-                    ((_convolution(X[i - 2], V[i - 1]) - _convolution(X[i - 1], V[i - 2])) >> BITS) // (k + 1)
-                    for i in range(3)
-                ]
-            s, a, b, c = Q
-            u, v, w = V
-            turned = (
-                -_convolution(a, u) - _convolution(b, v) - _convolution(c, w),
-                _convolution(s, u) + _convolution(b, w) - _convolution(c, v),
-                _convolution(s, v) + _convolution(c, u) - _convolution(a, w),
-                _convolution(s, w) + _convolution(a, v) - _convolution(b, u),
-            )
-            for row, value in zip(X, new, strict=True):
-                row.append(value)
-            for row, value in zip(Q, turned, strict=True):
-                row.append((value >> (BITS + 1)) // (k + 1))
-        state, q = [sum(row) for row in X], [sum(row) for row in Q]
-    s, a, b, c = (Fraction(v, 1 << BITS) for v in q)
-    assert abs(s * s + a * a + b * b + c * c - 1) < Fraction(1, 10**32)
-    M = [x - v for x, v in zip(state, apart, strict=True)]
-    rates = state if axis3 else [sum(back[i][j] * M[j] for j in range(3)) >> BITS for i in range(3)]
-    return _matrix((s, a, b, c)), np.array([float(Fraction(v, 1 << BITS)) for v in rates])
+                X[k + 1] = (cross(X[: k + 1], u).sum(0) >> BITS) // (k + 1)
+            turned = np.append(-(v * u).sum(), (s * u + cross(v, u)).sum(0))
+            Q[k + 1] = (turned >> (BITS + 1)) // (k + 1)
+        state, q = X.sum(0), Q.sum(0)
+    rates = state if axis3 else back @ (state - apart) >> BITS
+    q, rates = ([Fraction(x, 1 << BITS) for x in numbers] for numbers in (q, rates))
+    assert abs(sum(x * x for x in q) - 1) < Fraction(1, 10**32)
+    return _matrix(q), np.array([float(x) for x in rates])
 
 
 def steady(W, t):

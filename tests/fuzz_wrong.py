@@ -13,9 +13,7 @@ import xarray
 ENDLESS = []
 ENDLESS.append(ENDLESS)
 EXTREME = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, 1e101, 1e-101, 1e-200, 5e-324, -0.0, 0.0, -1.0)
-THINGS = (
-    None,
-    *EXTREME,
+NUMBERS = (
     True,
     -1,
     2**70,
@@ -26,51 +24,25 @@ THINGS = (
     np.longdouble("1e4000"),
     Fraction(1, 3),
     Decimal("sNaN"),
-    "",
-    "x",
-    "\0",
-    "'; DROP",
-    "é" * 300,
-    b"x",
-    (),
-    [],
-    {},
-    set(),
-    [[1], [1, 2]],
-    [None, 1.0],
-    ENDLESS,
-    ["x", "y", "z"],
-    (1j, 2, 3),
-    object(),
-    len,
-    SimpleNamespace(dtype="float", shape=(3,), directors=1),
-    np.datetime64("2026-01-01"),
-    np.datetime64("NaT", "s"),
-    np.timedelta64(3, "s"),
-    datetime.datetime(2026, 1, 1),
-    np.ma.masked,
-    np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0]),
-    [np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0])] * 3,
-    np.empty(0),
-    np.empty((0, 3)),
-    np.zeros((2, 0, 3)),
-    np.zeros(3),
-    np.ones((1,) * 40),
-    np.full((3, 3), np.nan),
-    np.eye(3),
-    np.eye(3, dtype=complex),
-    np.array([1, None, "x"], dtype=object),
-    np.array(["a", "b", "c"]),
+)
+NOTHING = ("", (), [], {}, set(), np.empty(0), np.empty((0, 3)), np.zeros((2, 0, 3)), xarray.Dataset())
+TEXTS = ("x", "\0", "'; DROP", "é" * 300, b"x", ["x", "y", "z"], np.array(["a", "b", "c"]))
+LISTS = ([[1], [1, 2]], [None, 1.0], ENDLESS, (1j, 2, 3), np.array([1, None, "x"], dtype=object))
+OBJECTS = (object(), len, SimpleNamespace(dtype="float", shape=(3,), directors=1))
+DATES = (
+    *(np.datetime64("2026-01-01"), np.datetime64("NaT", "s"), np.timedelta64(3, "s"), datetime.datetime(2026, 1, 1)),
     np.array(["2026-01-01", "NaT"], "M8[ns]"),
-    np.zeros(3, "i4,f8"),
-    scipy.sparse.eye_array(3),
-    pandas.Series([1.0, None, 3.0]),
+)
+MASKED = (np.ma.masked, np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0]))
+ARRAYS = (np.zeros(3), np.ones((1,) * 40), np.full((3, 3), np.nan), np.eye(3), np.eye(3, dtype=complex))
+TABLES = (
+    *(np.zeros(3, "i4,f8"), scipy.sparse.eye_array(3), pandas.Series([1.0, None, 3.0]), xarray.DataArray([1.0, 2.0])),
     pandas.DataFrame({"a": [1, 2], "b": ["x", "y"]}),
     pandas.DataFrame({"w": [1, 1], "x": [0, 0], "y": [0, 0], "z": [0, 1j]}),
-    xarray.DataArray([1.0, 2.0]),
-    xarray.Dataset(),
     xarray.Dataset({"directors": ("time", [1.0, 2.0])}, attrs={"system": "null"}),
 )
+THINGS = (None, *EXTREME, *NUMBERS, *NOTHING, *TEXTS, *LISTS, *OBJECTS, *DATES)
+THINGS += (*MASKED, [MASKED[1]] * 3, *ARRAYS, *TABLES)
 
 
 def damaged(r, value):
@@ -83,25 +55,25 @@ def damaged(r, value):
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
         return value
-    return ARRAYS[r.integers(len(ARRAYS))](r, array)
+    return DAMAGES[r.integers(len(DAMAGES))](r, array)
 
 
 def _dataset(r, data):
     name = list(data.variables)[r.integers(len(data.variables))]
-    attributes = {key: value for key, value in data.attrs.items() if key != name}
     key = list(data.attrs)[r.integers(len(data.attrs))]
+    first = next(iter(data.dims))
     return (
         lambda: data.drop_vars(name),
         lambda: data.drop_attrs(),
         lambda: data.assign_attrs({key: "null"}),
         lambda: data.assign_attrs({key: "{"}),
-        lambda: data.assign_attrs(attributes | {key: 3}),
-        lambda: data.isel({next(iter(data.dims)): [0]}),
-        lambda: data.isel({next(iter(data.dims)): []}),
+        lambda: data.assign_attrs({key: 3}),
+        lambda: data.isel({first: [0]}),
+        lambda: data.isel({first: []}),
         lambda: _times(data, name, np.nan),
         lambda: _times(data, name, 1j),
         lambda: data.astype(str),
-        lambda: data.rename({next(iter(data.dims)): "other"}),
+        lambda: data.rename({first: "other"}),
         lambda: data.transpose(*reversed(list(data.dims))),
     )[r.integers(12)]()
 
@@ -120,7 +92,7 @@ def _entry(value):
     return put
 
 
-ARRAYS = (
+DAMAGES = (
     *map(_entry, EXTREME),
     lambda r, array: array * 1e200,
     lambda r, array: array * 1e-200,

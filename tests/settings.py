@@ -22,7 +22,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 LOGS = ROOT / "build" / "settings"
 LEFT_OUT = {"build", "dist", "reproduction", ".hypothesis", ".pytest_cache"}  # of the checkout; not inside .venv
-NOBODY = 65534
+NOBODY = {"user": 65534, "group": 65534, "extra_groups": []}
 BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
 
 
@@ -36,44 +36,26 @@ class Setting(NamedTuple):
     as_nobody: bool = False
 
 
-def one_core() -> None:
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-
-
 def in_the_background() -> None:
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
+HOMELESS = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "USER", "LOGNAME"))
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TZ": "Asia/Kathmandu"}
 SETTINGS = {
     "plain": Setting("checkout in a folder of mode 0700"),
-    "one-core": Setting("one core", one_core),
+    "one-core": Setting("one core", lambda: os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})),
     "loaded": Setting("`nice`, beside two busy loops", lambda: os.nice(2), busy_loops=2),
     "background": Setting("in the background of a shell: SIGINT, SIGQUIT, SIGHUP ignored", in_the_background),
-    "locale": Setting(
-        "`LC_ALL=C`, no UTF-8 mode, `TZ=Asia/Kathmandu`",
-        environment={
-            "LC_ALL": "C",
-            "PYTHONUTF8": "0",
-            "PYTHONCOERCECLOCALE": "0",
-            "TZ": "Asia/Kathmandu",
-        },
-    ),
-    "no-home": Setting(
-        "no `HOME`, no XDG folders",
-        environment=dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "USER", "LOGNAME")),
-    ),
+    "locale": Setting("`LC_ALL=C`, no UTF-8 mode, `TZ=Asia/Kathmandu`", environment=ASCII),
+    "no-home": Setting("no `HOME`, no XDG folders", environment=HOMELESS),
     "nobody": Setting(
         "the user nobody, with a `HOME` that does not exist",
         environment={"HOME": "/nonexistent", "XDG_CACHE_HOME": None},
         as_nobody=True,
     ),
 }
-
-
-def left_out(folder: str, names: list[str]) -> set[str]:
-    """Return what is not copied of a folder."""
-    return LEFT_OUT & set(names) if Path(folder) == ROOT else set()
 
 
 def main(names: list[str]) -> int:
@@ -85,47 +67,37 @@ def main(names: list[str]) -> int:
     failed = 0
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "nontwist"
-        shutil.copytree(ROOT, place, symlinks=True, ignore=left_out)
+        shutil.copytree(
+            ROOT, place, symlinks=True, ignore=lambda at, all: LEFT_OUT & {*all} if Path(at) == ROOT else ()
+        )
         for name in names or SETTINGS:
-            setting = SETTINGS[name]
-            print(f"{name}: {setting.words}", flush=True)
-            code, words, minutes = run(place, name, setting)
-            print(f"  {words}, {minutes}", flush=True)
+            print(f"{name}: {SETTINGS[name].words}", flush=True)
+            begin = time.monotonic()
+            code, words = run(place, name, SETTINGS[name])
+            print(f"  {words}, {(time.monotonic() - begin) / 60:.1f} min", flush=True)
             failed += bool(code)
     return failed
 
 
-def run(place: Path, name: str, setting: Setting) -> tuple[int, str, str]:
-    """Return the exit status of the suite in a setting, what it says in its last line, and the time it took."""
-    if setting.as_nobody and os.geteuid() != 0:
-        return 0, "skipped: only root may run as another user", ""
-    if setting.as_nobody and not python_for_all(place / ".venv"):
-        return 0, "skipped: other users may not run this Python", ""
+def run(place: Path, name: str, setting: Setting) -> tuple[int, str]:
+    """Return the exit status of the suite in a setting, and what it says in its last line."""
+    if setting.as_nobody and (os.geteuid() != 0 or not python_for_all(place / ".venv")):
+        return 0, "skipped: only root may run as another user, who may run this Python"
     variables = {**os.environ, "PYTHONPATH": str(place / "src"), **setting.environment}
     known = {key: value for key, value in variables.items() if value is not None}
     log = LOGS / f"{name}.log"
-    begin = time.monotonic()
     with ExitStack() as stack:
         if setting.as_nobody:
             place.parent.chmod(0o755)
-            subprocess.run(["chown", "-R", f"{NOBODY}:{NOBODY}", place], check=True)
+            subprocess.run(["chown", "-R", f"{NOBODY['user']}:{NOBODY['group']}", place], check=True)
         for _ in range(setting.busy_loops):
             loop = stack.enter_context(subprocess.Popen([sys.executable, "-c", BUSY]))
             stack.callback(loop.kill)
-        done = subprocess.run(
-            ["make", "test"],
-            cwd=place,
-            env=known,
-            stdin=subprocess.DEVNULL,
-            stdout=stack.enter_context(log.open("wb")),
-            stderr=subprocess.STDOUT,
-            preexec_fn=setting.prepare,
-            **({"user": NOBODY, "group": NOBODY, "extra_groups": []} if setting.as_nobody else {}),
-            check=False,
-        )
+        how = {"cwd": place, "env": known, "stdin": subprocess.DEVNULL, "stderr": subprocess.STDOUT, "check": False}
+        how |= {"stdout": stack.enter_context(log.open("wb")), "preexec_fn": setting.prepare}
+        done = subprocess.run(["make", "test"], **how, **(NOBODY if setting.as_nobody else {}))
     last = re.findall(rb"^=*\s*((?:\d+ \w+,? ?)+) in .*$", log.read_bytes(), re.MULTILINE)
-    words = last[-1].decode() if last else f"no result, exit status {done.returncode}; see {log}"
-    return done.returncode, words, f"{(time.monotonic() - begin) / 60:.1f} min"
+    return done.returncode, last[-1].decode() if last else f"no result, exit status {done.returncode}; see {log}"
 
 
 def python_for_all(environment: Path) -> bool:
@@ -133,17 +105,15 @@ def python_for_all(environment: Path) -> bool:
     name = f"python{sys.version_info.major}.{sys.version_info.minor}"
     for python in (Path(sys.base_prefix, "bin", name), Path("/usr/local/bin", name), Path("/usr/bin", name)):
         try:
-            subprocess.run([python, "-c", ""], user=NOBODY, group=NOBODY, extra_groups=[], check=True)
+            subprocess.run([python, "-c", ""], **NOBODY, check=True)
         except OSError:
             continue
         for link in environment.glob("bin/python*"):
             link.unlink()
             link.symlink_to(python)
         described = environment / "pyvenv.cfg"
-        described.write_text(
-            re.sub("(?m)^home = .*$", f"home = {python.parent}", described.read_text(encoding="utf-8")),
-            encoding="utf-8",
-        )
+        text = re.sub("(?m)^home = .*$", f"home = {python.parent}", described.read_text(encoding="utf-8"))
+        described.write_text(text, encoding="utf-8")
         return True
     return False
 

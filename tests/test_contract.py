@@ -1,27 +1,15 @@
 """What every run promises: integrator × body × load, each cell with the same promises, or refused for a reason.
 
 Bodies, loads and integrators are those of `covering.problems`, wheels, memory and dry friction, and those that are
-registered when the tests begin. In the quick suite each load meets gauss and a quarter of the other integrators, with a
+registered when the tests begin. In the quick suite each load meets gauss and a sixth of the other integrators, with a
 body that changes; the long suite has more.
 """
 
 import numpy as np
 import pytest
 
+import nontwist as nt
 from covering.problems import ASKEW, BODIES, LOADS, W, made_load, schemes
-from nontwist import (
-    DirectorSystem,
-    body_moment,
-    dry_friction,
-    integrate,
-    memory_load,
-    propagator,
-    rotation,
-    simulate_ensemble,
-    space_moment,
-    stepper,
-    wheel,
-)
 from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS
 
@@ -44,7 +32,7 @@ def made(name, factor=1.0):
     if name not in OWN:
         return BODIES[name](factor)
     one = OWN[name].make(**OWN[name].sample)
-    return DirectorSystem(factor * one.euler_inertia, one.axis, one.dead_force, name=one.name)
+    return nt.DirectorSystem(factor * one.euler_inertia, one.axis, one.dead_force, name=one.name)
 
 
 SYSTEMS = {name: made(name) for name in [*BODIES, *OWN]}
@@ -66,11 +54,11 @@ def remembered(t, z, d, w):
 
 MOTOR = [0.2, 0.7, 1.3], [0, 0.5, -0.3]
 MORE = {
-    "wheels": wheel((1, 1, 0), 0.2, 3, 0.1) + wheel((1, -1, 1), 0.1, -2, MOTOR),
-    "rubbing wheel": wheel((1, 1, 0), 0.2, 3, 0.1, viscous=0.05),
-    "dry wheel": wheel((1, 1, 0), 0.2, 0.2, coulomb=0.05),
-    "memory": memory_load(fading, remembered, [0.3, -0.2], compiled=True),
-    "dry friction": dry_friction(0.9, (1, 0.2, 0)),
+    "wheels": nt.wheel((1, 1, 0), 0.2, 3, 0.1) + nt.wheel((1, -1, 1), 0.1, -2, MOTOR),
+    "rubbing wheel": nt.wheel((1, 1, 0), 0.2, 3, 0.1, viscous=0.05),
+    "dry wheel": nt.wheel((1, 1, 0), 0.2, 0.2, coulomb=0.05),
+    "memory": nt.memory_load(fading, remembered, [0.3, -0.2], compiled=True),
+    "dry friction": nt.dry_friction(0.9, (1, 0.2, 0)),
 }
 WHEELS = ["wheels", "rubbing wheel", "dry wheel"]
 STEPPED = ("gauss", "lie-midpoint", "energy-momentum")
@@ -142,7 +130,7 @@ def cells(names, offsets, every=1):
 
 MARKED = [
     *cells(["gauss 4"], (0,)),
-    *cells(QUICK, (0,), 4),
+    *cells(QUICK, (0,), 6),
     *(pytest.param(*cell, marks=pytest.mark.long) for cell in cells(SCHEMES, (4,))),
 ]
 
@@ -154,17 +142,17 @@ def test_cell(scheme, body, load):
     how = {"t_end": STEP * COUNT, "step": STEP, "integrator": kind, "load": load_of(load)}
     words = refusal(scheme, body, load)
     if words:
-        for call in (integrate, simulate_ensemble, prepared):
+        for call in (nt.integrate, nt.simulate_ensemble, prepared):
             with pytest.raises(ValueError, match=words):
                 call(system, **START, **how)
         return
-    run = integrate(system, **START, **how)
+    run = nt.integrate(system, **START, **how)
     require_balances(run, scheme, body, load)
     require_same_run(prepared(system, **START, **how, store=1), run)
     if load != "gravity gradient":  # which needs equal inertias
         require_members(run, body, load, how)
-    half = integrate(system, **START, **how | {"t_end": STEP * COUNT / 2})
-    rest = integrate(system, start=half, project=True, **how)
+    half = nt.integrate(system, **START, **how | {"t_end": STEP * COUNT / 2})
+    rest = nt.integrate(system, start=half, project=True, **how)
     gap = abs(rest.directors - run.directors[COUNT // 2 :]).max()
     assert gap <= RESUMED.get(kind.name, 1e-14 if load in ("wheels", "dry friction") else 0)
     if kind.name in STEPPED:
@@ -181,7 +169,7 @@ def require_balances(run, scheme, body, load):
     if keeps_energy(scheme, body, load):
         assert np.diff(energy) == pytest.approx(run.load_work, abs=10 * bound)
     if body not in HELD | HEAVY and load in ("none", "rotor", "rotor table"):
-        total = rotation(data).apply(data.get("rotor_momentum", np.zeros(3)) + data.material_momentum.values)
+        total = nt.rotation(data).apply(data.get("rotor_momentum", np.zeros(3)) + data.material_momentum.values)
         assert abs(total - total[0]).max() < 10 * bound
     if body not in HELD | HEAVY and load in WHEELS:
         assert np.ptp(data.total_momentum.values, axis=0).max() < 10 * bound
@@ -197,7 +185,7 @@ def require_balances(run, scheme, body, load):
 
 def prepared(system, rotation, material_angular_velocity, load_scale=1.0, **how):
     start = {"rotation": rotation, "material_angular_velocity": material_angular_velocity}
-    return propagator(system, **how)(**start, load_scale=load_scale)
+    return nt.propagator(system, **how)(**start, load_scale=load_scale)
 
 
 def require_same_run(found, run):
@@ -216,9 +204,9 @@ def require_members(run, body, load, how):
     factors = np.array([1.2, 1, 0.9, 1, 1.1, 1, 1, 1.3, 1])
     start = START | {"material_angular_velocity": W * np.where(factors == 1, 1, 0.5)[:, None]}
     how, scales = how | {"store": 3}, np.array([0.6, 1, 0.5 if load == "dry friction" else -0.5, 1, 1, 0, 2, 1, 0.7])
-    stack = DirectorSystem.stack([made(body, c) for c in factors])
-    many = simulate_ensemble(stack, **start, **how, load_scale=scales, variables="all", threads=2)
-    scaled = integrate(run.system, **START, **how | {"load": 0.7 * how["load"]})
+    stack = nt.DirectorSystem.stack([made(body, c) for c in factors])
+    many = nt.simulate_ensemble(stack, **start, **how, load_scale=scales, variables="all", threads=2)
+    scaled = nt.integrate(run.system, **START, **how | {"load": 0.7 * how["load"]})
     bound = 1e-12 if load in FACTORED else 0
     if len(how["load"].terms) == 1 and not bound:
         require_same_run(prepared(run.system, **START, **how, load_scale=0.7), scaled)
@@ -239,9 +227,9 @@ def require_steps(system, how):
 
     To the bit where both add the moments in the same order, to round-off in gauss.
     """
-    constant = body_moment(lambda t: BODY_MOMENT) + space_moment(lambda t: SPACE_MOMENT)
-    run = integrate(system, **START, **how | {"load": how["load"] + constant})
-    loop = stepper(system, STEP, integrator=how["integrator"], load=how["load"])
+    constant = nt.body_moment(lambda t: BODY_MOMENT) + nt.space_moment(lambda t: SPACE_MOMENT)
+    run = nt.integrate(system, **START, **how | {"load": how["load"] + constant})
+    loop = nt.stepper(system, STEP, integrator=how["integrator"], load=how["load"])
     loop.reset(**START)
     states = [loop.step(BODY_MOMENT, SPACE_MOMENT) for _ in range(COUNT)]
     assert [state.time for state in states] == run.time[1:].tolist()

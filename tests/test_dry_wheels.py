@@ -1,18 +1,10 @@
 """Wheels with dry friction in their bearings: closed forms, SciPy mode after mode, balances, refusals."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import nontwist as nt
-from nontwist.driver.planning import planned
-from nontwist.driver.rubbing import Rubbed
-from nontwist.driver.starts import start_of_one
-from nontwist.errors import RunFileError
-from nontwist.runfile.document import checked
-from nontwist.runfile.folder import Folder
 from refusals import refused_as
 
 J = np.diag([3.0, 4.0, 5.0])
@@ -57,12 +49,10 @@ def test_a_wheel_runs_down_and_stands():
     assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
 
 
-@pytest.mark.parametrize("torque", [0.05, 0.0499, -0.03, ([0, 5], [-0.05, 0.05])])
+@pytest.mark.parametrize("torque", [0.0499, ([0, 5], [-0.05, 0.05])])
 def test_a_torque_up_to_the_limit_does_not_move_it(torque):
     run = nt.simulate(nt.standard(J), t_end=5, step=0.1, load=nt.wheel("z", 0.2, torque=torque, coulomb=0.05))
-    assert (run.wheel_speed.values == 0).all()
-    assert (run.angular_velocity.values == 0).all()
-    assert (run.wheel_work.values == 0).all()
+    assert not any(run[name].values.any() for name in ("wheel_speed", "angular_velocity", "wheel_work"))
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -77,28 +67,29 @@ def test_a_ramp_moves_it_where_it_exceeds_the_limit(sign):
     assert run.total_kinetic_energy.values == pytest.approx((run.wheel_work - run.wheel_loss).values[:, 0], abs=1e-15)
 
 
-def by_scipy(times, about=(), limits=()):
+def by_scipy(times, about=(), limits=(), push=lambda t: np.zeros(3)):
     """W, speeds and losses of `PAIR`, beside dry friction about axes of the body, mode after mode, by SciPy's events.
 
-    The unknowns are W and the speeds. A contact that sticks keeps its rate, a row times them, at zero by a force.
+    The unknowns are W and the speeds. A contact that sticks keeps its rate, a row times them, at zero by a force. The
+    losses are those about the axes first.
     """
     mass = np.block([[J, INERTIAS * AXES.T], [(INERTIAS * AXES.T).T, np.diag(INERTIAS)]])
     n, rows = len(about), np.vstack([np.hstack([np.reshape(about, (-1, 3)), np.zeros((len(about), 2))]), np.eye(5)[3:]])
-    most = np.concatenate([limits, LIMITS])
+    most, viscous = np.append(limits, LIMITS), np.append(np.zeros(n), VISCOUS)
 
     def rates(t, y, modes):
         W, speeds = y[:3], y[3:5]
         total = J @ W + (INERTIAS * speeds) @ AXES
-        drive = np.array([swing(t, 0), lean(t, 0)]) - VISCOUS * speeds
-        right = np.concatenate([np.cross(total, W), drive]) - (modes * most) @ rows
+        right = np.append(np.cross(total, W) + push(t), [swing(t, 0), lean(t, 0)])
+        right -= (modes * most + viscous * (rows @ y[:5])) @ rows
         stuck = rows[modes == 0]
         whole = np.block([[mass, stuck.T], [stuck, np.zeros((len(stuck), len(stuck)))]])
-        found = np.linalg.solve(whole, np.concatenate([right, np.zeros(len(stuck))]))
+        found = np.linalg.solve(whole, np.append(right, np.zeros(len(stuck))))
         held = np.zeros(len(rows))
         held[modes == 0] = found[5:]
         return found[:5], held
 
-    y, t = np.concatenate([W0, [2.0, 0.0], np.zeros(2)]), 0.0
+    y, t = np.concatenate([W0, [2.0, 0.0], np.zeros(n + 2)]), 0.0
     modes, found, seen = np.array([int(np.sign(a @ W0)) for a in about] + [1, 1]), {0.0: y}, []
     while t < times[-1]:
         begin, own = t, modes.copy()
@@ -110,8 +101,8 @@ def by_scipy(times, about=(), limits=()):
             return min(own[k] * (rows[k] @ y[:5]) if own[k] else most[k] - abs(held[k]) for k in range(n + 2))
 
         def slope(t, y, own=own):
-            loss = (VISCOUS * y[3:5] + own[n:] * LIMITS) * y[3:5]
-            return np.concatenate([rates(t, y[:5], own)[0], loss])
+            speeds = rows @ y[:5]
+            return np.append(rates(t, y, own)[0], (viscous * speeds + own * most) * speeds)
 
         ends.terminal = True
         until = times[times > t][0]  # as the interpolant is less exact than steps
@@ -129,55 +120,42 @@ def by_scipy(times, about=(), limits=()):
             elif not own[k] and most[k] - abs(held[k]) < 1e-9:
                 modes[k] = np.sign(held[k])
         seen.append(tuple(modes))
-    return np.array([found[x] for x in times]), seen
+    return np.array([found[x] for x in times]), np.array(seen)
 
 
-def test_skew_wheels_stand_and_slip_as_scipy_finds():
-    times = np.linspace(0, 15, 61)
-    expected, modes = by_scipy(times)
-    assert {(0, 0), (1, 0), (0, -1)} <= set(modes)
-    assert len(modes) > 6
-    run = nt.simulate(nt.standard(J), times=times, step=0.025, material_angular_velocity=W0, load=PAIR)
+def drive(t):
+    return np.array([0.9 * np.sin(1.3 * t), 0.4 * np.cos(t), 0.3])
+
+
+@pytest.mark.parametrize("rubs", [False, True])
+def test_skew_wheels_stand_and_slip_as_scipy_finds(rubs):
+    """Also beside dry friction about two axes of the body."""
+    about, limits, load = np.zeros((0, 3)), [], PAIR
+    if rubs:
+        about, limits = np.array([[1, 2, 2], [0, 3, 0]]) / 3, [0.8, 0.3]
+        load = PAIR + nt.body_moment(drive) + nt.dry_friction(0.8, about[0]) + 2 * nt.dry_friction(0.15, "y")
+    n, times, how = len(about), np.linspace(0, 9, 31), {"material_angular_velocity": W0, "load": load}
+    expected, modes = by_scipy(times, about, limits, drive if rubs else lambda t: np.zeros(3))
+    run = nt.simulate(nt.standard(J), times=times, step=0.025, **how)
     assert run.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-11)
     assert run.wheel_speed.values == pytest.approx(expected[:, 3:5], abs=1e-11)
-    assert run.wheel_loss.values == pytest.approx(expected[:, 5:], abs=1e-11)
+    assert run.wheel_loss.values == pytest.approx(expected[:, 5 + n :], abs=1e-11)
     assert ((run.wheel_speed.values == 0) == (abs(expected[:, 3:5]) < 1e-12)).all()
-    assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
-    balance = run.total_kinetic_energy - (run.wheel_work - run.wheel_loss).sum("wheel")
-    assert np.ptp(balance.values) < 1e-12
-    chosen = nt.simulate(nt.standard(J), times=times, tolerance=1e-9, material_angular_velocity=W0, load=PAIR)
-    assert chosen.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-8)
+    if rubs:
+        assert all(0 in k and {-1, 1} & set(k) for k in modes[:, :n].T)
+        assert run.dissipated_energy.values.cumsum() == pytest.approx(expected[1:, 5 : 5 + n].sum(axis=1), abs=1e-11)
+    else:
+        assert [set(k) for k in modes.T] == [{-1, 0, 1}] * 2
+        assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
+        balance = run.total_kinetic_energy - (run.wheel_work - run.wheel_loss).sum("wheel")
+        assert np.ptp(balance.values) < 1e-12
+        chosen = nt.simulate(nt.standard(J), times=times, tolerance=1e-9, **how)
+        assert chosen.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-8)
 
 
-def test_beside_dry_friction_of_the_body_as_scipy_finds():
-    times, a = np.linspace(0, 9, 61), np.array([0.6, 0, 0.8])
-    expected, modes = by_scipy(times, [a], [0.6])
-    assert {(0, 1, 1), (0, 0, 0), (0, 1, -1)} <= set(modes)
-    load = PAIR + nt.dry_friction(0.6, a)
-    run = nt.simulate(nt.standard(J), times=times, step=0.025, material_angular_velocity=W0, load=load)
-    assert run.material_angular_velocity.values == pytest.approx(expected[:, :3], abs=1e-11)
-    assert run.wheel_speed.values == pytest.approx(expected[:, 3:5], abs=1e-11)
-    assert run.wheel_loss.values == pytest.approx(expected[:, 5:], abs=1e-11)
-
-
-def test_a_wheel_runs_down_in_a_body_that_friction_holds():
-    """About one axis: J_c W' = -c + c_w until the body rests, then I Ω' = -c_w alone until the wheel stands."""
-    c, own, inertia = 0.3, 0.1, 0.2
-    rate = (own - c) / (5 - inertia)
-    load = nt.dry_friction(c, "z") + nt.wheel("z", inertia, 5, coulomb=own)
-    run = nt.simulate(nt.standard(J), t_end=12, step=0.05, load=load, angular_velocity=(0, 0, 0.2))
-    t, end = run.time.values, -0.2 / rate
-    W, speed = run.material_angular_velocity.values, run.wheel_speed.values[:, 0]
-    assert W[:, 2] == pytest.approx(np.where(t < end, 0.2 + rate * t, 0), abs=1e-15)
-    assert (W[t > end] == 0).all()
-    assert speed == pytest.approx(np.maximum(5 - own / inertia * t - np.where(t < end, rate * t, -0.2), 0), abs=1e-14)
-    assert run.dissipated_energy.values.sum() == pytest.approx(c * 0.2 * end / 2, rel=1e-14)
-    energy = run.total_kinetic_energy + run.wheel_loss.sum("wheel")
-    assert np.diff(energy.values) == pytest.approx(-run.dissipated_energy.values, abs=1e-14)
-
-
-@pytest.mark.parametrize("beside", ["wheel", "driven wheel", "memory"])
-@pytest.mark.parametrize("axis", [None, "z"])
+@pytest.mark.parametrize(
+    ("axis", "beside"), [(None, "wheel"), ("z", "wheel"), (None, "driven wheel"), ("z", "memory"), (None, "memory")]
+)
 def test_a_body_rests_until_what_it_carries_moves_it(beside, axis):
     """A ramp of 3 N m a second from 6 s on exceeds the limit 0.3 at 6.1 s."""
     ramp = ([0, 6, 6.5, 12], [0, 0, 1.5, 1.5])
@@ -186,9 +164,9 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis):
         "driven wheel": nt.wheel("z", 0.2, torque=ramp),
         "memory": nt.memory_load(ramping, pushing, [0.0], scale=[1.0], frame="body", compiled=True),
     }
-    load = nt.dry_friction(0.3, axis) + loads[beside]
     how = {"t_end": 7, "step": 0.05, "angular_velocity": (0, 0, 0.2)}
-    run = nt.simulate(nt.standard(J), load=load, **how)
+    how["load"] = nt.dry_friction(0.3, axis) + loads[beside]
+    run = nt.simulate(nt.standard(J), **how)
     t, spin = run.time.values, run.material_angular_velocity.values[:, 2]
     inertia = 5 if beside == "memory" else 4.8
     moved = np.where(t < 6.5, 1.5 * (t - 6.1) ** 2, 0.24 + 1.2 * (t - 6.5)) / inertia
@@ -197,7 +175,7 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis):
     expected = np.where(t < stop, 0.2 - 0.3 / inertia * t, np.where(t > 6.1, -moved, 0))
     assert spin == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
     with pytest.raises(ValueError, match="lie-midpoint does not take"):
-        nt.simulate(nt.standard(J), load=load, integrator="lie-midpoint", **how)
+        nt.simulate(nt.standard(J), integrator="lie-midpoint", **how)
 
 
 @pytest.mark.parametrize(("body", "limit"), [("standard", 2), ("suslov", 0.3)])
@@ -244,14 +222,15 @@ def test_statistics_are_those_of_the_run():
 @pytest.mark.parametrize("body", BODIES)
 def test_energy_never_rises_and_momentum_stays(body):
     load = nt.wheel((1, 0, 0), 0.2, 5, coulomb=0.1) + nt.wheel((1, 1, 1), 0.3, -4, viscous=0.01, coulomb=0.3)
-    start = {"material_angular_velocity": (0.3, 0.1, 0), "project": True}
-    run = nt.simulate(BODIES[body], t_end=12, step=0.05, load=load, **start)
+    how = {"material_angular_velocity": (0.3, 0.1, 0), "project": True, "step": 0.05}
+    run = nt.simulate(BODIES[body], t_end=12, load=load, **how)
     energy = (run.total_kinetic_energy + run.potential_energy).values
     assert np.diff(energy).max() < 1e-13
     assert energy[0] - energy[-1] == pytest.approx(run.wheel_loss.values[-1].sum(), rel=1e-11)
     assert (run.wheel_speed.values == 0).any()
     assert (np.diff(run.wheel_loss.values, axis=0) >= -1e-15).all()
-    assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-12) or body == "top"
+    if body != "top":
+        assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-12)
     if body == "standard":
         assert np.ptp(run.total_momentum.values, axis=0).max() < 1e-13
 
@@ -309,54 +288,18 @@ def remembered(t, z, directors, w):
 
 
 def test_beside_another_load_with_memory_what_holds_a_wheel_is_found():
-    """The same motion with the friction of a standing wheel left out, as a part of the body."""
-    beside = nt.memory_load(fading, remembered, [0.3], scale=[1.0], compiled=True)
-    how = {"t_end": 4, "step": 0.05, "material_angular_velocity": W0}
-    held = nt.simulate(nt.standard(J), load=nt.wheel("z", 0.2, coulomb=10) + beside, **how)
-    locked = nt.simulate(nt.standard(J), load=beside, **how)
-    assert held.quaternion.values == pytest.approx(locked.quaternion.values, abs=1e-14)
-    assert held.internal_state.values[:, 3] == pytest.approx(locked.internal_state.values[:, 0], abs=1e-14)
-
-
-def test_what_holds_a_wheel_beside_memory_is_the_rate_of_its_momentum():
-    """λ = -I n·W' of the locked body: a limit above the largest holds the wheel, one below lets it slip."""
+    """λ = -I n·W' of the locked body: a limit above the largest holds the wheel as a part of it, one below does not."""
     beside = nt.memory_load(fading, remembered, [0.3], scale=[1.0], compiled=True)
     how = {"t_end": 4, "step": 0.01, "material_angular_velocity": W0}
-    W = nt.simulate(nt.standard(J), load=beside, **how).material_angular_velocity.values[:, 0]
-    largest = 0.2 * abs(np.gradient(W, 0.01)).max()
+    locked = nt.simulate(nt.standard(J), load=beside, **how)
+    largest = 0.2 * abs(np.gradient(locked.material_angular_velocity.values[:, 0], 0.01)).max()
     for factor, slips in ((1.001, False), (0.999, True)):
         run = nt.simulate(nt.standard(J), load=nt.wheel("x", 0.2, coulomb=factor * largest) + beside, **how)
         assert run.wheel_speed.values.any() == slips
-
-
-def test_a_wheel_is_stopped_by_an_impulse_that_keeps_the_momentum():
-    load = nt.wheel("z", 0.2, coulomb=10) + nt.wheel((1, 1, 0), 0.3, 5, coulomb=0.1)
-    plan = planned(nt.standard(J), load, "gauss", 8, None, 1, None, 0.1, 1)
-    problem = plan.problem(start_of_one(nt.standard(J), None, None, None, W0, None, False), plan.grid)
-    problem.internal[0, 0] += 0.5  # 2.5 rad/s
-    march = Rubbed(plan.scheme, problem)
-    rest = [J @ W0 + 0.2 * 2.5 * np.eye(3)[2] + 0.3 * 5 * np.array([1, 1, 0]) / np.sqrt(2)]
-    march.settle([0], {})
-    W, z = march.state.velocity, march.state.internal
-    speeds = z[[0, 3]] / [0.2, 0.3] - [W[2], (W[0] + W[1]) / np.sqrt(2)]
-    total = J @ W + 0.2 * speeds[0] * np.eye(3)[2] + 0.3 * speeds[1] * np.array([1, 1, 0]) / np.sqrt(2)
-    assert speeds[0] == pytest.approx(0, abs=1e-15)
-    assert total == pytest.approx(rest[0], abs=1e-15)
-
-
-def test_a_run_file_says_the_same():
-    data = {
-        "body": {"kind": "standard", "inertia": [3, 4, 5]},
-        "start": {"angular_velocity": {"space": [0, 0, 0.3]}},
-        "time": {"t_end": 8, "step": 0.05},
-        "load": [{"kind": "wheel", "axis": "z", "inertia": 0.2, "speed": 3, "viscous": 0.1, "coulomb": 0.05}],
-    }
-    run = nt.simulate(checked("wheel.toml", data, Folder(Path())).problem)
-    assert run.wheel_speed.values[-1, 0] == 0
-    assert run.wheel_loss.values[-1, 0] == pytest.approx(0.864, rel=1e-12)
-    data["load"][0]["coulomb"] = -1
-    with pytest.raises(RunFileError, match=r"load\.0\.coulomb"):
-        checked("wheel.toml", data, Folder(Path()))
+        if not slips:
+            assert run.quaternion.values == pytest.approx(locked.quaternion.values, abs=1e-14)
+            memory = run.internal_state.values[:, 3], locked.internal_state.values[:, 0]
+            assert memory[0] == pytest.approx(memory[1], abs=1e-14)
 
 
 test_what_is_refused = refused_as(

@@ -13,7 +13,7 @@ from conftest import BODIES, PAPER_J, random_inertia
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
 from nontwist.integrators import stack_march
-from refusals import refused_as, warned
+from refusals import refused_as, says, warned
 
 RNG = np.random.default_rng(8)
 M = 17
@@ -56,18 +56,19 @@ def one(bodies, arguments, i, **how):
     return nt.integrate(bodies[i], **own, load=None if load is None else arguments["load_scale"][i] * load, **how)
 
 
-@pytest.mark.parametrize("name", RANDOM)
-def test_invariants(name):
+FEW = [("standard", "none"), ("suslov", "none"), ("top", "none"), ("top", "sum"), ("nontwisting", "space")]
+
+
+@pytest.mark.parametrize(("name", "load"), FEW)
+def test_invariants(name, load):
     """K + V less the work of the load in any case; free bodies keep a momentum."""
-    for load in LOADS:
-        bodies, arguments = problem(name, load)
-        kept = {"t_end": 1, "step": 0.01, "reduce": ["drift", "extrema"]}
-        many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **arguments, **kept, order=4)
-        assert (many.energy_drift / many.kinetic_energy_max).max() <= 1e-12
-        if load == "none" and name != "suslov":
-            assert (many.momentum_drift / abs(many.spatial_momentum_max).max("axis")).max() <= 1e-12
-        else:
-            assert "momentum_drift" not in many
+    bodies, arguments = problem(name, load)
+    kept = {"t_end": 1, "step": 0.01, "reduce": ["drift", "extrema"]}
+    many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **arguments, **kept, order=4)
+    assert (many.energy_drift / many.kinetic_energy_max).max() <= 1e-12
+    assert ("momentum_drift" in many) == (load == "none" and name != "suslov")
+    if "momentum_drift" in many:
+        assert (many.momentum_drift / abs(many.spatial_momentum_max).max("axis")).max() <= 1e-12
 
 
 def same_bits(one, other):
@@ -77,17 +78,9 @@ def same_bits(one, other):
 MIXED = [RANDOM[name](np.random.default_rng(k)) for k, name in enumerate(["standard", "top"] * 8 + ["standard"])]
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_threads_change_no_bit(threads):
-    _, arguments = problem("standard", "sum", 50)
-    how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
-    many = [nt.simulate_ensemble(MIXED[1], **arguments, **how, threads=n) for n in (1, threads)]
-    same_bits(*many)
-
-
-@pytest.mark.parametrize("m", [1, 15, 16, 17])
+@pytest.mark.parametrize("m", [1, 15, 17])
 def test_other_members_change_no_bit(m, monkeypatch):
-    """Members alone, in blocks of odd sizes, among bodies of other kinds, and with the time cut into pieces."""
+    """Members alone, in blocks of odd sizes, among other bodies, in threads, and with the time cut into pieces."""
     _, arguments = problem("standard", "body", 17)
     how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
     whole = nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how)
@@ -100,104 +93,95 @@ def test_other_members_change_no_bit(m, monkeypatch):
     names = ["quaternion", "spatial_momentum", "kinetic_energy", "energy_drift", "spatial_momentum_max", "total_twist"]
     same_bits(part(first, m)[names], whole[names].isel(member=slice(first, None)).assign_coords(member=np.arange(m)))
     monkeypatch.setattr(stack_march, "NODES", 60)
-    same_bits(nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how), whole)
+    threads = {1: 1, 15: 2, 17: 3}[m]
+    same_bits(nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how, threads=threads), whole)
 
 
 def test_a_member_that_fails_does_not_stop_the_others():
     """One turns too far at once, one in the middle of the run; message and time are those of `simulate`."""
-    W = np.tile([1.0, -2, 0.5], (20, 1))
-    W[4] *= 1e3
-    scale = np.ones(20)
-    scale[11] = 2e3
+    W, scale = np.tile([1.0, -2, 0.5], (20, 1)), np.ones(20)
+    W[4], scale[11] = 1e3 * W[4], 2e3
     how = {"t_end": 1, "step": 0.01, "integrator": "lie-midpoint", "load": nt.sine([1, 2, 0], 0.7)}
     kept = {"store": 10, "reduce": ["drift", "averages"]}
     text = "2 of 20 members have failed, the first is 4: step 0 at t = 0 s: the body turns 13 rad in one step"
     with pytest.warns(UserWarning, match=re.escape(text)):
         many = nt.simulate_ensemble(nt.standard(PAPER_J), material_angular_velocity=W, load_scale=scale, **how, **kept)
-    assert np.flatnonzero(many.status).tolist() == [4, 11]
+    assert np.flatnonzero(many.status).tolist() == np.flatnonzero(many.message != "").tolist() == [4, 11]
     assert many.attrs["message"].startswith(text)
-    assert [m != "" for m in many.message.values] == [bool(s) for s in many.status]
     with pytest.raises(SimulationError) as error:
         nt.integrate(nt.standard(PAPER_J), material_angular_velocity=W[11], **{**how, "load": 2e3 * how["load"]})
     assert many.message.values[11] == str(error.value)
     reached = int(error.value.time / 0.1 + 1e-9) + 1
+    assert 2 <= reached < 10
     assert np.isfinite(many.quaternion[11, :reached]).all()
     assert np.isnan(many.quaternion[11, reached:]).all()
-    assert 2 <= reached < 10
-    good = np.delete(np.arange(20), [4, 11])
-    assert np.isfinite(many.material_angular_velocity[good]).all()
-    assert np.isfinite(many.kinetic_energy_mean[good]).all()
-    assert np.isnan(many.energy_drift[[4, 11]]).all()
+    for name in ("material_angular_velocity", "kinetic_energy_mean", "energy_drift"):
+        assert np.isnan(many[name].values.reshape(20, -1)).any(axis=1).nonzero()[0].tolist() == [4, 11]
     alone = nt.simulate_ensemble(nt.standard(PAPER_J), material_angular_velocity=W[5], **how, **kept)
     same_bits(alone, many.drop_vars(["message", "load_scale"]).isel(member=[5]).assign_coords(member=[0]))
 
 
 def test_a_load_that_ends_ends_all(monkeypatch):
     load = nt.space_moment(lambda t: (1, 0, 0) if t < 0.5 else (np.nan, 0, 0))
-    how = {"t_end": 1, "step": 0.01, "order": 2, "material_angular_velocity": [[1, 2, 3], [1, 0, 0]]}
+    how = {"t_end": 1, "step": 0.01, "order": 2, "material_angular_velocity": [[1, 2, 3], [1, 0, 0]], "load": load}
     with pytest.raises(ValueError, match=r"is not finite at t = 0\.505 s"):
-        nt.simulate_ensemble(nt.standard(PAPER_J), **how, load=load)
+        nt.simulate_ensemble(nt.standard(PAPER_J), **how)
     monkeypatch.setattr(stack_march, "NODES", 30)
     with pytest.warns(UserWarning, match=r"2 of 2 members have failed, .* is not finite at t = 0\.505 s"):
-        many = nt.simulate_ensemble(nt.standard(PAPER_J), **how, load=load, store=10, reduce="drift")
+        many = nt.simulate_ensemble(nt.standard(PAPER_J), **how, store=10, reduce="drift")
     assert np.isfinite(many.quaternion[:, :4]).all()
     assert np.isnan(many.quaternion[:, 4:]).all()
     assert np.isnan(many.energy_drift).all()
 
 
-REFUSED = {
-    "lengths": {"material_angular_velocity": np.ones((5, 3)), "load_scale": np.ones(4)},
-    "stack": {"system": nt.DirectorSystem.stack([nt.standard(PAPER_J)] * 3), "rotation": Rotation.random(2, rng=RNG)},
-    "empty": {"material_angular_velocity": np.ones((0, 3))},
-    "velocity": {"angular_velocity": np.ones((5, 2))},
-    "not finite": {"angular_velocity": [[1, 0, 0], [1, np.nan, 0]]},
-    "scale": {"load_scale": np.ones((2, 2))},
-    "spin": {"system": nt.nontwisting(PAPER_J), "material_angular_velocity": [[1, 2, 0], [1, 2, 0.5]]},
-    "variable": {"variables": ["speed"]},
-    "interval": {"variables": "load_work"},
-    "reduction": {"reduce": "mean"},
-    "exact": {"integrator": "exact", "reduce": "drift"},
-    "threads": {"threads": 0},
-    "state": {"step": None, "load": nt.moment(lambda t, d, w: -w), "integrator": "lie-midpoint"},
-    "start": {"start": np.eye(3)},
-    "closed form": {
-        "system": nt.suslov([3, 4, 5], [1, 1, 1]),
-        "integrator": "exact",
-        "step": None,
-        "load_scale": [1, 1],
-    },
-    "no body": {"system": nt.DirectorSystem.stack},
-}
+def given(system=None, **case):
+    return lambda: nt.simulate_ensemble(system or nt.standard(PAPER_J), **{"t_end": 0.1, "step": 0.01, **case})
 
 
-def given(case):
-    return lambda: nt.simulate_ensemble(**{"system": nt.standard(PAPER_J), "t_end": 0.1, "step": 0.01, **case})
-
-
+THREE, SKEW = nt.DirectorSystem.stack([nt.standard(PAPER_J)] * 3), nt.suslov([3, 4, 5], [1, 1, 1])
 test_refused_with_the_value = pytest.mark.filterwarnings("ignore:the load")(
-    refused_as({name: given(case) for name, case in REFUSED.items()})
+    refused_as(
+        {
+            "lengths": given(material_angular_velocity=np.ones((5, 3)), load_scale=np.ones(4)),
+            "stack": given(THREE, rotation=Rotation.random(2, rng=RNG)),
+            "empty": given(material_angular_velocity=np.ones((0, 3))),
+            "velocity": given(angular_velocity=np.ones((5, 2))),
+            "not finite": given(angular_velocity=[[1, 0, 0], [1, np.nan, 0]]),
+            "scale": given(load_scale=np.ones((2, 2))),
+            "spin": given(nt.nontwisting(PAPER_J), material_angular_velocity=[[1, 2, 0], [1, 2, 0.5]]),
+            "variable": given(variables=["speed"]),
+            "interval": given(variables="load_work"),
+            "reduction": given(reduce="mean"),
+            "exact": given(integrator="exact", reduce="drift"),
+            "threads": given(threads=0),
+            "state": given(step=None, load=nt.moment(lambda t, d, w: -w), integrator="lie-midpoint"),
+            "start": given(start=np.eye(3)),
+            "closed form": given(SKEW, integrator="exact", step=None, load_scale=[1, 1]),
+            "no body": given(nt.DirectorSystem.stack),
+        }
+    )
 )
 
 
 def test_stacks_say_which_body_is_wrong():
-    with pytest.raises(ValueError, match="body 1 has one, body 0 has none: run them as two ensembles"):
-        nt.DirectorSystem.stack([nt.standard(PAPER_J), nt.nontwisting(PAPER_J)])
-    with pytest.raises(ValueError, match="a stack needs at least one body"):
-        nt.DirectorSystem.stack([])
-    E = np.tile(np.diag([1.0, 2, 3]), (4, 1, 1))
+    E, bodies = np.tile(np.diag([1.0, 2, 3]), (4, 1, 1)), [RANDOM["suslov"](RNG) for _ in range(3)]
     E[2, 0, 0] = -0.5
-    with pytest.raises(ValueError, match="member 2: inertia violates the triangle inequality"):
-        nt.SystemStack(E)
-    bodies = [RANDOM["suslov"](RNG) for _ in range(3)]
+    for call in (
+        lambda: nt.DirectorSystem.stack([nt.standard(PAPER_J), nt.nontwisting(PAPER_J)]),
+        lambda: nt.DirectorSystem.stack([]),
+        lambda: nt.SystemStack(E),
+    ):
+        with says():
+            call()
     stack = nt.DirectorSystem.stack(bodies)
-    assert len(stack) == 3
-    assert [stack[i].to_json() for i in range(3)] == [body.to_json() for body in bodies]
+    assert [stack[i].to_json() for i in range(len(stack))] == [body.to_json() for body in bodies]
     again = nt.SystemStack(stack.euler_inertia, stack.axis * [[1], [2], [3]], stack.dead_force, "suslov")
     assert again.axis == pytest.approx(stack.axis, abs=1e-15)
 
 
-@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize("name", ["nontwisting", "suslov", "top"])
+@pytest.mark.parametrize(
+    ("name", "integrator"), [("nontwisting", "energy-momentum"), ("suslov", "lie-midpoint"), ("top", "energy-momentum")]
+)
 def test_statistics_are_those_of_the_full_run(name, integrator):
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
     how = {"t_end": 2, "step": 0.01, "order": 2, "integrator": integrator}
@@ -205,15 +189,12 @@ def test_statistics_are_those_of_the_full_run(name, integrator):
     names = ["kinetic_energy", "spatial_momentum", "material_momentum", "twist_rate"]
     names += ["potential_energy"] if name == "top" else ["reaction_moment"]
     for i in (0, 4):
-        run = one(bodies, arguments, i, **how).to_dataset()
-        mine = many.isel(member=i)
+        run, mine = one(bodies, arguments, i, **how).to_dataset(), many.isel(member=i)
         for key in names:
-            dim = run[key].dims[0]
-            close = {"rel": 1e-12, "abs": 1e-11 * max(1, float(abs(run[key]).max()))}
-            assert mine[f"{key}_min"].values == pytest.approx(run[key].min(dim).values, **close)
-            assert mine[f"{key}_max"].values == pytest.approx(run[key].max(dim).values, **close)
+            dim, close = run[key].dims[0], {"rel": 1e-12, "abs": 1e-11 * max(1, float(abs(run[key]).max()))}
             mean = run[key].mean(dim) if dim == "midtime" else run[key].integrate("time") / 2
-            assert mine[f"{key}_mean"].values == pytest.approx(mean.values, **close)
+            for kind, expected in (("min", run[key].min(dim)), ("max", run[key].max(dim)), ("mean", mean)):
+                assert mine[f"{key}_{kind}"].values == pytest.approx(expected.values, **close)
         assert float(mine.total_twist) == pytest.approx(float(run.twist_rate.integrate("time")), abs=1e-11)
         assert float(mine.energy_drift) <= 1e-12 * float(run.kinetic_energy.max())
     assert ("reaction_moment_min" in many) == (name != "top")
@@ -231,7 +212,7 @@ def test_the_drift_is_seen():
     assert 1e-4 < float(top.energy_drift) < 1e-1  # split keeps no energy under gravity
 
 
-@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize("order", [2, 6])
 def test_integrals_have_the_order_of_the_integrator(order):
     how = {"t_end": 2, "material_angular_velocity": [1, -2, 3], "order": order, "reduce": ["averages", "total_twist"]}
     runs = [nt.simulate_ensemble(BODIES["heavy_top"](), step=2 / N, **how) for N in (25, 50)]
@@ -241,91 +222,69 @@ def test_integrals_have_the_order_of_the_integrator(order):
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35), name
 
 
-@pytest.mark.parametrize("integrator", ["gauss", "split"])
-def test_statistics_one_by_one_are_those_of_lanes(integrator):
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+@pytest.mark.parametrize(("integrator", "order", "near"), [("gauss", 4, 1e-9), ("split", 6, 1e-4)])
+def test_statistics_one_by_one_are_those_of_lanes(integrator, order, near):
     """A load of the state sends the members through `integrate`; the numbers stay."""
-    still = nt.moment(lambda t, d, w: 0 * w)
-    load = nt.body_moment(lambda t: (np.sin(3 * t), 1, 0.3))
+    load, more = nt.body_moment(lambda t: (np.sin(3 * t), 1, 0.3)), nt.moment(lambda t, d, w: 0 * w)
     bodies, arguments = problem("nontwisting", m=2)
-    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": STATISTICS, "variables": "all", "store": 25}
-    own = {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
-    many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **own, load=load, **how)
-    if integrator == "split":
-        how |= {"integrator": "split", "order": 6}
-        tolerance = 1e-4
-    else:
-        tolerance = 1e-9
-        load = load + still
-    with pytest.warns(UserWarning, match="runs in Python") if integrator == "gauss" else nullcontext():
-        other = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **own, load=load, **how)
+    how = {"t_end": 1, "step": 0.02, "reduce": STATISTICS, "variables": "all", "store": 25}
+    how |= {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
+    many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load, order=4, **how)
+    load = load + more if integrator == "gauss" else load
+    other = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load, integrator=integrator, order=order, **how)
     assert set(many.data_vars) == set(other.data_vars)
     for key in set(many.data_vars) - {"status", "quaternion"}:
-        assert other[key].values == pytest.approx(many[key].values, abs=tolerance * float(1 + abs(many[key]).max())), (
-            key
-        )
+        close = near * float(1 + abs(many[key]).max())
+        assert other[key].values == pytest.approx(many[key].values, abs=close), key
     assert abs(np.sum(many.quaternion * other.quaternion, axis=2)).values == pytest.approx(1, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["standard", "nontwisting"])
 def test_closed_forms(name):
-    bodies, arguments = problem(name, m=40)
-    times = np.array([0.0, 0.3, 7.1])
-    own = {key: arguments[key] for key in ("rotation", "project")}
-    W = arguments["material_angular_velocity"] * ([1, 1, 0] if name == "nontwisting" else 1)
-    stack = nt.DirectorSystem.stack(bodies)
-    many = nt.simulate_ensemble(stack, **own, material_angular_velocity=W, integrator="exact", times=times, threads=2)
+    bodies, arguments = problem(name, m=20)
+    times, stack = np.array([0.0, 0.3, 7.1]), nt.DirectorSystem.stack(bodies)
+    rotation, W = arguments["rotation"], arguments["material_angular_velocity"] * [1, 1, name != "nontwisting"]
+    own = {"rotation": rotation, "material_angular_velocity": W, "project": True}
+    many = nt.simulate_ensemble(stack, **own, integrator="exact", times=times, threads=2, variables="all")
     solution = nt.exact.free_standard if name == "standard" else nt.exact.free_nontwisting
     for i, J in enumerate(stack.convected_inertia):  # an ulp of J near a separatrix turns the body by many
-        Lam, velocity = solution(J, W[i], times, own["rotation"][i])
-        R = Rotation.from_quat(many.quaternion.values[i]).as_matrix()
+        Lam, velocity = solution(J, W[i], times, rotation[i])
         ulps = 5e-15 * (1 + np.linalg.norm(W[i]) * times[-1])
-        assert abs(R - Lam).max() <= ulps
+        assert many.directors.values[i] == pytest.approx(Lam.swapaxes(1, 2), abs=ulps)
         assert many.material_angular_velocity.values[i] == pytest.approx(velocity, abs=ulps * abs(W[i]).max())
-    steps = nt.simulate_ensemble(stack, **own, material_angular_velocity=W, t_end=0.3, step=0.003, order=8)
-    assert steps.quaternion[:, -1].values == pytest.approx(many.quaternion[:, 1].values, abs=1e-11)
 
 
 def test_closed_form_of_a_loaded_body():
     """One by one: the turn about a fixed axis, of each member by its own impulse."""
-    load = nt.body_moment([0, 1, 2], [[0, 0, 0], [1, 2, 0], [0, 0, 0]])
-    scale, t_end = np.array([-1, 0.5, 2]), 3.0
-    many = nt.simulate_ensemble(
-        nt.nontwisting([1, 1, 1.5]), t_end=t_end, load=load, load_scale=scale, integrator="exact"
-    )
-    impulse = scale[:, None] * np.array([1, 2, 0])
+    load, scale = nt.body_moment([0, 1, 2], [[0, 0, 0], [1, 2, 0], [0, 0, 0]]), np.array([-1, 0.5, 2])
+    how = {"t_end": 3.0, "load": load, "load_scale": scale, "integrator": "exact"}
+    many, impulse = nt.simulate_ensemble(nt.nontwisting([1, 1, 1.5]), **how), scale[:, None] * np.array([1, 2, 0])
     assert many.material_angular_velocity[:, -1].values == pytest.approx(impulse, abs=1e-13)
     R = Rotation.from_quat(many.quaternion[:, -1].values)
     assert (R * Rotation.from_rotvec(2 * impulse).inv()).magnitude() == pytest.approx(0, abs=1e-13)
 
 
-def test_continuing_an_ensemble_and_a_run():
+@pytest.mark.parametrize("integrator", ["gauss", "energy-momentum"])
+def test_continuing_an_ensemble_and_a_run(integrator):
+    """The director scheme carries its director velocities on."""
     bodies, arguments = problem("suslov", "space", 5)
     stack, load = nt.DirectorSystem.stack(bodies), {key: arguments[key] for key in ("load", "load_scale")}
-    how = {"step": 0.01, "order": 4}
+    how = {"step": 0.01, "integrator": integrator, "variables": "all"}
     half = nt.simulate_ensemble(stack, t_end=1, **arguments, **how)
     rest = nt.simulate_ensemble(stack, start=half, t_end=2, **load, **how)
     whole = nt.simulate_ensemble(stack, t_end=2, **arguments, **how)
     assert list(rest.time.values) == [1, 2]
-    assert abs(np.sum(rest.quaternion.values[:, -1] * whole.quaternion.values[:, -1], axis=1)) == pytest.approx(
-        1, abs=1e-14
-    )
-    run = nt.simulate(bodies[0], start=None, t_end=1, angular_velocity=[1, 2, 0], project=True, step=0.01)
-    both = nt.simulate_ensemble(bodies[0], start=run, t_end=2, load=nt.sine([1, 0, 0], 1), load_scale=[0, 1], **how)
+    overlap = np.sum(rest.quaternion.values[:, -1] * whole.quaternion.values[:, -1], axis=1)
+    assert abs(overlap) == pytest.approx(1, abs=1e-14)
+    assert rest.director_velocities[:, -1].values == pytest.approx(whole.director_velocities[:, -1].values, abs=1e-12)
+    name = "quaternion" if integrator == "gauss" else "director_velocities"
+    with pytest.raises(ValueError, match=rf"start= lacks {name}[;,] (store it with variables=|which energy-momentum)"):
+        nt.simulate_ensemble(stack, start=half.drop_vars(name), t_end=2, integrator=integrator)
+    run = nt.simulate(bodies[0], t_end=1, angular_velocity=[1, 2, 0], project=True, step=0.01)
+    both = nt.simulate_ensemble(bodies[0], start=run, t_end=2, load=nt.sine([1, 0, 0], 1), load_scale=[0, 1], step=0.01)
     assert both.time.values[0] == 1
     assert abs(both.quaternion.values[0, 0] @ run.quaternion.values[-1]) == pytest.approx(1)
-    with pytest.raises(ValueError, match="start= lacks quaternion; store it with variables= in the earlier run"):
-        nt.simulate_ensemble(stack, start=half.drop_vars("quaternion"), t_end=2)
-
-
-def test_energy_momentum_continues_with_its_director_velocities():
-    how = {"step": 0.01, "load": nt.sine([1, 2, 0.5], 3), "integrator": "energy-momentum"}
-    body, scale = BODIES["suslov"](), [1.0, -0.3]
-    half = nt.simulate_ensemble(body, t_end=1, **how, load_scale=scale, variables="all")
-    rest = nt.simulate_ensemble(body, start=half, t_end=2, **how, load_scale=scale, variables="all")
-    whole = nt.simulate_ensemble(body, t_end=2, **how, load_scale=scale, variables="all")
-    assert rest.director_velocities[:, -1].values == pytest.approx(whole.director_velocities[:, -1].values, abs=1e-12)
-    with pytest.raises(ValueError, match="start= lacks director_velocities, which energy-momentum carries on"):
-        nt.simulate_ensemble(body, start=half.drop_vars("director_velocities"), t_end=2, **how)
 
 
 def test_the_automatic_step_bounds_the_turn_of_every_member():
@@ -346,23 +305,20 @@ def test_an_ensemble_as_a_file(tmp_path):
 
 
 def test_progress_reaches_the_end(capsys, monkeypatch):
-    how = {"t_end": 0.1, "step": 0.01, "angular_velocity": np.ones((40, 3)), "progress": True}
+    how, seen = {"t_end": 0.1, "step": 0.01, "angular_velocity": np.ones((40, 3)), "progress": True}, []
     nt.simulate_ensemble(nt.standard(PAPER_J), **how)
     assert "members" in capsys.readouterr().err
-    seen = []
     monkeypatch.setattr("nontwist.driver.ensembles.progress_bar", lambda *_: nullcontext(seen.append))
     nt.simulate_ensemble(nt.standard(PAPER_J), **how)
-    assert seen == sorted(seen)
-    assert seen[-1] == 1
+    assert (seen, seen[-1]) == (sorted(seen), 1)
 
 
 def test_a_run_of_another_inertia_is_continued_with_a_warning():
     """The momentum jumps; that of the same inertia, held or released, goes on without a word."""
-    J = np.array([2.0, 4, 5])
-    first = nt.simulate(nt.standard(J), t_end=1, step=0.1, material_angular_velocity=(1, 0, 0))
-    many = nt.simulate_ensemble(nt.standard(J), t_end=1, step=0.1, material_angular_velocity=[(1, 0, 0), (2, 0, 0)])
-    trajectory = nt.integrate(nt.standard(J), t_end=1, step=0.1, material_angular_velocity=(1, 0, 0))
-    for run, function in ((first, nt.simulate), (trajectory, nt.simulate), (many, nt.simulate_ensemble)):
+    J, how = np.array([2.0, 4, 5]), {"step": 0.1, "material_angular_velocity": (1, 0, 0)}
+    many = nt.simulate_ensemble
+    for first, function in ((nt.simulate, nt.simulate), (nt.integrate, nt.simulate), (many, many)):
+        run = first(nt.standard(J), t_end=1, **how)
         with warned("start-other-inertia") as told:
             function(nt.nontwisting(J + 0.5), t_end=2, step=0.1, start=run)
         assert told[0].fields["most"] == pytest.approx(0.5)

@@ -5,7 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from nontwist import damping, fit_inertia, heavy_top, integrate, sensors, simulate, standard
+from fit_errors import recorded
+from nontwist import damping, fit_inertia, heavy_top, integrate, standard
 from nontwist.fitting import reports, telling
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
@@ -43,7 +44,7 @@ def covered(count):
 
 
 def test_intervals_allow_for_correlated_residuals():
-    ours, white = covered(15)
+    ours, white = covered(12)
     assert ours >= 0.86
     assert white < 0.6
 
@@ -66,8 +67,8 @@ def test_slow_noise_is_called_correlated_and_no_misfit(n, part):
 @pytest.mark.parametrize("drag", [0.01, 0.064])
 def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
     """At the larger drag neighbours of what is new are uncorrelated by chance, but not every second sample."""
-    how = {"material_angular_velocity": (3, 8, 1), "load": damping([drag] * 3)}
-    recording = sensors.gyroscope(simulate(standard(MOMENTS), t_end=2, step=1 / 400, **how), noise=1e-4, rate=400)
+    sensor = {"noise": 1e-4, "rate": 400}
+    recording = recorded(standard(MOMENTS), 2, (3, 8, 1), load=damping([drag] * 3), sensor=sensor)
     with pytest.warns(UserWarning, match="times what noise explains"):
         fit = fit_inertia(recording, interval="all")
     assert fit.misfit > 10

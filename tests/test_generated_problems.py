@@ -13,23 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import nontwist as nt
 from conftest import compiled_load
-from nontwist import (
-    DirectorSystem,
-    Load,
-    body_moment,
-    damping,
-    heavy_top,
-    moment,
-    nontwisting,
-    pulse,
-    simulate,
-    sine,
-    space_moment,
-    standard,
-    suslov,
-    with_gravity,
-)
 from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.inertia import convected_inertia
@@ -73,14 +58,14 @@ def bodies(draw):
     kind = draw(st.sampled_from(["standard", "nontwisting", "suslov", "heavy_top", "heavy nontwisting"]))
     J = draw(inertias(block="nontwisting" in kind))
     if kind in ("standard", "nontwisting"):
-        return kind, J, partial({"standard": standard, "nontwisting": nontwisting}[kind], J)
+        return kind, J, partial({"standard": nt.standard, "nontwisting": nt.nontwisting}[kind], J)
     if kind == "suslov":
-        return kind, J, partial(suslov, J, draw(vectors))
+        return kind, J, partial(nt.suslov, J, draw(vectors))
     mass, length = draw(powers(-3, 3)), draw(st.floats(0, 1))
     reach = length * np.sqrt(max(np.linalg.eigvalsh(J)[0], 0.0) / mass / 4)
     if kind == "heavy_top":
-        return kind, J, partial(heavy_top, J, mass, reach * draw(vectors))
-    return kind, J, lambda: with_gravity(nontwisting(J), mass, [0.0, 0.0, reach])
+        return kind, J, partial(nt.heavy_top, J, mass, reach * draw(vectors))
+    return kind, J, lambda: nt.with_gravity(nt.nontwisting(J), mass, [0.0, 0.0, reach])
 
 
 def drag(t, directors, w):
@@ -110,17 +95,17 @@ def terms(draw, t_end, size):
     if kind == "table":
         times = np.linspace(0, draw(st.floats(0.1, 1.5)) * t_end, draw(st.integers(2, 6)))
         values = np.outer(np.cos(5 * times / t_end), m)
-        return Term(kind, partial(body_moment if frame == "body" else space_moment, times, values))
+        return Term(kind, partial(nt.body_moment if frame == "body" else nt.space_moment, times, values))
     if kind == "pulse":
         start = draw(st.floats(-0.5, 1.2)) * t_end
         shape = draw(st.sampled_from(["triangle", "rectangle", "half-sine"]))
-        return Term(kind, partial(pulse, m, start, start + draw(powers(-3, 0)) * t_end, shape=shape, frame=frame))
+        return Term(kind, partial(nt.pulse, m, start, start + draw(powers(-3, 0)) * t_end, shape=shape, frame=frame))
     if kind == "sine":
-        return Term(kind, partial(sine, m, draw(powers(-2, 2)) / t_end, frame=frame))
+        return Term(kind, partial(nt.sine, m, draw(powers(-2, 2)) / t_end, frame=frame))
     if kind == "damping":
-        return Term(kind, partial(damping, size * t_end * draw(powers(-3, 2))))
+        return Term(kind, partial(nt.damping, size * t_end * draw(powers(-3, 2))))
     function = draw(st.sampled_from([drag, pull] if kind == "compiled" else [drag, pull, bad]))
-    return Term(kind, lambda: size * (compiled_load if kind == "compiled" else moment)(function))
+    return Term(kind, lambda: size * (compiled_load if kind == "compiled" else nt.moment)(function))
 
 
 @st.composite
@@ -170,7 +155,7 @@ def check(run):
     """No NaN, and what the scheme keeps, to round-off of the largest number that enters."""
     for name, variable in run.variables.items():
         assert variable.dtype.kind not in "fc" or np.isfinite(variable.values).all(), name
-    body, scheme = DirectorSystem.from_json(run.attrs["system"]), json.loads(run.attrs["integrator"])["name"]
+    body, scheme = nt.DirectorSystem.from_json(run.attrs["system"]), json.loads(run.attrs["integrator"])["name"]
     exact = 1e-7 if scheme == "continuous" else 1e-10
     assert float(run["orthonormality_defect"].max()) <= (1e-8 if scheme == "continuous" else 1e-12)
     if body.axis is not None:
@@ -253,7 +238,7 @@ def end_of(problem):
         with warnings.catch_warnings(), patch.multiple(continuous, **LIMITS):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", UserWarning)
-            run = simulate(body(), load=sum((term.make() for term in loads), Load()), **arguments)
+            run = nt.simulate(body(), load=sum((term.make() for term in loads), nt.Load()), **arguments)
             check_done(run, arguments)
             check(run)
     except (ValueError, SimulationError) as error:

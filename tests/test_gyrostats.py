@@ -2,15 +2,13 @@
 
 import itertools
 
-import mpmath as mp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import exact_reference as reference
 from conftest import random_inertia, thinned
 from nontwist import damping, exact, integrate, nontwisting, rotations, rotor, simulate, simulate_ensemble, standard
-from nontwist.exact.gyrostats import Theta, gyrostat
+from nontwist.exact.gyrostats import gyrostat
 from nontwist.geometry.attitudes import attitudes
 from refusals import refused_as
 
@@ -27,20 +25,6 @@ def period(J, c, W):
     """The period of the momentum in the body, as the closed form has it."""
     found = gyrostat(J, c, W)
     return 2 * found.lattice.half / found.unit
-
-
-def by_scipy(J, c, W, times):
-    """Λ and W of n gyrostats by DOP853 at 1e-13, W in J W' = (J W + c) × W."""
-    n, D = len(J), np.linalg.inv(J)
-
-    def rates(_, y):
-        R, W = y[: 9 * n].reshape(n, 3, 3), y[9 * n :].reshape(n, 3)
-        change = np.einsum("nij,nj->ni", D, np.cross(np.einsum("nij,nj->ni", J, W) + c, W))
-        return np.concatenate([np.cross(R, W[:, None]).ravel(), change.ravel()])
-
-    y = np.concatenate([np.tile(np.eye(3), (n, 1, 1)).ravel(), np.ravel(W)])
-    found = solve_ivp(rates, (0, times[-1]), y, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
-    return found[:, : 9 * n].reshape(-1, n, 3, 3), found[:, 9 * n :].reshape(-1, n, 3)
 
 
 BRANCHES = {
@@ -68,44 +52,41 @@ BRANCHES = {
 @pytest.mark.parametrize("branch", thinned(2, BRANCHES))
 def test_every_branch_against_50_digits(branch):
     J, c, W = BRANCHES[branch]
-    turns = 12 / period(np.diag(J) if np.ndim(J) == 1 else J, np.array(c), np.array(W)) if any(W) else 0
-    times = [-3.7, 12.0]
-    attitude, velocity = exact.free_gyrostat(J, c, W, times)
-    for R, w, t in zip(attitude, velocity, times, strict=True):
+    turns = 8 / period(np.diag(J) if np.ndim(J) == 1 else J, np.array(c), np.array(W)) if any(W) else 0
+    times = [-3.7, 8.0]
+    for R, w, t in zip(*exact.free_gyrostat(J, c, W, times), times, strict=True):
         wanted, rate = reference.taylor_top(J, W, t, rotor=c)
         assert distance(R, wanted) < 1e-14 + 3e-15 * turns
         assert abs(w - rate).max() < 2e-14 * max(1, np.linalg.norm(W))
 
 
+def test_random_gyrostats_against_50_digits():
+    r = np.random.default_rng(5)
+    for _ in range(12):
+        J, W, c = random_inertia(r), r.normal(size=3), r.normal(size=3) * 10 ** r.uniform(-2, 0.5)
+        (R,), (w,) = exact.free_gyrostat(J, c, W, [1.5])
+        wanted, rate = reference.taylor_top(J, W, 1.5, rotor=c)
+        size = np.linalg.norm(W) + np.linalg.norm(c) / np.linalg.eigvalsh(J)[0]
+        assert abs(R - wanted).max() < 1e-13
+        assert abs(w - rate).max() < 1e-13 * size
+
+
 @pytest.mark.parametrize("d", thinned(3, [1e-6, 1e-3, 1e-9]))
 def test_past_a_saddle_the_error_stays_round_off(d):
-    """Half a period and more from the permanent rotation: an ulp of the start has grown by some 1/d."""
+    """Half a period and more from the permanent rotation: an ulp of the start has grown by some 1/d.
+
+    The period grows by 2 ln(1000)/σ where the distance from it falls by 1000, σ its rate of growth.
+    """
     W = AXIS + d * np.array([1, -0.4, 0.2])
     T = period(FULL, UNSTABLE, W)
     assert {1e-3: 130, 1e-6: 280, 1e-9: 430}[d] < T < {1e-3: 140, 1e-6: 290, 1e-9: 440}[d]
     R, _ = exact.free_gyrostat(FULL, UNSTABLE, W, [0.55 * T])
-    wanted, _ = reference.taylor_top(FULL, W, 0.55 * T, rotor=UNSTABLE, turn=1.0, order=70)
+    wanted, _ = reference.taylor_top(FULL, W, 0.55 * T, rotor=UNSTABLE, turn=1.5, order=80)
     assert distance(R[0], wanted) < 5e-14
-
-
-def test_the_period_near_a_separatrix_grows_with_the_logarithm_of_the_distance():
-    """By 2 ln(1000)/σ where the distance from the permanent rotation falls by 1000, σ its rate of growth."""
     rate = np.linalg.inv(FULL) @ (rotations.hat(FULL @ AXIS + UNSTABLE) - rotations.hat(AXIS) @ FULL)
-    sigma = max(np.linalg.eigvals(rate).real)
-    periods = [period(FULL, UNSTABLE, AXIS + d * np.array([1, -0.4, 0.2])) for d in (1e-6, 1e-9)]
-    assert periods[1] - periods[0] == pytest.approx(2 * np.log(1000) / sigma, rel=2e-5)
-
-
-def test_60_random_gyrostats_against_scipy():
-    r = np.random.default_rng(5)
-    J, W = np.array([random_inertia(r) for _ in range(60)]), r.normal(size=(60, 3))
-    c, times = r.normal(size=(60, 3)) * 10 ** r.uniform(-2, 1, size=(60, 1)), np.linspace(0, 20, 21)
-    wanted = by_scipy(J, c, W, times)
-    for i in range(60):
-        R, w = exact.free_gyrostat(J[i], c[i], W[i], times)
-        turned = 20 * (np.linalg.norm(W[i]) + np.linalg.norm(c[i]) / np.linalg.eigvalsh(J[i])[0])
-        assert abs(R - wanted[0][:, i]).max() < 1e-13 * (10 + turned)
-        assert abs(w - wanted[1][:, i]).max() < 1e-13 * (10 + turned) * (turned / 20)
+    nearer = period(FULL, UNSTABLE, AXIS + 1e-3 * (W - AXIS))
+    if d <= 1e-6:
+        assert nearer - T == pytest.approx(2 * np.log(1000) / max(np.linalg.eigvals(rate).real), rel=2e-5)
 
 
 def test_long_motions_keep_momentum_energy_and_phase():
@@ -114,11 +95,9 @@ def test_long_motions_keep_momentum_energy_and_phase():
     for _ in range(6):
         J, c, W = random_inertia(r), r.normal(size=3), r.normal(size=3)
         times = np.linspace(0, np.floor(1000 / np.linalg.norm(W)), 41)[[0, 1, 20, 40]]
-        load = rotor(c, np.linalg.norm(c))
+        how = {"times": times, "material_angular_velocity": W, "load": rotor(c, np.linalg.norm(c)), "step": 0.05}
+        run = integrate(standard(J), integrator="gauss", order=16, **how)
         R, w = exact.free_gyrostat(J, c, W, times)
-        run = integrate(
-            standard(J), times=times, material_angular_velocity=W, load=load, integrator="gauss", order=16, step=0.05
-        )
         assert abs(R - attitudes(run.states.quaternion)).max() < 2e-11
         P = J @ W + c
         assert abs(R @ (w @ J + c)[:, :, None] - P[:, None]).max() < 3e-14 * np.linalg.norm(P)
@@ -141,70 +120,42 @@ def test_without_rotors_it_is_the_free_body():
 @pytest.mark.parametrize("factor", [7.0, 4.05, 3.6, 2.0, 0.0, -3.0])
 def test_permanent_rotations(factor):
     """P = λ W stays; λ = 0 is a body without total momentum; of the unstable one, λ = 3.6, the first time units."""
-    c = factor * AXIS - FULL @ AXIS
     times = np.linspace(-20, 20, 9)
-    R, w = exact.free_gyrostat(FULL, c, AXIS, times)
+    R, w = exact.free_gyrostat(FULL, factor * AXIS - FULL @ AXIS, AXIS, times)
     assert abs(w - AXIS).max() < 1e-14
     assert abs(R - rotations.exp(np.outer(times, AXIS))).max() < 2e-14
 
 
-def test_a_rotor_on_the_axis_of_symmetry():
-    """d3 goes round the total momentum at |P|/A, the body round d3 at s = ((A - C) W3 - h)/A."""
-    A, C, h, W, times = 3.0, 4.0, 2.5, np.array([0.5, -0.3, 0.8]), np.linspace(-30, 30, 13)
-    R, w = exact.free_gyrostat([A, A, C], [0, 0, h], W, times)
-    P, s = np.array([A, A, C]) * W + [0, 0, h], ((A - C) * W[2] - h) / A
-    spin = rotations.exp(np.outer(s * times, [0, 0, 1]))
+@pytest.mark.parametrize(("A", "C", "c"), [(3.0, 4.0, [0, 0, 2.5]), (3.0, 3.0, [0.3, -0.4, 2])])
+def test_symmetric_bodies_with_a_rotor_on_their_axis(A, C, c):
+    """d3 goes round the total momentum at |P|/A, the body round d3 at s = ((A - C) W3 - h)/A; a sphere has any axis."""
+    W, times = np.array([0.5, -0.3, 0.8]), np.linspace(-30, 30, 13)
+    R, w = exact.free_gyrostat([A, A, C], c, W, times)
+    P, s = np.array([A, A, C]) * W + c, (np.array([0, 0, (A - C) * W[2]]) - c) / A
+    spin = rotations.exp(np.outer(times, s))
     assert abs(R - rotations.exp(np.outer(times, P / A)) @ spin).max() < 5e-14
     assert abs(w - np.swapaxes(spin, 1, 2) @ W).max() < 5e-14
 
 
-def test_a_spherical_body_precesses_about_its_rotor():
-    """P' = -P × c/I."""
-    I, c, W, times = 3.0, np.array([0.3, -0.4, 2]), np.array([0.5, -0.3, 0.8]), np.linspace(-30, 30, 13)
-    R, _ = exact.free_gyrostat(I * np.eye(3), c, W, times)
-    assert abs(R - rotations.exp(np.outer(times, W + c / I)) @ rotations.exp(np.outer(times, -c / I))).max() < 5e-14
-
-
 def test_units_do_not_matter():
     """Motions that differ by a factor of time and mass have the same attitudes."""
-    J, c, W = np.array([3.0, 4, 5]), np.array([0, 1, 0.5]), AXIS
-    R, w = exact.free_gyrostat(J, c, W, [1.0, 20.0])
+    J, c, times = np.array([3.0, 4, 5]), np.array([0, 1, 0.5]), np.array([1.0, 20.0])
+    R, w = exact.free_gyrostat(J, c, AXIS, times)
     for mass, rate in itertools.product((2.0**150, 2.0**-150), (2.0**150, 2.0**-150)):
-        turned, velocity = exact.free_gyrostat(mass * J, mass * rate * c, rate * W, np.array([1.0, 20.0]) / rate)
+        turned, velocity = exact.free_gyrostat(mass * J, mass * rate * c, rate * AXIS, times / rate)
         assert abs(turned - R).max() < 5e-14
         assert abs(velocity / rate - w).max() < 5e-14
 
 
-@pytest.mark.parametrize("tau", [0.5j, 1j, 3j, 60j, 1000j, 0.5 + 0.5j, 0.5 + 2j, complex(0, np.inf), 0.5 + 30j])
-def test_theta_functions_against_mpmath(tau):
-    """Far from the strip of the series as well; the sine for τ = i∞."""
-    theta = Theta(tau)
-    high = min(tau.imag, 2.0) * np.pi
-    for v in (0.3 + 0.1j, -1.2 + 0.6j * high, 5 - 1.7j * high, 1e-9 + 0j, 2 + 2.4j * high):
-        value, size, slope = theta.at(v)
-        with mp.workdps(40):
-            q = mp.exp(1j * mp.pi * mp.mpc(tau)) if tau.imag < 1e3 else mp.mpf(0)
-            wanted, change = mp.sin(v), mp.cos(v)
-            for n in range(1, 12) if q else ():
-                weight = (-1) ** n * q ** (n * (n + 1))
-                wanted += weight * mp.sin((2 * n + 1) * v)
-                change += weight * (2 * n + 1) * mp.cos((2 * n + 1) * v)
-            error = mp.mpc(complex(value)) * mp.exp(float(size)) / wanted - 1
-            assert abs(error) < 3e-14
-            assert abs(mp.mpc(complex(slope)) / (change / wanted) - 1) < 3e-14
-
-
 def test_the_integrator_is_the_function_and_agrees_with_gauss():
     load, W = rotor((1, -1, 2), 2.0) + rotor("z", [0, 9], [0.7, 0.7]), np.array([0.4, -1.1, 0.7])
-    c = load.rotor_momentum([0])[0]
-    how = {"times": [1, 1.5, 4, 30], "t_start": 1, "rotation": rotations.exp([0.3, 2, 1])}
-    how |= {"material_angular_velocity": W, "load": load}
-    run = simulate(standard(FULL), integrator="exact", **how)
-    R, w = exact.free_gyrostat(FULL, c, W, [0, 0.5, 3, 29], how["rotation"])
+    how = {"times": [1, 1.5, 4, 30], "t_start": 1, "rotation": rotations.exp([0.3, 2, 1]), "load": load}
+    run = simulate(standard(FULL), integrator="exact", material_angular_velocity=W, **how)
+    R, w = exact.free_gyrostat(FULL, load.rotor_momentum([0])[0], W, [0, 0.5, 3, 29], how["rotation"])
     assert abs(run.directors.values.swapaxes(1, 2) - R).max() < 2e-15
     assert np.array_equal(run.material_angular_velocity.values, w)
-    stepped = simulate(standard(FULL), integrator="gauss", order=16, step=0.05, **how)
-    for name in ("directors", "director_velocities", "total_momentum", "spatial_momentum", "moment", "quaternion"):
+    stepped = simulate(standard(FULL), integrator="gauss", order=16, step=0.05, material_angular_velocity=W, **how)
+    for name in ("director_velocities", "total_momentum", "spatial_momentum", "moment", "quaternion"):
         assert abs(run[name] - stepped[name]).max() < 5e-13, name
     assert not run.load_work.values.any()
 
@@ -215,20 +166,15 @@ def test_ensembles_scale_the_rotor():
     load, how = rotor((1, -1, 2), 3.0), {"times": [0, 3, 7.0], "integrator": "exact"}
     many = simulate_ensemble(standard(FULL), material_angular_velocity=W, load=load, load_scale=scales, **how)
     for i, scale in enumerate(scales):
-        one = simulate(standard(FULL), material_angular_velocity=W[i], load=scale * load, **how)
+        one = simulate(standard(FULL), material_angular_velocity=W[i], load=scale * load if scale else None, **how)
         for name in ("quaternion", "material_angular_velocity"):
             assert np.array_equal(many[name][i], one[name]), (i, name)
-    free = simulate(standard(FULL), material_angular_velocity=W[0], **how)
-    assert np.array_equal(many.quaternion[0], free.quaternion)
 
 
 def test_a_rotor_that_is_constant_while_the_run_lasts_is_constant():
-    load = rotor("z", [0, 1, 2, 3], [0, 2, 2, 5])
-    run = simulate(
-        standard(FULL), t_start=1, times=[1, 2], material_angular_velocity=AXIS, load=load, integrator="exact"
-    )
-    _, w = exact.free_gyrostat(FULL, [0, 0, 2], AXIS, [1])
-    assert np.array_equal(run.material_angular_velocity.values[1:], w)
+    how = {"load": rotor("z", [0, 1, 2, 3], [0, 2, 2, 5]), "integrator": "exact", "material_angular_velocity": AXIS}
+    run = simulate(standard(FULL), t_start=1, times=[1, 2], **how)
+    assert np.array_equal(run.material_angular_velocity[1:], exact.free_gyrostat(FULL, [0, 0, 2], AXIS, [1])[1])
 
 
 def solved(body, load):

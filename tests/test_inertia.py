@@ -5,6 +5,7 @@ import os
 import re
 import sys
 import zipfile
+from functools import partial
 
 import numpy as np
 import pytest
@@ -40,49 +41,19 @@ def close(got, want, rtol=1e-13):
 # Solids, against quadrature that is exact for polynomials of second degree
 
 
-def gauss(a, b):
-    x, w = np.polynomial.legendre.leggauss(4)
-    return (a + b) / 2 + (b - a) / 2 * x, (b - a) / 2 * w
-
-
-def grid(*factors):
-    nodes = np.meshgrid(*(x for x, _ in factors), indexing="ij")
-    weights = np.meshgrid(*(w for _, w in factors), indexing="ij")
-    return [n.ravel() for n in nodes], np.prod([w.ravel() for w in weights], axis=0)
-
-
-CIRCLE = (np.arange(6) * np.pi / 3, np.full(6, np.pi / 3))
-
-
-def quadrature_of_cylinder(m, radius, length, bore, axis):
-    (r, phi, z), w = grid(gauss(bore, radius), CIRCLE, gauss(-length / 2, length / 2))
-    n = np.array(axis) / np.linalg.norm(axis)
-    a = np.cross(n, [0.6, 0.5, 0.1])
-    a /= np.linalg.norm(a)
-    x = np.outer(r * np.cos(phi), a) + np.outer(r * np.sin(phi), np.cross(n, a)) + np.outer(z, n)
-    return moment_of_mass(m * w * r / (w * r).sum(), x)
-
-
-def test_cuboid():
-    x, w = grid(*(gauss(-l / 2, l / 2) for l in (0.5, 2.0, 3.0)))
-    J = inertia.of_cuboid(7.0, (0.5, 2, 3))
-    close(J, moment_of_mass(7 * w / w.sum(), np.transpose(x)))
-    assert J[0, 0] == pytest.approx(7 / 12 * (2**2 + 3**2), rel=1e-15)
+def inertia_of(euler):
+    """J by the second moments of mass."""
+    return np.trace(euler) * np.eye(3) - euler
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 1), (2, 0, 0), (1, -2, 3)])
-@pytest.mark.parametrize("bore", [0.0, 0.3])
-def test_cylinder(axis, bore):
-    got = inertia.of_cylinder(7, 0.4, 2.0, inner_radius=bore, axis=axis)
-    close(got, quadrature_of_cylinder(7, 0.4, 2.0, bore, axis))
-
-
-def test_ellipsoid():
-    (r, z, phi), w = grid(gauss(0, 1), gauss(-1, 1), CIRCLE)
-    s = np.sqrt(1 - z**2)
-    x = (r * [s * np.cos(phi), s * np.sin(phi), z]).T * (1, 2, 0.3)
-    close(inertia.of_ellipsoid(7, (1, 2, 0.3)), moment_of_mass(7 * w * r**2 / (w * r**2).sum(), x))
-    assert inertia.of_ellipsoid(7, (2, 2, 2)) == pytest.approx(0.4 * 7 * 4 * np.eye(3), rel=1e-15)
+def test_solids_have_the_second_moments_of_textbooks(axis):
+    across = np.eye(3) - (along := np.outer(axis, axis) / np.dot(axis, axis))
+    for bore in (0.0, 0.3):
+        got = inertia.of_cylinder(7, 0.4, 2.0, inner_radius=bore, axis=axis)
+        close(got, inertia_of(7 * ((0.4**2 + bore**2) / 4 * across + 2.0**2 / 12 * along)))
+    close(inertia.of_cuboid(7.0, (0.5, 2, 3)), inertia_of(7 / 12 * np.diag([0.5, 2, 3]) ** 2))
+    close(inertia.of_ellipsoid(7, (1, 2, 0.3)), inertia_of(7 / 5 * np.diag([1, 2, 0.3]) ** 2))
 
 
 def test_a_thin_rod_keeps_the_digits_of_its_small_moment():
@@ -100,7 +71,7 @@ def test_a_thin_rod_keeps_the_digits_of_its_small_moment():
 @given(bodies, vectors)
 def test_points(body, about):
     m, x = (np.array(part) for part in zip(*body, strict=True))
-    close(inertia.of_points(m, x), moment_of_mass(m, x))
+    close(inertia.of_points(np.append(m, 0), np.append(x, [[9, 9, 9]], axis=0)), moment_of_mass(m, x))
     centre = m @ x / m.sum()
     at_centre = moment_of_mass(m, x - centre)
     if np.linalg.eigvalsh(at_centre)[0] > 1e-3:
@@ -111,54 +82,17 @@ def test_points(body, about):
         close(inertia.shift(about_point, m.sum(), about - centre, to_centre_of_mass=True), at_centre, 1e-12)
 
 
-@prove
-@given(bodies, rotations)
-def test_a_turned_body_has_the_turned_inertia(body, R):
-    m, x = (np.array(part) for part in zip(*body, strict=True))
-    close(inertia.of_points(m, R.apply(x)), R.as_matrix() @ inertia.of_points(m, x) @ R.as_matrix().T)
-
-
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(6))
 def test_points_on_a_slanted_line_are_a_body_if_it_is_held_about_the_line(seed):
     """Whatever round-off would leave of the moment about the line."""
     rng = np.random.default_rng(seed)
-    n, s = rng.normal(size=3), rng.normal(size=20)
-    through = inertia.of_points(rng.uniform(0.1, 1, 20), np.outer(s, n))
-    beside = inertia.of_points(rng.uniform(0.1, 1, 20), np.outer(s, n) + rng.normal(size=3), about="centre_of_mass")
-    for J in (through, beside):
+    n, s, m = rng.normal(size=3), rng.normal(size=20), rng.uniform(0.1, 1, 20)
+    beside = inertia.of_points(m, np.outer(s, n) + rng.normal(size=3), about="centre_of_mass")
+    for J in (inertia.of_points(m, np.outer(s, n)), beside):
         assert abs(suslov(J, n).inertia @ n).max() < 1e-14 * np.trace(J)
         with pytest.raises(ValueError, match="inertia is not positive definite"):
             standard(J)
     assert np.linalg.eigvalsh(inertia.of_points(np.ones(20), np.outer(s, n), about=(1, 2, 3)))[0] > 0.01
-
-
-def test_points_without_mass_are_no_matter():
-    x = np.random.default_rng(0).normal(size=(5, 3))
-    close(inertia.of_points([1, 2, 0, 3, 0], x), inertia.of_points([1, 2, 3], x[[0, 1, 3]]), 1e-15)
-
-
-def test_a_box_in_eight_pieces():
-    """Each piece about the centre of the whole by the parallel axis theorem."""
-    pieces = [inertia.shift(inertia.of_cuboid(1, (1, 2, 3)), 1, (x, y, z)) for x in (-0.5, 0.5) for y in (-1, 1)
-              for z in (-1.5, 1.5)]  # fmt: skip
-    close(sum(pieces), inertia.of_cuboid(8, (2, 4, 6)), 1e-15)
-
-
-@pytest.mark.parametrize(
-    ("integrator", "step", "error"),
-    [("gauss", 1e-3, 1e-12), ("energy-momentum", 1e-3, 3e-6), ("continuous", None, 5e-12)],
-)
-def test_three_points_in_a_plane_are_a_body(integrator, step, error):
-    """The Euler inertia is singular, the convected one is not: J33 = J11 + J22."""
-    J = inertia.of_points([1, 2, 3], [[1, 0, 0], [-1, 1, 0], [0.5, -0.7, 0]])
-    assert J[2, 2] == pytest.approx(J[0, 0] + J[1, 1], rel=1e-15)
-    assert np.linalg.eigvalsh(standard(J).euler_inertia)[0] == pytest.approx(0, abs=1e-15)
-    start = {"t_end": 1, "material_angular_velocity": (1, 2, 0.5)}
-    run = simulate(standard(J), integrator=integrator, step=step, **start)
-    exact = simulate(standard(J), integrator="exact", **start)
-    assert (rotation(run)[-1].inv() * rotation(exact)[-1]).magnitude() < error
-    if step:
-        assert abs(run.kinetic_energy / run.kinetic_energy[0] - 1).max() < 1e-14
 
 
 # Meshes
@@ -206,7 +140,6 @@ def sum_of_cuboids(*parts):
 
 
 SOLIDS = {
-    "cube": (box(), [(2, (1, 1, 1), (0.5, 0.5, 0.5))]),
     "box": (box((1, 2, 3), (5, -7, 0.1)), [(2, (1, 2, 3), (5.5, -6, 1.6))]),
     "plate": (box((1, 2, 1e-7)), [(2, (1, 2, 1e-7), (0.5, 1, 5e-8))]),
     "not convex": (l_shaped_part(), [(2, (3, 1, 0.5), (1.5, 0.5, 0.25)), (2, (1, 1, 0.5), (0.5, 1.5, 0.25))]),
@@ -214,17 +147,10 @@ SOLIDS = {
         (np.append(box()[0], [[1e20, 0, 0]], axis=0), box()[1]),
         [(2, (1, 1, 1), (0.5, 0.5, 0.5))],
     ),
-    "two bodies": (
-        together(box(), box((1, 2, 1), (3, 0, 0))),
-        [(2, (1, 1, 1), (0.5, 0.5, 0.5)), (2, (1, 2, 1), (3.5, 1, 0.5))],
-    ),
-    "two bodies that share a face": (
-        together(box(), box(corner=(1, 0, 0))),
-        [(2, (2, 1, 1), (1, 0.5, 0.5))],
-    ),
+    "two bodies that share a face": (together(box(), box(corner=(1, 0, 0))), [(2, (2, 1, 1), (1, 0.5, 0.5))]),
     "two bodies that touch in an edge": (
-        together(box(), box(corner=(1, 1, 0))),
-        [(2, (1, 1, 1), (0.5, 0.5, 0.5)), (2, (1, 1, 1), (1.5, 1.5, 0.5))],
+        together(box(), box((1, 2, 1), corner=(1, 1, 0))),
+        [(2, (1, 1, 1), (0.5, 0.5, 0.5)), (2, (1, 2, 1), (1.5, 2, 0.5))],
     ),
     "hollow": (
         together(box((4, 4, 4)), inverted(box((1, 2, 1), (1, 1, 2)))),
@@ -265,22 +191,14 @@ def test_a_turned_and_shifted_mesh(R, shift):
 
 
 def test_icospheres_tend_to_the_sphere_at_order_two():
-    meshes = [trimesh.creation.icosphere(subdivisions=k, radius=2) for k in (3, 4, 5)]
+    meshes = [trimesh.creation.icosphere(subdivisions=k, radius=2) for k in (2, 3, 4)]
     found = [inertia.of_mesh(mesh.vertices, mesh.faces, density=3) for mesh in meshes]
     mass = 3 * 4 / 3 * np.pi * 2**3
-    sphere = inertia.of_ellipsoid(mass, (2, 2, 2))
-    for errors in ([abs(got.mass - mass) for got in found], [abs(got.inertia - sphere).max() for got in found]):
-        assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.02)
-    assert abs(found[-1].inertia / sphere[0, 0] - np.eye(3)).max() < 2e-3
-
-
-def test_a_polyhedron_against_trimesh():
-    hull = trimesh.convex.convex_hull(np.random.default_rng(5).normal(size=(40, 3)))
-    hull.density = 7.0
-    got = inertia.of_mesh(hull.vertices, hull.faces, density=7)
-    assert got.mass == pytest.approx(hull.mass, rel=1e-12)
-    close(got.centre_of_mass, hull.center_mass, 1e-12)
-    close(got.inertia, hull.moment_inertia, 1e-12)
+    for errors in (
+        [abs(got.mass - mass) for got in found],
+        [abs(got.inertia - inertia.of_ellipsoid(mass, (2, 2, 2))).max() for got in found],
+    ):
+        assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.08)
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "off", "glb"])
@@ -302,17 +220,14 @@ def test_a_file_without_trimesh(tmp_path, monkeypatch):
     assert inertia.of_mesh(*box(), density=1).mass == pytest.approx(1)
 
 
-@pytest.mark.parametrize("suffix", ["stl.zip", "stl.bz2"])
+@pytest.mark.parametrize("suffix", ["zip", "stl.bz2"])
 def test_a_packed_file_is_measured_before_it_is_read(tmp_path, monkeypatch, suffix):
     plain, path = tmp_path / "part.stl", tmp_path / f"part.{suffix}"
     trimesh.Trimesh(*l_shaped_part(), process=False).export(plain)
-    if suffix == "stl.zip":
-        path = tmp_path / "part.zip"
+    path.write_bytes(bz2.compress(plain.read_bytes()))
+    if suffix == "zip":
         with zipfile.ZipFile(path, "w") as archive:
             archive.write(plain, "part.stl")
-    else:
-        path = tmp_path / "part.stl.bz2"
-        path.write_bytes(bz2.compress(plain.read_bytes()))
     size = plain.stat().st_size
     monkeypatch.setattr(mesh, "UNPACKED", size - 1)
     monkeypatch.setattr(trimesh, "load_mesh", None)
@@ -342,6 +257,19 @@ def mesh_with_turned(k):
     return x, f
 
 
+BROKEN = {
+    "open": mesh_without(1),
+    "turned": mesh_with_turned(1),
+    "inside out": inverted(box((1, 2, 3))),
+    "a part inside out": together(box((9, 1, 1)), inverted(box((1, 2, 3), (0, 5, 0)))),
+    "flat": box((1, 2, 0)),
+    "tilted sheet": (np.random.default_rng(0).normal(size=(3, 3)), [[0, 1, 2], [2, 1, 0]]),
+    "nothing but a cavity": together(box(), inverted(box())),
+    "twice": together(box(), box()),
+    "faces missing": (np.eye(3),),
+    "counted from 1": (box()[0], box()[1] + 1),
+    "half an index": (np.eye(3), [[0, 1, 1.5]]),
+}
 test_refused_with_reason_and_number = refused_as(
     {
         "too small a mesh": lambda: inertia.of_mesh(*box(), mass=1, scale=1e-100),
@@ -351,23 +279,9 @@ test_refused_with_reason_and_number = refused_as(
         "bore": lambda: inertia.of_cylinder(1, 1, 1, inner_radius=1),
         "shift too far": lambda: inertia.shift([1, 1, 1], 2, (0, 0, 1), to_centre_of_mass=True),
         "shift that leaves nothing": lambda: inertia.shift([1, 1, 1e-12], 1, (0, 0, 1), to_centre_of_mass=True),
-        "open": lambda: inertia.of_mesh(*mesh_without(1), density=1),
-        "turned": lambda: inertia.of_mesh(*mesh_with_turned(1), density=1),
-        "inside out": lambda: inertia.of_mesh(*inverted(box((1, 2, 3))), density=1),
-        "a part inside out": lambda: inertia.of_mesh(
-            *together(box((9, 1, 1)), inverted(box((1, 2, 3), (0, 5, 0)))), density=1
-        ),
-        "flat": lambda: inertia.of_mesh(*box((1, 2, 0)), density=1),
-        "tilted sheet": lambda: inertia.of_mesh(
-            np.random.default_rng(0).normal(size=(3, 3)), [[0, 1, 2], [2, 1, 0]], density=1
-        ),
-        "nothing but a cavity": lambda: inertia.of_mesh(*together(box(), inverted(box())), density=1),
-        "twice": lambda: inertia.of_mesh(*together(box(), box()), density=1),
-        "faces missing": lambda: inertia.of_mesh(np.eye(3), density=1),
-        "counted from 1": lambda: inertia.of_mesh(box()[0], box()[1] + 1, density=1),
-        "half an index": lambda: inertia.of_mesh(np.eye(3), [[0, 1, 1.5]], density=1),
         "neither": lambda: inertia.of_mesh(*box()),
         "both": lambda: inertia.of_mesh(*box(), density=1, mass=1),
+        **{name: partial(inertia.of_mesh, *given, density=1) for name, given in BROKEN.items()},
     }
 )
 
@@ -375,11 +289,11 @@ test_refused_with_reason_and_number = refused_as(
 def test_files_that_hold_no_mesh(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no such file: .*gone\.stl"):
         inertia.of_mesh(tmp_path / "gone.stl", density=1)
-    for name, text, message in [
+    for name, text, message in (
         ("part.foo", "x", "trimesh cannot read a mesh from .*part.foo: file_type 'foo' not supported"),
         ("part.ply", "ply\nformat ascii 1.0\n", "trimesh cannot read a mesh from .*part.ply"),
         ("part.stl", "garbage", "part.stl contains no triangles"),
-    ]:
+    ):
         (tmp_path / name).write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=message):
             inertia.of_mesh(tmp_path / name, density=1)
@@ -397,8 +311,9 @@ wishes = st.one_of(st.sampled_from(THIRD), vectors.filter(lambda n: np.linalg.no
 
 
 @prove
-@given(moments, rotations, wishes)
-def test_the_frame_diagonalises_and_is_right_handed(true, R0, third):
+@given(moments, rotations, wishes, st.integers(0, 1000))
+def test_the_frame_diagonalises_and_is_right_handed(true, R0, third, seed):
+    """And round-off does not turn it."""
     J = R0.as_matrix() @ np.diag(true) @ R0.as_matrix().T
     values, R = principal_frame(J, third)
     close(R.T @ R, np.eye(3), 4e-15)
@@ -411,35 +326,25 @@ def test_the_frame_diagonalises_and_is_right_handed(true, R0, third):
     else:
         nearest = [np.linalg.norm(third @ R0.as_matrix()[:, np.isclose(true, v, rtol=1e-12)]) for v in true]
         assert third @ R[:, 2] == pytest.approx(max(nearest), abs=1e-9)
-
-
-@prove
-@given(moments, rotations, wishes, st.integers(0, 1000))
-def test_round_off_does_not_turn_the_frame(true, R0, third, seed):
-    J = R0.as_matrix() @ np.diag(true) @ R0.as_matrix().T
     noise = 1e-15 * np.random.default_rng(seed).normal(size=(3, 3))
-    _, R = principal_frame(J, third)
-    _, near = principal_frame(J + noise + noise.T, third)
-    assert abs(R - near).max() < 1e-6
+    assert abs(R - principal_frame(J + noise + noise.T, third)[1]).max() < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("J", "third", "axes"),
-    [
-        ((3, 4, 5), "largest", "+x+y+z"),
-        ((3, 4, 5), "smallest", "+y+z+x"),
-        ((3, 4, 5), "middle", "+x-z+y"),
-        ((5, 4, 3), "largest", "+z-y+x"),
-        ((3, 4, 5), (0.1, 0.2, -0.9), "+x-y-z"),
-        ((3, 4, 5), (0, 1, 1), "+x+y+z"),
-        ((3, 4, 5), (1, 1, 0), "+x-z+y"),
-        ((1, 1, 1), "smallest", "+x+y+z"),
-        ((1, 1, 2), "largest", "+x+y+z"),
-        ((1, 2, 2), "largest", "+x+y+z"),
-        ((1, 2, 2), "smallest", "+y+z+x"),
-        ((2, 2, 1), (0, 0, -1), "+x-y-z"),
-    ],
-)
+FRAMES = [
+    ((3, 4, 5), "largest", "+x+y+z"),
+    ((3, 4, 5), "smallest", "+y+z+x"),
+    ((3, 4, 5), "middle", "+x-z+y"),
+    ((5, 4, 3), "largest", "+z-y+x"),
+    ((3, 4, 5), (0.1, 0.2, -0.9), "+x-y-z"),
+    ((3, 4, 5), (0, 1, 1), "+x+y+z"),
+    ((1, 1, 1), "smallest", "+x+y+z"),
+    ((1, 2, 2), "largest", "+x+y+z"),
+    ((1, 2, 2), "smallest", "+y+z+x"),
+    ((2, 2, 1), (0, 0, -1), "+x-y-z"),
+]
+
+
+@pytest.mark.parametrize(("J", "third", "axes"), FRAMES)
 def test_frames_of_diagonal_inertias(J, third, axes):
     values, R = principal_frame(J, third)
     assert np.array_equal(R, np.eye(3)[["xyz".index(a) for a in axes[1::2]]].T * [int(s + "1") for s in axes[::2]]), R
@@ -454,7 +359,6 @@ def test_any_body_is_made_non_twisting_about_each_of_its_principal_axes(third):
     values, R = principal_frame(J, third)
     start = {"t_end": 2, "step": 0.01, "project": True}
     run = simulate(nontwisting(values), rotation=R, material_angular_velocity=R.T @ [0.5, 1, 2], **start)
-    assert abs(run.twist_rate).max() < 1e-14
     assert abs(twist(run).twist_angle).max() < 1e-12
     blocked = simulate(suslov(J, R[:, 2]), material_angular_velocity=[0.5, 1, 2], **start)
     former = rotation(run) * Rotation.from_matrix(R).inv()

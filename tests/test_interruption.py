@@ -25,7 +25,7 @@ STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
 FIRST = pulse([3, -1, 0], 0.0, 0.125)
 LOAD = pulse([3, -1, 2], 0.0, 1.0) + sine([0.5, 0, 1], 2, frame="space")
-MARCHES = ("lie-midpoint", "energy-momentum", "split, held", "split, free")
+QUANTITIES = "multipliers", "moment", "load_work", "newton_iterations"
 
 
 @pytest.fixture
@@ -49,93 +49,79 @@ def interrupted_in(monkeypatch):
     return prepare
 
 
-def cut(whole, stored):
-    """The run over the steps `stored`, from the one that keeps every step."""
-    pairs = list(pairwise(stored))
-    means = {name: [getattr(whole, name)[a:b].mean(0) for a, b in pairs] for name in ("multipliers", "moment")}
-    return means | {
-        "load_work": [whole.load_work[a:b].sum() for a, b in pairs],
-        "newton_iterations": [whole.newton_iterations[a:b].max() for a, b in pairs],
-    }
-
-
-@pytest.mark.parametrize("store", [1, 7, "end"])
-@pytest.mark.parametrize("name", MARCHES)
+@pytest.mark.parametrize(
+    ("name", "store"),
+    [("lie-midpoint", 1), ("lie-midpoint", 7), ("energy-momentum", 7), ("split, held", "end"), ("split, free", 7)],
+)
 def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, name, store):
     body = BODIES["heavy_top" if name == "split, free" else "nontwisting"]()
-    how = {**HOW, "load": LOAD, "integrator": name.split(",")[0], "order": 2}
-    whole = integrate(body, **how)
+    scheme = {"step": STEP, "load": LOAD, "integrator": name.split(",")[0], "order": 2}
+    whole = integrate(body, **HOW | scheme)
     interrupted_in(2)
     with pytest.raises(SimulationInterrupt, match=r"^interrupted at t = 0\.3125 s, after 40 of 128 steps$") as info:
-        integrate(body, store=store, **how)
+        integrate(body, store=store, **HOW | scheme)
     monkeypatch.undo()
-    partial = info.value.partial
+    partial, copy = info.value.partial, pickle.loads(pickle.dumps(info.value))
+    assert isinstance(copy, KeyboardInterrupt)
+    assert (str(copy), copy.partial.message) == (str(info.value), partial.message)
+    assert np.array_equal(copy.partial.directors, partial.directors)
     stored = {1: list(range(41)), 7: [0, 7, 14, 21, 28, 35, 40], "end": [0, 40]}[store]
     assert partial.status == Status.INTERRUPTED
     assert np.array_equal(partial.time, np.array(stored) * STEP)
     assert np.array_equal(partial.directors, whole.directors[stored])
     size = abs(whole.director_velocities).max()
     assert partial.director_velocities == pytest.approx(whole.director_velocities[stored], abs=1e-15 * size)
-    for quantity, expected in cut(whole, stored).items():
-        assert getattr(partial, quantity) == pytest.approx(np.array(expected), rel=1e-12, abs=1e-13), quantity
+    for quantity, over in zip(QUANTITIES, (np.mean, np.mean, np.sum, np.max), strict=True):
+        expected = np.array([over(getattr(whole, quantity)[a:b], axis=0) for a, b in pairwise(stored)])
+        assert getattr(partial, quantity) == pytest.approx(expected, rel=1e-12, abs=1e-13), quantity
     data = partial.to_dataset()
     assert data.attrs["status"] == 6
-    assert data.attrs["message"] == "interrupted at t = 0.3125 s, after 40 of 128 steps"
-    rest = integrate(body, start=partial, **{key: how[key] for key in ("t_end", "step", "load", "integrator", "order")})
+    assert data.attrs["message"] == str(info.value)
+    rest = integrate(body, start=partial, t_end=1.0, **scheme)
     assert np.array_equal(rest.directors[-1], whole.directors[-1])
 
 
 @pytest.mark.parametrize(
-    ("load", "store", "steps"),
-    [(FIRST, 1, 36), (FIRST + pulse([1, 2, 0], 0.75, 1.0), 1, 40), (FIRST + pulse([1, 2, 0], 0.75, 1.0), "end", 40)],
+    ("body", "more", "store", "steps"),
+    [
+        ("standard", [], 1, 36),
+        ("nontwisting", [pulse([1, 2, 0], 0.75, 1.0)], 1, 40),
+        ("standard", [pulse([1, 2, 0], 0.75, 1.0)], "end", 40),
+    ],
 )
-@pytest.mark.parametrize("body", ["standard", "nontwisting"])
-def test_an_interrupt_of_the_exact_motion_without_moments(interrupted_in, monkeypatch, body, load, store, steps):
+def test_an_interrupt_of_the_exact_motion_without_moments(interrupted_in, monkeypatch, body, more, store, steps):
     """After the load it pauses after so many stored states, 20 here; between loads as it does everywhere."""
-    how = {**HOW, "load": load, "integrator": "split", "order": 2}
-    whole = integrate(BODIES[body](), **how)
+    scheme = {"t_end": 1.0, "step": STEP, "load": sum(more, FIRST), "integrator": "split", "order": 2}
+    whole = integrate(BODIES[body](), **HOW | scheme)
     interrupted_in(2)
     with pytest.raises(SimulationInterrupt, match=rf"after {steps} of 128 steps$") as info:
-        integrate(BODIES[body](), **how, store=store)
+        integrate(BODIES[body](), **HOW | scheme, store=store)
     partial = info.value.partial
     assert np.array_equal(partial.directors, whole.directors[: steps + 1 : 1 if store == 1 else steps])
     monkeypatch.undo()
-    again = {key: how[key] for key in ("t_end", "step", "integrator", "order", "load")}
-    rest = integrate(BODIES[body](), start=partial, **again)
+    rest = integrate(BODIES[body](), start=partial, **scheme)
     assert rest.directors[-1] == pytest.approx(whole.directors[-1], abs=1e-14)
 
 
-def test_an_interrupt_in_a_load_in_python(monkeypatch):
+@pytest.mark.parametrize("output", [{"store": 1}, {"times": np.linspace(0, 1, 21)}])
+def test_an_interrupt_in_a_load_in_python(monkeypatch, output):
+    """A run that is stopped at an output has it once."""
     monkeypatch.setattr(stack_march, "CALLED_NODES", 10)
 
     def load(t, d, w):
-        if t > 0.55:
+        if t > stop:
             raise KeyboardInterrupt
         return [0.0, 0.0, t]
 
+    how, stop = {**HOW, "integrator": "lie-midpoint", "step": 0.01, "load": moment(load), **output}, 2.0
+    whole, stop = integrate(BODIES["standard"](), **how), 0.55
     with pytest.raises(SimulationInterrupt) as info:
-        simulate(BODIES["standard"](), **{**HOW, "step": 0.01}, load=moment(load), order=2)
-    partial, whole = info.value.partial, integrate(BODIES["standard"](), **{**HOW, "step": 0.01}, order=2)
+        integrate(BODIES["standard"](), **how)
+    partial, n = info.value.partial, len(info.value.partial.time)
     assert partial.time[-1] == pytest.approx(0.5)
-    assert partial.moment[:, 2] == pytest.approx(partial.time[1:] - 0.005)
-    assert whole.time.size == 101
-
-
-def test_a_run_that_is_stopped_at_an_output_has_it_once(monkeypatch):
-    monkeypatch.setattr(stack_march, "CALLED_NODES", 10)
-
-    def load(t, d, w):
-        if t > 0.55:
-            raise KeyboardInterrupt
-        return [0.0, 0.0, t]
-
-    how = {"integrator": "lie-midpoint", "times": np.linspace(0, 1, 21)} | HOW | {"step": 0.01}
-    with pytest.raises(SimulationInterrupt) as info:
-        integrate(BODIES["standard"](), load=moment(load), **how)
-    partial, whole = info.value.partial, integrate(BODIES["standard"](), load=moment(lambda t, d, w: [0, 0, t]), **how)
-    assert partial.time.tolist() == whole.time[:11].tolist()
-    assert np.array_equal(partial.quaternion, whole.quaternion[:11])
-    assert partial.moment == pytest.approx(whole.moment[:10], abs=1e-14)
+    assert partial.time.tolist() == whole.time[:n].tolist()
+    assert np.array_equal(partial.quaternion, whole.quaternion[:n])
+    assert partial.moment == pytest.approx(whole.moment[: n - 1], abs=1e-14)
 
 
 @pytest.mark.parametrize("form", ["step", "times"])
@@ -156,26 +142,14 @@ def test_continuous_keeps_what_its_solver_has_passed(form):
 
 
 def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
-    from nontwist.analysis import trajectory
-
     def struck(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trajectory, "observables_of_one", struck)
+    monkeypatch.setattr("nontwist.analysis.trajectory.observables_of_one", struck)
     with pytest.raises(SimulationInterrupt, match="partial holds the complete run") as info:
         simulate(BODIES["standard"](), **HOW)
     assert info.value.partial.status == Status.OK
     assert info.value.partial.time.size == 129
-
-
-def test_the_exception_is_an_interrupt_and_travels(interrupted_in):
-    interrupted_in(4)
-    with pytest.raises(KeyboardInterrupt) as info:
-        integrate(BODIES["standard"](), **HOW)
-    copy = pickle.loads(pickle.dumps(info.value))
-    assert isinstance(copy, SimulationInterrupt)
-    assert str(copy) == str(info.value)
-    assert np.array_equal(copy.partial.directors, info.value.partial.directors)
 
 
 STOPS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -196,28 +170,24 @@ def handlers():
 
 @pytest.mark.parametrize("number", STOPS)
 def test_the_first_signal_interrupts_and_later_ones_are_ignored(number, handlers):
+    """One that is ignored stays so."""
     with sigterm_interrupts():
         with pytest.raises(KeyboardInterrupt, match=rf"^interrupted \({number.name}\)$"):
             signal.raise_signal(number)
         for another in STOPS:
             signal.raise_signal(another)
     assert {one: signal.getsignal(one) for one in STOPS} == handlers
-
-
-@pytest.mark.parametrize("number", STOPS)
-def test_a_signal_that_is_ignored_stays_ignored(number, handlers):
     signal.signal(number, signal.SIG_IGN)
     with sigterm_interrupts():
         signal.raise_signal(number)
     assert signal.getsignal(number) == signal.SIG_IGN
 
 
-@pytest.mark.parametrize("number", STOPS)
-@pytest.mark.parametrize("name", ["lie-midpoint", "split", "continuous", "reference"])
+@pytest.mark.parametrize(
+    ("name", "number"), [*zip(["lie-midpoint", "split", "continuous", "reference"], 2 * STOPS, strict=False)]
+)
 def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
-    scheme = ReferenceEnergyMomentum() if name == "reference" else name
-    how = {**HOW, "integrator": scheme, "step": STEP}
     monkeypatch.setattr(stack_march, "NODES", 20)
 
     @contextlib.contextmanager
@@ -226,8 +196,9 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
 
     monkeypatch.setattr(single_run, "progress_bar", signalling)
     load = moment(lambda t, d, w: signal.raise_signal(number)) if name == "continuous" else None
+    how = HOW | {"integrator": ReferenceEnergyMomentum() if name == "reference" else name, "progress": True}
     with pytest.raises(SimulationInterrupt) as info, sigterm_interrupts():
-        integrate(BODIES["nontwisting"](), **how, load=load, progress=True)
+        integrate(BODIES["nontwisting"](), load=load, **how)
     assert re.match(rf"interrupted \({number.name}\) at t = [\d.]+ s, after \d+ of \d+ steps$", str(info.value))
     assert info.value.partial.message == str(info.value)
 

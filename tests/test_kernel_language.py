@@ -9,38 +9,19 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated, NamedTuple
 
 import mpmath
 import numpy as np
 import pytest
 
 from nontwist.kernels import elements, machine_code
-from nontwist.kernels.control import Variables, loop, when, whilst
+from nontwist.kernels.control import Variables, loop, when
 from nontwist.kernels.dual import Dual, jacobian, plain, seeded, tangent
-from nontwist.kernels.elements import (
-    arctan2,
-    cos,
-    exp,
-    fma,
-    larger,
-    logical_not,
-    select,
-    sin,
-    smaller,
-    sqrt,
-    without,
-)
+from nontwist.kernels.elements import arctan2, cos, exp, fma, larger, logical_not, select, sin, smaller, sqrt, without
 from nontwist.kernels.kernel import Kernel, kernel, part
-from nontwist.kernels.memory import Doubles, View, Wholes, doubles, put, scratch, size_of, vector_at, view_of
+from nontwist.kernels.memory import put, vector_at
 from nontwist.kernels.series import Recurrence
-from nontwist.kernels.tracing import TraceError, Tracer, tracing
-from nontwist.kernels.vectors import (
-    Matrix,
-    Quaternion,
-    Symmetric,
-    Vector,
-)
+from nontwist.kernels.vectors import Vector
 from texts_rule import faults
 
 HERE = Path(__file__).parent
@@ -151,111 +132,20 @@ def test_duals_where_there_is_no_derivative():
         assert (found.value, found.tangents) == (abs(x), [np.sign(x), -2.0 * np.sign(x)])
 
 
-class Motion(NamedTuple):
-    """A body in motion."""
-
-    p: Quaternion
-    W: Vector
-    N: Symmetric
-
-
-class Member(NamedTuple):
-    """A record within a record."""
-
-    mass: float
-    motion: Motion
-    basis: Matrix
-    rest: Annotated[tuple, 2]
-
-
-class Block(NamedTuple):
-    """What a march is given."""
-
-    members: Doubles
-    order: Wholes
-    count: int
-    h: float
-
-
-@pytest.mark.parametrize("lanes", [1, 2, 8])
-def test_records(lanes):
-    size = size_of(Member)
-    assert size == 1 + 13 + 9 + 2
-
-    def text(address):
-        b = View(Block, doubles(address))
-        x = View(Member, scratch(size * lanes), lanes) if lanes > 1 else View(Member, scratch(size))
-        for first in loop(0, b.count, lanes):
-            for l in loop(lanes):
-                x.lane(l).copy_from(View(Member, b.members.shifted(b.order[first + l] * size)))
-            m = x.motion.read()
-            x.motion.write(Motion(m.p @ m.p, b.h * (x.basis @ m.W), 2.0 * m.N))
-            x.mass, x.rest = x.mass + 1.0, (x.rest[1], x.rest[0])
-            for l in loop(lanes):
-                View(Member, b.members.shifted(b.order[first + l] * size)).copy_from(x.lane(l))
-
-    members, order = rng.normal(size=(16, size)), np.arange(16)[::-1].copy()
-    expected = members.copy()
-    expected[:, 0] += 1.0
-    expected[:, 1:5] = [Quaternion(*m[1:5]) @ Quaternion(*m[1:5]) for m in members]
-    expected[:, 5:8] = 0.5 * np.array([Matrix(*m[14:23].reshape(3, 3)) @ Vector(*m[5:8]) for m in members])
-    expected[:, 8:14] *= 2.0
-    expected[:, 23:] = members[:, :22:-1]
-    block, given = view_of(Block), members.copy()
-    block.members, block.order, block.count, block.h = given, order, 16, 0.5
-    march = Kernel(text, "i8", lanes=lanes)
-    march(block.address)
-    assert (given == expected).all()
-    if lanes == 1:
-        given[...] = members
-        march.on_floats(block.address)
-        assert (given == expected).all()
-    with pytest.raises(AttributeError, match="Block has no field 'steps'"):
-        block.steps = 3
-
-
-def control(x, out):
-    """Count, repeat and branch on numbers."""
-    v = Variables(sum=0.0, count=0, far=False, pair=Vector(0.0, 1.0, 2.0), none=None)
-    for i in loop(1, x.shape[0], 2):
-        v.sum = v.sum + x[i]
-        for _ in when(x[i] > 1.0):
-            v.far, v.count = True, v.count + 1
-            for j in loop(i, whilst=lambda: v.sum > 0.0):
-                v.sum = v.sum - abs(x[j]) * 0.125
-    for _ in when(logical_not(v.far)):
-        v.pair = -v.pair
-    for _ in whilst(lambda: abs(v.pair[2]) < 100.0):
-        v.pair = v.pair * 1.5 + v.pair
-    put(out, (v.sum, 1.0 * v.count, *v.pair))
-
-
-def test_control_flow():
-    k = kernel("f8[:], f8[:]")(control)
-    for x in (X, 0.5 * np.tanh(X)):
-        one, two = np.empty((2, 5))
-        k(x, one)
-        k.on_floats(x, two)
-        assert (one == two).all()
-        assert one[1] == (x[1::2] > 1.0).sum()
-
-
 def test_a_kernel_of_arrays():
     @kernel("f8[:, :], i8, f8[:] -> f8, i8")
     def column(a, j, out):
         for i in loop(a.shape[0]):
-            row = a[i]
-            out[i] = row[j] * a[i, 0]
+            out[i] = a[i][j] * a[i, 0]
         return a[a.shape[0] - 1, j], j + a.shape[1]
 
     a, out = rng.normal(size=(5, 4)), np.empty(5)
-    assert column(a.T.copy().T, 2, out) == (a[-1, 2], 6)  # not contiguous: a copy
-    assert (out == a[:, 2] * a[:, 0]).all()
-    out[...] = 0.0
-    assert column.bound(a, 3, out)() == (a[-1, 3], 7)
-    assert column.on_floats(a, 3, out) == (a[-1, 3], 7)
+    for call in (lambda: column(a.T.copy().T, 2, out), column.bound(a, 2, out), lambda: column.on_floats(a, 2, out)):
+        out[...] = 0.0
+        assert call() == (a[-1, 2], 6)  # the first is not contiguous: a copy
+        assert (out == a[:, 2] * a[:, 0]).all()
     with pytest.raises(ValueError, match="is not what a kernel takes"):
-        kernel("f8[:,:]")(control)
+        kernel("f8[:,:]")(leaking)
     with pytest.raises(TypeError, match="an array of f8 with 2 axes"):
         column(a[0], 2, out)
     with pytest.raises(TypeError, match="not contiguous"):
@@ -316,18 +206,6 @@ def test_refusals_say_what_to_write(what):
 def loop_once(n):
     for _ in loop(n):
         pass
-
-
-def test_numbers_of_another_function_are_refused():
-    t = Tracer(1, True)
-    with tracing(t):
-        t.open("first", "i64 %a0")
-        x = doubles(elements.Whole("%a0"))[0]
-        t.line("ret void")
-        t.close()
-        t.open("second", "")
-        with pytest.raises(TraceError, match="within the function"):
-            x + 1.0
 
 
 def test_threads_trace_at_once():

@@ -1,5 +1,6 @@
 """Every kernel computes on plain floats what its machine code does, bit for bit."""
 
+from collections import defaultdict
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -44,26 +45,16 @@ def paths():
 def streams():
     """Quaternions of streams: turned slowly, by half turns, missing, not of length 1."""
     for wrong in (False, True):
-        state = np.zeros((4, twist_kernels.SIZE))
-        q = unit(4, 4)
+        state, q = np.zeros((4, twist_kernels.SIZE)), unit(4, 4)
         for i in range(9):
             q = q + 0.3 * rng.normal(size=(4, 4))
             q /= np.linalg.norm(q, axis=1, keepdims=True)
             q[1] = [q[1, 3], 0.0, 0.0, -q[1, 0]] / np.hypot(q[1, 3], q[1, 0]) if i % 3 else q[1]
-            given = q.copy()
+            given, at, axes = q.copy(), np.array([0.1 * i]), np.eye(3)[[1, 2, 0]]
             given[3] = np.nan if i % 2 else given[3]
             given[2] *= 1.5 if wrong and i == 4 else 1.0
             for order in (2, 4):
-                yield (
-                    state,
-                    given,
-                    np.array([0.1 * i]),
-                    order,
-                    1.0 - 2.0 * wrong,
-                    np.eye(3)[[1, 2, 0]],
-                    0.1,
-                    np.zeros((4, 4)),
-                )
+                yield state, given, at, order, 1.0 - 2.0 * wrong, axes, 0.1, np.zeros((4, 4))
 
 
 def links():
@@ -91,58 +82,48 @@ def bodies():
 
 
 def exact_cases():
-    """Arguments of the kernels of free bodies."""
-    found, times = {}, np.array([0.0, 0.01, -0.02, 0.3, 2.0, -50.0])
-    k = len(times)
+    """Kernels of free bodies, and arguments for them."""
+    times, principal = np.array([0.0, 0.01, -0.02, 0.3, 2.0, -50.0]), np.diag([3.0, 4.0, 5.0])
+    k, full = len(times), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])
     for J, R, W in bodies():
-        found.setdefault(free_bodies.prepare, []).append((J, W, np.zeros(free_constants.CONSTANTS)))
+        yield free_bodies.prepare, (J, W, np.zeros(free_constants.CONSTANTS))
         for t, is_constrained in product((times, times * 1e15), (0, 1)):
-            given = J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3))
-            found.setdefault(free_bodies.free_top, []).append(given)
-    for is_constrained in (0, 1):
+            yield free_bodies.free_top, (J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3)))
+    for is_constrained, J, t in product((0, 1), (principal, full), (times, times * 1e15)):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))
         p[:, 0], W[:, 0] = unit(2, 4), rng.normal(size=(2, 3)) * [1.0, 1.0, 0.0]
-        for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
-            for t in (times, times * 1e15):
-                given = np.stack([J, J + np.eye(3)]), is_constrained, t, 1, 0, 2, p, W
-                found.setdefault(free_bodies.free_members, []).append(given)
-    for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
+        yield free_bodies.free_members, (np.stack([J, J + np.eye(3)]), is_constrained, t, 1, 0, 2, p, W)
+    for J, t in product((principal, full), ([0.0, 0.1, 3.0], [-0.5], [])):
         motion = suslov_body._motion(J, [0.0, 0.0, 1.0], [1.0, 2.0, 0.0])
-        for t in (np.array([0.0, 0.1, 3.0]), np.array([-0.5]), np.zeros(0)):
-            ends, steps = suslov_body._schedule(motion, t)
-            given = R, *motion[:3], ends, steps, np.zeros((len(ends), 3, 3))
-            found.setdefault(suslov_body._set_attitudes, []).append(given)
-    return found
+        ends, steps = suslov_body._schedule(motion, np.array(t))
+        yield suslov_body._set_attitudes, (R, *motion[:3], ends, steps, np.zeros((len(ends), 3, 3)))
 
 
 def cases():
-    """Return arguments for each kernel."""
-    found = {}
+    """Kernels, and arguments for them."""
+    yield from exact_cases()
+    yield from ((twist_kernels.count, given) for given in streams())
+    yield from ((linking.row_integrals, given) for given in links())
     for u in paths():
         m, n = u.shape[:2]
         for order in (2, 4):
-            found.setdefault(path_kernels.error_angles, []).append(
-                (u, order, np.empty(path_kernels.SIZE), np.empty((m, n)))
-            )
+            yield path_kernels.error_angles, (u, order, np.empty(path_kernels.SIZE), np.empty((m, n)))
         for closed in (0, 1):
             node, nodes = np.zeros((m, n), dtype=np.int64), np.zeros(n, dtype=np.int64)
-            rooms = np.zeros((m, n)), node, nodes, np.zeros((3, n))
-            found.setdefault(frame_kernels.smooth_rolls, []).append((u, closed, *rooms))
+            yield frame_kernels.smooth_rolls, (u, closed, np.zeros((m, n)), node, nodes, np.zeros((3, n)))
         roll, node = 0.1 * rng.normal(size=(m, n)), rng.integers(0, 2, size=(m, n))
         roll[:, ::2] = 0.0
-        found.setdefault(frame_kernels.transport, []).append((u, across(u), roll, node, np.zeros((m, n, 3, 3))))
-        found.setdefault(frame_kernels.solid_angles, []).append((u, np.zeros(m)))
+        yield frame_kernels.transport, (u, across(u), roll, node, np.zeros((m, n, 3, 3)))
+        yield frame_kernels.solid_angles, (u, np.zeros(m))
         points = np.cumsum(u + rng.normal(size=u.shape), axis=1)
         points[:, 1] = points[:, 0]
-        found.setdefault(frame_kernels.double_reflection, []).append((points, u, across(u), np.zeros((m, n, 3, 3))))
-        found.setdefault(twist_kernels.angles, []).append((unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n)))
-    found[twist_kernels.count] = list(streams())
-    found |= exact_cases()
-    found[linking.row_integrals] = list(links())
-    return found
+        yield frame_kernels.double_reflection, (points, u, across(u), np.zeros((m, n, 3, 3)))
+        yield twist_kernels.angles, (unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n))
 
 
-CASES = cases()
+CASES = defaultdict(list)
+for one, given in cases():
+    CASES[one].append(given)
 IN_LANES = {linking.row_integrals}  # whose sums have another order
 
 

@@ -43,10 +43,10 @@ def test_the_step_is_symmetric():
 
 
 def test_lie_midpoint_continues_a_run_of_the_director_scheme():
-    kick = {"angular_velocity": [1, -2, 0], "load": nt.sine([30, 10, 0], 2), "step": 0.01}
-    first = nt.integrate(nt.nontwisting(PAPER_J), t_end=0.2, integrator="energy-momentum", **kick)
-    load = {"load": kick["load"], "step": 0.01}
-    second = nt.integrate(nt.nontwisting(PAPER_J), t_end=0.4, start=first, integrator="lie-midpoint", **load)
+    """Whose velocities are not tangent."""
+    body, how = nt.nontwisting(PAPER_J), {"load": nt.sine([30, 10, 0], 2), "step": 0.01}
+    first = nt.integrate(body, t_end=0.2, angular_velocity=[1, -2, 0], integrator="energy-momentum", **how)
+    second = nt.integrate(body, t_end=0.4, start=first, integrator="lie-midpoint", **how)
     assert second.time[0] == 0.2
     assert abs(second.to_dataset().twist_rate).max() < 1e-13
 

@@ -21,7 +21,7 @@ W0 = (0.4, -1.1, 0.7)
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
 def test_the_middle_axis_is_left_at_the_known_rate(scheme):
     """Neighbours of a rotation about the middle axis leave it like ``exp(σt)``, σ² = W² (J3-J2)(J2-J1)/(J1 J3)."""
-    how = {"t_end": 400, "step": 0.02, "material_angular_velocity": (0, 2, 0), "integrator": scheme}
+    how = {"t_end": 200, "step": 0.02, "material_angular_velocity": (0, 2, 0), "integrator": scheme}
     found = nt.lyapunov(nt.standard([3, 4, 5]), **how).lyapunov_exponent
     rate = 2 / np.sqrt(15)
     growth = (found * found.time).values
@@ -47,14 +47,22 @@ def test_sums_are_the_growth_of_volumes(scheme):
 
 
 def test_chaos_of_a_heavy_top_and_order_without_weight():
-    start = {"t_end": 300, "step": 0.05, "material_angular_velocity": (1, 2, 1)}
-    chaotic = nt.lyapunov(nt.heavy_top([3, 2.5, 1], 1, (0.1, 0.2, 1)), **start).lyapunov_exponent.values
+    """Without load nothing grows but linearly, about the first and last axis by log 2 in twice the time."""
+    how = {"t_end": 300, "step": 0.05}
+    top = nt.heavy_top([3, 2.5, 1], 1, (0.1, 0.2, 1))
+    chaotic = nt.lyapunov(top, material_angular_velocity=(1, 2, 1), **how).lyapunov_exponent.values
     assert chaotic[-1, 0] > 0.3
     assert abs(chaotic[-1] + chaotic[-1, ::-1]).max() < 0.05  # pairs
-    assert chaotic.shape[1] == 6
-    start["material_angular_velocity"] = (1, 0.5, 2)  # (1, 2, 1) is on the separatrix of the free body
-    regular = nt.lyapunov(nt.standard([3, 2.5, 1]), **start).lyapunov_exponent.values[-1]
-    assert abs(regular).max() < 0.05
+    for body, W, count in ((nt.standard([3, 2.5, 1]), (1, 0.5, 2), 6), (nt.nontwisting([3, 4, 5]), (1, 2, 0), 5)):
+        regular = nt.lyapunov(body, material_angular_velocity=W, **how).lyapunov_exponent
+        assert regular.sizes["exponent"] == count
+        assert abs(regular.values[-1]).max() < 0.05
+        assert regular.units == "s-1"
+    how = {"step": 0.05, "material_angular_velocity": np.eye(3)[[0, 2]], "integrator": "lie-midpoint"}
+    half, whole = (
+        t * nt.lyapunov_ensemble(nt.standard([3, 4, 5]), t_end=t, **how).lyapunov_exponent[:, 0] for t in (250, 500)
+    )
+    assert abs((whole - half).values - np.log(2)).max() < 0.02
 
 
 def test_the_director_scheme_says_that_it_hides_exponents_below_zero():
@@ -65,19 +73,11 @@ def test_the_director_scheme_says_that_it_hides_exponents_below_zero():
         assert (len(told), told[0].filename) == (1, __file__)
 
 
-def test_a_constrained_body_has_five():
-    """Without load a non-twisting body goes on along its circle: nothing grows but linearly."""
-    found = nt.lyapunov(nt.nontwisting([3, 4, 5]), t_end=300, step=0.05, material_angular_velocity=(1, 2, 0))
-    assert found.sizes["exponent"] == 5
-    assert abs(found.lyapunov_exponent.values[-1]).max() < 0.05
-    assert found.lyapunov_exponent.units == "s-1"
-
-
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
 def test_volumes_of_a_suslov_body_shrink_at_the_rate_of_its_equations(scheme):
     """tr(S ∂(JW × W)/∂W) over the changes across n, the mean over a long run, about an axis that is oblique."""
     inertia, n = np.array([[2, 0.1, 0.3], [0.1, 2.5, -0.2], [0.3, -0.2, 3]]), np.array([0, 0.6, 0.8])
-    how = {"t_end": 400, "step": 0.02, "material_angular_velocity": (1, 0.8, -0.6), "integrator": scheme}
+    how = {"t_end": 100, "step": 0.02, "material_angular_velocity": (1, 0.8, -0.6), "integrator": scheme}
     across = np.linalg.svd(n[None])[2][1:].T
     S = across @ np.linalg.inv(across.T @ inertia @ across) @ across.T
     W = nt.simulate(nt.suslov(inertia, n), **how).material_angular_velocity.values
@@ -85,7 +85,7 @@ def test_volumes_of_a_suslov_body_shrink_at_the_rate_of_its_equations(scheme):
     divergence = sum(term @ S @ e for term, e in zip(terms, across.T, strict=True))
     found = nt.lyapunov(nt.suslov(inertia, n), **how).lyapunov_exponent
     assert divergence.mean() < -0.2
-    for k in (100, 312, 625):  # orthonormalisations, each after 32 steps
+    for k in (50, 100, 156):  # orthonormalisations, each after 32 steps
         expected = np.trapezoid(divergence[: 32 * k + 1], dx=0.02) / (0.64 * k)
         assert found.time.values[k - 1] == pytest.approx(0.64 * k)
         assert found.values[k - 1].sum() == pytest.approx(expected, rel=1e-5)
@@ -119,31 +119,16 @@ def test_members_have_the_numbers_of_lyapunov(bodies, W, how):
         assert (one.lyapunov_exponent.values[-1] == found.lyapunov_exponent.values[i]).all()
 
 
-def test_members_leave_the_middle_axis_at_the_known_rates():
-    """``log(X) = σt`` and a constant for each speed and body; about the other axes ``X`` grows like t."""
-    speeds, moments = np.array([2.0, 3, 4]), [(3, 4, 5), (2, 3.5, 4), (1, 4, 4.5)]
-    bodies = nt.DirectorSystem.stack([nt.standard(each) for each in moments])
-    short, long_ = (
-        t * nt.lyapunov_ensemble(bodies, t_end=t, step=0.01, material_angular_velocity=speeds[:, None] * [[0, 1, 0]])
-        for t in (50, 100)
-    )
-    late = (long_ - short).lyapunov_exponent.values[:, 0] / 50
-    J1, J2, J3 = np.array(moments).T
-    assert abs(late - speeds * np.sqrt((J3 - J2) * (J2 - J1) / (J1 * J3))).max() < 1e-9
-    how = {"step": 0.05, "material_angular_velocity": np.eye(3)[[0, 2]], "integrator": "lie-midpoint"}
-    short, long_ = (t * nt.lyapunov_ensemble(bodies[0], t_end=t, **how).lyapunov_exponent[:, 0] for t in (500, 1000))
-    assert abs((long_ - short).values - np.log(2)).max() < 0.02
-
-
 def test_members_that_fail_have_no_exponents():
     W = np.tile([1.0, -2, 0.5], (20, 1))
     W[4] *= 1e3
     how = {"t_end": 1, "step": 0.01, "material_angular_velocity": W, "integrator": "lie-midpoint"}
     with pytest.warns(UserWarning, match="^1 of 20 members have failed, the first is 4: step 0 at t = 0 s: the body"):
         found = nt.lyapunov_ensemble(nt.standard(J), **how)
-    assert np.isnan(found.lyapunov_exponent.values).any(axis=1).nonzero()[0].tolist() == [4]
-    assert found.status.values.nonzero()[0].tolist() == [4]
-    assert found.message.values[4].startswith("step 0 at t = 0 s: the body turns")
+    for bad in (np.isnan(found.lyapunov_exponent.values).any(axis=1), found.status.values, found.message.values != ""):
+        assert bad.nonzero()[0].tolist() == [4]
+    with pytest.raises(ValueError, match=r"^exact has no derivatives; those that have them are gauss, "):
+        nt.lyapunov_ensemble(nt.standard(J), **how | {"integrator": "exact", "step": None})
 
 
 def test_ensembles_choose_steps_as_runs_do():
@@ -155,39 +140,32 @@ def test_ensembles_choose_steps_as_runs_do():
     assert (again.lyapunov_exponent.values == found.lyapunov_exponent.values).all()
 
 
-def test_what_has_no_derivatives_has_no_exponents():
-    with pytest.raises(ValueError, match=r"^exact has no derivatives; those that have them are gauss, "):
-        nt.lyapunov_ensemble(nt.standard(J), t_end=1, material_angular_velocity=STARTS, integrator="exact")
-
-
-@pytest.mark.parametrize(("rows", "count"), [(6, 6), (6, 5), (12, 3)])
-def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
-    rng, steps = np.random.default_rng(rows + count), 50
+@pytest.mark.parametrize("how", ["__call__", "on_floats"])
+@pytest.mark.parametrize(("rows", "count"), [(6, 5), (12, 3)])
+def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
+    rng, steps = np.random.default_rng(rows + count), 2 * linearised.TOGETHER
     M, n = np.eye(rows, rows + 2) + 0.1 * rng.normal(size=(steps, rows, rows + 2)), rng.normal(size=rows)
-    metric, length = np.eye(6) + np.cov(rng.normal(size=(6, 20))), np.linalg.norm(n)
-    start, found, memory = rng.normal(size=(rows, LANES)), [], np.zeros((rows, rows + 2, LANES))
+    G, x, lengths, length = np.eye(rows), rng.normal(size=(rows, LANES)), np.zeros((2, count)), np.linalg.norm(n)
+    metric, memory = np.eye(6) + np.cov(rng.normal(size=(6, 20))), np.zeros((rows, rows + 2, LANES))
 
     @machine_code.KIND
     def make(address):
-        first = View(Steps, doubles(address)).first
-        part = M[first : first + LANES]
-        memory[:, :, : len(part)] = np.moveaxis(part, 0, -1)
+        k = View(Steps, doubles(address)).first
+        memory[:, :, : len(M[k : k + LANES])] = np.moveaxis(M[k : k + LANES], 0, -1)
 
-    for how in ("__call__", "on_floats"):
-        made, chain, x, lengths = view_of(Steps), view_of(linearised.Chain), start.copy(), np.zeros((2, count))
-        made.steps, made.out = steps, memory
-        chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
-        chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
-        chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
-        chain.state, chain.lengths = x, lengths
-        getattr(linearised.grow(rows), how)(chain.address)
-        found.append((x, lengths))
-    assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])
-    assert np.array_equal(found[0][1], found[1][1])
-    G, first = np.zeros((rows, rows)), start[:, :count]
+    made, chain = view_of(Steps), view_of(linearised.Chain)
+    made.steps, made.out = steps, memory
+    chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
+    chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
+    chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
+    chain.state, chain.lengths = x.copy(), lengths
+    getattr(linearised.grow(rows), how)(chain.address)
     G[:6, :6], G[6:, 6:] = np.diag(np.linspace(1, 2, 6)), metric[: rows - 6, : rows - 6]
-    for A in M[: linearised.TOGETHER]:
-        first = A[:, :rows] @ first
-    first -= np.outer(n, n @ G @ first) / (length * length)
-    R = np.linalg.qr(np.linalg.cholesky(G).T @ first)[1]
-    assert found[0][1][0] == pytest.approx(abs(np.diag(R)), rel=1e-11)
+    first = x[:, :count]
+    for k in range(2):
+        for A in M[k * linearised.TOGETHER : (k + 1) * linearised.TOGETHER]:
+            first = A[:, :rows] @ first
+        first = first - np.outer(n, n @ G @ first) / (length * length)
+        R = np.linalg.qr(np.linalg.cholesky(G).T @ first)[1]
+        assert lengths[k] == pytest.approx(abs(np.diag(R)), rel=1e-11)
+        first = first @ np.linalg.inv(R)

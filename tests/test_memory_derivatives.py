@@ -9,7 +9,7 @@ from test_derivatives import derivative, last, require_transpose
 
 J = np.diag([3.0, 4.0, 5.0])
 W0 = np.array([0.3, 0.1, 0.35])
-KINKS = [0.5, 1.0, 2.0], [0.0, 0.5, -0.3]
+KINKS = [0.3, 0.5, 1.0], [0.0, 0.5, -0.3]
 BODIES = {"standard": nt.standard(J), "suslov": nt.suslov(J + 0.1, (1, 0, 1)), "top": nt.heavy_top(J, 1, (0, 0, 0.5))}
 START = ["material_angular_velocity", "rotation"]
 FIELDS = {"speed": 3.0, "torque": 0.1, "viscous": 0.05}
@@ -68,7 +68,7 @@ def loaded(beside="wheels", speed=3.0, torque=0.1, viscous=0.05):
 )
 def test_derivatives_are_those_of_differences(beside, body, order):
     body = BODIES[body]
-    how = {"t_end": 2, "step": 0.1, "order": order, "load": loaded(beside), "material_angular_velocity": W0}
+    how = {"t_end": 1, "step": 0.1, "order": order, "load": loaded(beside), "material_angular_velocity": W0}
     how |= {"project": True, "integrator": "gauss"}
     found = nt.sensitivities(body, wrt=[*START, *(f"load[0].{name}" for name in FIELDS)], **how)
 
@@ -82,13 +82,12 @@ def test_derivatives_are_those_of_differences(beside, body, order):
     assert last(found) @ weights == pytest.approx(derivative(run_of, 4e-4), abs=5e-9)
 
 
-@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
 @pytest.mark.parametrize("body", BODIES)
 def test_of_inertias_and_axes_they_are_those_of_differences(body):
     """Of the axis of a wheel counts what is across it."""
     made = {"standard": nt.standard, "suslov": lambda J: nt.suslov(J, (1, 0, 1))}
     make, axis = made.get(body, lambda J: nt.heavy_top(J, 1, (0, 0, 0.5))), np.array([0.6, 0.8, 0])
-    how = {"t_end": 2, "step": 0.1, "order": 4, "integrator": "gauss", "material_angular_velocity": W0, "project": True}
+    how = {"t_end": 1, "step": 0.1, "order": 4, "integrator": "gauss", "material_angular_velocity": W0, "project": True}
 
     def rubbing(inertia=0.2, n=axis):
         own = 1.5 * nt.wheel(n, inertia, 3, 0.1, viscous=0.05) + nt.wheel("z", 0.1, 2, 0.1)
@@ -101,9 +100,8 @@ def test_of_inertias_and_axes_they_are_those_of_differences(body):
     change = np.array([[a, f, e], [f, b, d], [e, d, c]])
 
     def run_of(x):
-        return nt.integrate(
-            make(J + 0.2 + x * change), load=rubbing(0.2 + x * weights[6], axis + x * weights[7:]), **how
-        )
+        own = rubbing(0.2 + x * weights[6], axis + x * weights[7:])
+        return nt.integrate(make(J + 0.2 + x * change), load=own, **how)
 
     assert last(found) @ weights == pytest.approx(derivative(run_of, 4e-4), abs=5e-9)
 
@@ -111,31 +109,21 @@ def test_of_inertias_and_axes_they_are_those_of_differences(body):
 def test_adjoint_propagator_and_continued_sums_agree():
     how = {"t_end": 2, "step": 0.05, "load": 0.5 * loaded("memory in space"), "project": True}
     wrt = [*START, "load[0].torque", "load[0].speed"]
-    found, *_ = require_transpose(nt.standard(J), wrt=wrt, material_angular_velocity=W0, store=20, **how)
+    found = require_transpose(nt.standard(J), wrt=wrt, material_angular_velocity=W0, store=20, **how)
     turn, velocity = nt.propagator(nt.standard(J), store=20, **how).jacobian(wrt=wrt, material_angular_velocity=W0)
     assert turn == pytest.approx(found.d_rotation.values, abs=1e-12)
     assert velocity == pytest.approx(found.d_material_angular_velocity.values, abs=1e-12)
 
 
-def test_of_a_driven_wheel_beside_memory_they_are_what_they_are_alone():
-    """A load with memory that does nothing changes no derivative."""
-    nothing = nt.memory_load(branching, lambda t, z, d, w: 0.0 * w, [0.3], scale=[1], compiled=False)
-    how = {"t_end": 2, "step": 0.1, "material_angular_velocity": W0, "wrt": [*START, "load[0].torque", "load[0].speed"]}
-    load = nt.wheel((1, 2, 0), 0.3, 4, 0.2)
-    alone = nt.sensitivities(nt.standard(J), load=load, **how)
-    beside = nt.sensitivities(nt.standard(J), load=load + nothing, **how)
-    assert beside.d_rotation.values == pytest.approx(alone.d_rotation.values, abs=1e-11)
-
-
 @pytest.mark.parametrize(
     ("body", "load", "wrt", "words"),
     [
-        (nt.standard(J), loaded(), "load_scale", "load_scale is none of them"),
-        (nt.suslov(J, (1, 0, 1)), loaded(), "axis", "axis is none of them"),
-        (nt.standard(J), loaded(), "load[0].scale", r"load\[0\].scale is none of them"),
-        (nt.standard(J), loaded() + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), START, "no derivatives beside .*spring"),
+        (BODIES["standard"], loaded(), "load_scale", "load_scale is none of them"),
+        (BODIES["suslov"], loaded(), "axis", "axis is none of them"),
+        (BODIES["standard"], loaded(), "load[0].scale", r"load\[0\].scale is none of them"),
+        (BODIES["top"], loaded() + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), START, "no derivatives beside .*spring"),
         (nt.nontwisting(J, spin=1), loaded("memory in space"), START, "where a spin is prescribed"),
-        (nt.standard(J), nt.wheel("x", 0.1, 3, friction=lambda speed: float(speed)), START, "cannot be differentiated"),
+        (BODIES["top"], nt.wheel("x", 0.1, 3, friction=lambda speed: float(speed)), START, "cannot be differentiated"),
     ],
 )
 def test_what_has_none_is_refused(body, load, wrt, words):

@@ -18,9 +18,8 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from conftest import ended, nontwist
+from conftest import ended
 from nontwist import (
     DirectorSystem,
     compare,
@@ -40,7 +39,6 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis import OBSERVABLES, Observable
-from nontwist.cli import app
 from nontwist.errors import RunFileError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import INTEGRATORS
@@ -109,12 +107,18 @@ def problems(path, *overrides):
     return [str(problem) for problem in info.value.problems]
 
 
+def keep(registry, *names):
+    """Take all others out of a registry."""
+    for name in {*registry} - {*names}:
+        del registry[name]
+
+
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 KINDS = ['"standard"', '"nontwisting"', '"suslov"', '"heavy_top"']
 
 
 @pytest.mark.usefixtures("newcomers")
-def test_a_run_file_takes_them_and_names_them(written):
+def test_a_run_file_and_its_schema_take_them_and_name_them(written):
     run = simulate(read_run_file(written).problem)
     how = {"t_end": 1, "step": 1 / 32, "material_angular_velocity": (0, 1, 2), "integrator": "munthe-kaas", "order": 1}
     assert np.array_equal(run.directors, simulate(BODIES["skate"].make(**BODIES["skate"].sample), **how).directors)
@@ -126,6 +130,10 @@ def test_a_run_file_takes_them_and_names_them(written):
         'body.axis: [1.0, 0.0, 0.0] -> left out for kind = "skate"; "suslov" takes an axis',
         "integrator.order: 2 (munthe-kaas has the order 1, 4; got order = 2) -> one of 1, 4",
     ]
+    tables = json_schema()["$defs"]
+    assert tables["Body"]["properties"]["kind"]["enum"] == [*BODIES]
+    assert tables["Integrator"]["properties"]["name"]["enum"] == [*INTEGRATORS]
+    assert {"skate", "munthe-kaas"} <= {*BODIES, *INTEGRATORS}
 
 
 @patch.dict(INTEGRATORS)
@@ -136,14 +144,6 @@ def test_kinds_that_are_not_registered_are_errors(written):
         f'body.kind: "skate" -> {", ".join(KINDS[:3])} or {KINDS[3]}{YOUR_OWN}',
         f'integrator.name: "munthe-kaas" -> {known}{YOUR_OWN}',
     ]
-
-
-@pytest.mark.usefixtures("newcomers")
-def test_the_schema_lists_them():
-    tables = json_schema()["$defs"]
-    assert tables["Body"]["properties"]["kind"]["enum"] == [*BODIES]
-    assert tables["Integrator"]["properties"]["name"]["enum"] == [*INTEGRATORS]
-    assert {"skate", "munthe-kaas"} <= {*BODIES, *INTEGRATORS}
 
 
 @pytest.mark.usefixtures("newcomers")
@@ -176,16 +176,14 @@ def test_viewer_comparison_and_figure_have_words_for_them(written):
 def test_the_commands_take_them(written, monkeypatch):
     monkeypatch.chdir(written.parent)
     written.write_text(RUN.replace("t_end = 1.0", "t_end = 0.25"), encoding="utf-8")
-    result = CliRunner().invoke(app, ["precision", "run.toml", "--json"])
-    assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["observed_order"] == pytest.approx(1, abs=0.1)
-    assert CliRunner().invoke(app, ["check", "run.toml"]).exit_code == 0
+    found = json.loads(ended(0, "precision", "run.toml", "--json").stdout)
+    assert found["observed_order"] == pytest.approx(1, abs=0.1)
+    ended(0, "check", "run.toml")
 
 
 @pytest.mark.usefixtures("newcomers")
 def test_validate_measures_them():
-    for name in {*INTEGRATORS} - {"munthe-kaas", "energy-momentum", "exact"}:
-        del INTEGRATORS[name]
+    keep(INTEGRATORS, "munthe-kaas", "energy-momentum", "exact")
     newcomer = INTEGRATORS["munthe-kaas"]
     newcomer.counts = newcomer.counts | {1: (128, 192, 256), 4: (32, 48, 64)}  # in Python: as few as show the order
     result = validate("orders")
@@ -231,13 +229,11 @@ def test_random_bodies_of_a_validation_include_heavy_ones_of_ones_own(monkeypatc
         return replace(heavy_top(inertia, mass, centre_of_mass), name="pot")
 
     monkeypatch.setattr(conserved, "SCHEMES", [("gauss", 4)])
-    names = [check.name for check in conserved.random_bodies()]
-    sample = {"inertia": [3, 4, 5], "mass": 1, "centre_of_mass": [0, 0, 0.1]}
-    BODIES["pot"] = BodyKind(pot, "flower pot", sample)
-    checks = list(conserved.random_bodies())
-    assert all(check.holds for check in checks)
-    assert [check.name for check in checks] == [name.replace("80 bodies", "100 bodies") for name in names]
-    assert "gauss 4: energy, 100 bodies" in {check.name for check in checks}
+    BODIES["pot"] = BodyKind(pot, "flower pot", {"inertia": [3, 4, 5], "mass": 1, "centre_of_mass": [0, 0, 0.1]})
+    checks = {check.name: check.holds for check in conserved.random_bodies()}
+    assert all(checks.values())
+    assert "gauss 4: energy, 100 bodies" in checks
+    assert [name for name in checks if "80 bodies" in name] == []
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +270,14 @@ def nutation():
         yield runpy.run_path(str(ROOT / "examples" / "own_observable.py"))["nutation"]
 
 
+SPUN = """
+body = { kind = "standard", inertia = [3, 4, 5] }
+time = { t_end = 1.5, step = 0.05 }
+sweep.variables = ["nutation", "rising"]
+sweep.over = [{ key = "start.angular_velocity.body", kind = "list", values = [[1, 0, 0], [2, 0, 0]] }]
+"""
+
+
 def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutation, tmp_path):
     """Of a body that turns about its first director, which is principal: θ = W1 t."""
     how = {"t_end": 1.5, "step": 0.05, "events": lambda t, state: nutation(state) - 1}
@@ -286,16 +290,9 @@ def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutatio
     how = {"t_end": 1.5, "step": 0.05, "store": 1, "variables": ["nutation"]}
     many = simulate_ensemble(standard([3, 4, 5]), material_angular_velocity=W, **how)
     np.testing.assert_array_equal(many.nutation[1], run.nutation)
-    table = """body = { kind = "standard", inertia = [3, 4, 5] }
-time = { t_end = 1.5, step = 0.05 }
-sweep.variables = ["nutation", "rising"]
-[[sweep.over]]
-key = "start.angular_velocity.body"
-kind = "list"
-values = [[1, 0, 0], [2, 0, 0]]
-"""
-    (tmp_path / "many.toml").write_text(table, encoding="utf-8")
-    ends = sweep(tmp_path / "many.toml", tmp_path / "many.zarr")
+    file = tmp_path / "many.toml"
+    file.write_text(SPUN, encoding="utf-8")
+    ends = sweep(file, tmp_path / "many.zarr", workers=1)
     np.testing.assert_allclose(ends.nutation, [1.5, 3], atol=1e-14)
     assert ends.nutation.attrs["units"] == "rad"
     np.testing.assert_allclose(ends.rising.values[:, 2], np.cos([1.5, 3]), atol=1e-14)
@@ -319,6 +316,15 @@ def test_what_is_wrong_with_an_observable_is_named(case):
         WRONG_OBSERVABLES[case]()
 
 
+def importing(registry, *words):
+    """Run a command that imports a module of this folder, and forget what it registers."""
+    with patch.dict(registry), patch.object(sys, "path", [*sys.path]):
+        done = ended(0, *words)
+    for name in ("own_load", "own_reader"):
+        sys.modules.pop(name, None)
+    return done
+
+
 @pytest.fixture
 def log(tmp_path):
     """The reader of the page, and a log of half a turn about the third axis; what is read of other content."""
@@ -335,16 +341,16 @@ def log(tmp_path):
         yield read
 
 
-def test_the_commands_of_the_page_read_a_log(tmp_path):
+def test_the_commands_of_the_page_read_a_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "examples" / "own_reader.py", tmp_path)
     page = (ROOT / "docs" / "contributing" / "recording.md").read_text(encoding="utf-8")
-    lines = [shlex.split(line) for line in re.findall(r"^(?:python|nontwist) .*$", page, re.MULTILINE)]
-    assert [words[0] for words in lines] == ["python", "nontwist"]
-    for words, start in zip(lines, ([], ["-m", "nontwist"]), strict=True):
-        command = [sys.executable, *start, *words[1:]]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-    assert "│ total twist                  │ 3.14159 rad (0.5 turns;" in done.stdout
+    python, command = map(shlex.split, re.findall(r"^(?:python|nontwist) .*$", page, re.MULTILINE))
+    assert (*python[:2], command[0]) == ("python", "-c", "nontwist")
+    with patch.dict(READERS), patch.object(sys, "path", ["", *sys.path]):
+        exec(python[2], {})
+        del sys.modules["own_reader"]
+    assert "│ total twist                  │ 3.14159 rad (0.5 turns;" in importing(READERS, *command[1:]).stdout
 
 
 def test_a_reader_reads(log):
@@ -353,47 +359,19 @@ def test_a_reader_reads(log):
     assert read[-1].values == pytest.approx([0, 0, 1, 0], abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda text: text[:-14],
-        lambda text: text.replace(b"|0|", b"|x|", 1),
-        lambda text: text.replace(b"|", b";"),
-        lambda text: b"\xff" + text,
-        lambda text: b"\xef\xbb\xbf",
-    ],
+DAMAGED = (
+    lambda text: text[:-14],
+    lambda text: text.replace(b"|0|", b"|x|", 1),
+    lambda text: text.replace(b"|", b";"),
+    lambda text: b"\xff" + text,
+    lambda text: b"\xef\xbb\xbf",
 )
-def test_a_reader_names_the_place_in_a_damaged_file(change, log):
-    with says():
-        log(change)
 
 
-LISTING = """
-
-import own_integrator
-import pytest
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    print(*(item.nodeid for item in items if "munthe" in item.nodeid or "skate" in item.nodeid))
-    few = ("test_orders", "test_equations")
-    items[:] = [item for item in items if item.path.stem in few]
-"""
-
-
-@pytest.mark.long
-def test_the_loops_of_the_tests_take_them(tmp_path):
-    """In a process where both are registered before; of what lists them, a few run."""
-    files = [f"tests/test_{name}.py" for name in ("orders", "contract", "driver", "lie_midpoint", "equations")]
-    (tmp_path / "newcomers.py").write_text(code_of_the_page() + LISTING, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-p", "newcomers", "-n", "0", "-q", "-s", *files]
-    path = os.pathsep.join([str(tmp_path), str(ROOT / "examples"), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": path}
-    command += ["-m", "not long", "-k", "munthe-kaas-1 and top or skate"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment)
-    assert done.returncode == 0, done.stdout
-    listed = {name.split("::")[0] for name in done.stdout.split() if "::" in name}
-    assert listed == set(files), done.stdout
+def test_a_reader_names_the_place_in_a_damaged_file(log):
+    for change in DAMAGED:
+        with says():
+            log(change)
 
 
 def strange(inertia, radius):
@@ -449,19 +427,15 @@ class Two(Integrator):
     ],
 )
 def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, cls):
-    ways = (
+    for add in (
         lambda: INTEGRATORS.__setitem__(key, cls),
         lambda: INTEGRATORS.update({key: cls}),
         lambda: INTEGRATORS.update([(key, cls)]),
-    )
-    for add in ways:
+    ):
         with patch.dict(INTEGRATORS), says():
             add()
         assert cls not in INTEGRATORS.values()
     assert pickle.loads(pickle.dumps(INTEGRATORS)) == INTEGRATORS
-
-
-def test_an_instance_without_its_order_is_refused():
     with pytest.raises(ValueError, match=r"^Two has the orders 2, 4, but no field order: add order: int = 2 to it$"):
         Two()
 
@@ -509,33 +483,24 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(heun, written, monkeyp
     run = simulate(standard([3, 4, 5]), tolerance=1e-6, integrator="heun", **how)
     truth = simulate(standard([3, 4, 5]), tolerance=1e-10, **how)
     assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-6
-    coarse = (
-        "the step is coarse: the body may turn by 85.9 degrees in it (heun, order 3); try step <= 0.03, "
-        "the integrator gauss, or tolerance = 1e-6"
-    )
-    with pytest.warns(UserWarning, match=f"^{re.escape(coarse)}$"):
+    coarse = r"by 85\.9 degrees in it \(heun, order 3\); try step <= 0\.03, the integrator gauss, or tolerance = 1e-6$"
+    with pytest.warns(UserWarning, match=coarse):
         simulate(standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(15, 0, 0), integrator="heun")
     data = compare(standard([3, 4, 5]), steps=[1 / 16, 1 / 32, 1 / 64], repeats=1, integrators=["heun", "gauss"], **how)
     assert data.order.values.tolist() == [3, 8]
     assert data.attitude_order.sel(integrator="heun 3").values[1:] == pytest.approx(3, abs=0.1)
     written.write_text(RUN.replace('"munthe-kaas", order = 1', '"heun"').replace("skate", "standard"), encoding="utf-8")
-    assert simulate(read_run_file(written, ["integrator.order=3"]).problem).equals(
-        simulate(read_run_file(written).problem)
-    )
+    ordered, plain = (simulate(read_run_file(written, more).problem) for more in (["integrator.order=3"], []))
+    assert ordered.equals(plain)
     assert problems(written, "integrator.order=2") == ["integrator.order: 2 (heun has the order 3; got order = 2) -> 3"]
     assert problems(written, "integrator.options.order=3") == [
         "integrator.options.order: unknown key -> left out: this table has no keys"
     ]
     monkeypatch.chdir(written.parent)
-    result = CliRunner().invoke(app, ["precision", "run.toml", "--json"])
+    result = ended(0, "precision", "run.toml", "--json")
     assert json.loads(result.stdout)["observed_order"] == pytest.approx(3, abs=0.05)
     written.write_text(written.read_text(encoding="utf-8") + SWEEP, encoding="utf-8")
     assert (sweep(written, written.parent / "store", workers=1).status == 0).all()
-    for name in {*INTEGRATORS} - {"heun", "energy-momentum"}:
-        del INTEGRATORS[name]
-    checks = [check for check in validate("orders").checks if check.name.startswith("heun 3: ")]
-    assert len(checks) == len(BODIES) + 1
-    assert all(check.holds for check in checks)
 
 
 @pytest.mark.long
@@ -598,28 +563,21 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
     body = '[body]\nkind = "standard"\ninertia = [2e-5, 3e-5, 4e-5]\n[time]\nt_end = 1\n'
     Path("run.toml").write_text(load + body, encoding="utf-8")
 
-    def command(*words):
-        with patch.dict(LOADS), patch.object(sys, "path", [*sys.path]):
-            done = nontwist(*words)
-        sys.modules.pop("own_load", None)
-        assert done.exit_code == 0, done.output
-        return done
-
     alone = ended(3, "check", "run.toml")
     assert next(line for line in alone.stderr.splitlines() if "load.0.kind" in line).endswith(
         f'"gravity_gradient"{YOUR_OWN}'
     )
     for words in (["--import", "own_load", "check", "run.toml"], ["check", "run.toml", "--import=own_load"]):
-        assert command(*words).stderr.splitlines()[-1] == "next: nontwist run run.toml --import own_load"
+        assert importing(LOADS, *words).stderr.splitlines()[-1] == "next: nontwist run run.toml --import own_load"
     (table,) = blocks_of_the_page("load", "toml")
     Path("magnet.toml").write_text(table, encoding="utf-8")
     for name in ("run", "magnet"):
-        command("run", f"{name}.toml", "--import", "own_load", "--quiet")
+        importing(LOADS, "run", f"{name}.toml", "--import", "own_load", "--quiet")
         assert open_run(f"{name}.nc").attrs["status"] == 0
     over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
     Path("sweep.toml").write_text(load + body.partition("[time]")[0] + over, encoding="utf-8")
-    words = ["sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1"]
-    many = subprocess.run([sys.executable, "-m", "nontwist", *words], capture_output=True, text=True, check=False)
+    words = [*["-m", "nontwist", "sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1"]]
+    many = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
     assert (many.returncode, "2, 0 failed" in many.stdout) == (0, True), many.stderr
 
 

@@ -17,7 +17,7 @@ MOTIONS = {  # how, and how far off a run is that is taken up again
     "driven wheels": (nt.standard(J), TURNING, {"load": SKEW, "step": 0.05, "integrator": "lie-midpoint"}, 1e-14),
     "memory": (nt.standard(J), {"material_angular_velocity": START}, {"load": load(), "step": 0.1}, 0.0),
 }
-AT, END = np.array([0.123, 1.5, 3.041, 5.3]), 6.0
+AT, END = np.array([0.123, 1.041, 2.3]), 3.0
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -37,25 +37,15 @@ def test_ways_to_one_motion(name, tmp_path):
     require(with_events, whole, 1e-13)
     for key in {"dissipated_energy", "load_work"} & set(whole):
         assert with_events[key].sum().item() == pytest.approx(whole[key].sum().item(), rel=1e-12, abs=1e-13)
-    first = {**start, **how, "t_end": 3.0}
-    half = nt.simulate(body, **first)
+    half = nt.simulate(body, t_end=1.0, **start, **how)
     nt.save_run(half, tmp_path / "half.nc")
-    for begin in (half, nt.integrate(body, **first), nt.open_run(tmp_path / "half.nc")):
+    for begin in (nt.integrate(body, t_end=1.0, **start, **how), nt.open_run(tmp_path / "half.nc")):
         rest = nt.simulate(body, start=begin, t_end=END, **how)
         require(rest, whole, near, slice(len(half.time) - 1, None))
     both = nt.resample(nt.join_runs(half, rest), AT, load=how["load"])
     require(both, asked, 1e-12)
-    run = nt.propagator(body, t_end=END, store=1, **how)(**start)
-    assert np.array_equal(run.quaternion, whole.quaternion.values)
-    starts = {key: [value] * 10 for key, value in start.items() if key != "rotation"} | (
-        start if "rotation" in start else {}
-    )
-    many = nt.simulate_ensemble(
-        body, t_end=END, load_scale=[1, 0.5] * 5, variables="all", store=1, threads=2, **starts, **how
-    )
-    scaled = nt.simulate(body, t_end=END, **start, **how | {"load": 0.5 * how["load"]})
-    for i, one in ((0, whole), (8, whole), (9, scaled)):
-        require(many.isel(member=i), one, 1e-13 if one is scaled else 0.0)
-    more = nt.simulate_ensemble(body, start=many, t_end=END + 1, load_scale=[1, 0.5] * 5, variables="all", **how)
-    one = nt.simulate(body, t_end=END + 1, **start, **how | {"load": 0.5 * how["load"]})
-    require(more.isel(member=9, time=[-1]), one, 1e-12, [-1])
+    ensemble = {"load_scale": [1, 0.5], "variables": "all", **how}  # whose members are runs: see test_contract
+    starts = {key: value if key == "rotation" else [value] * 2 for key, value in start.items()}
+    many = nt.simulate_ensemble(body, t_end=1.0, **starts, **ensemble)
+    more = nt.simulate_ensemble(body, start=many, t_end=END, **ensemble)
+    require(more.isel(member=0, time=[-1]), whole, 1e-12, [-1])

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import cross, thinned
-from nontwist.driver.grid import automatic_grid, graded, stretches_of
+from conftest import cross
+from nontwist.driver.grid import automatic_grid
 from nontwist.integrators.costs import damping_rate, largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
@@ -20,7 +20,7 @@ from nontwist.models.stack import stacked
 J, WEIGHT = 1.01, 9.81
 OIL = nt.heavy_top([J, J, 0.01], mass=1, centre_of_mass=(0, 0, 1))
 HANGING = Rotation.from_euler("x", np.pi - 1)
-DAMPED = [1e2, 1e4, 1e8]  # N m s: rates up to 1e10 1/s, in runs of up to 1e8 s
+DAMPED = [1e2, 1e8]  # N m s: rates up to 1e10 1/s, in runs of up to 1e8 s
 
 
 def how(c):
@@ -49,7 +49,9 @@ def angles(run):
     return np.arctan2(-d[:, 1], -d[:, 2])
 
 
-@pytest.mark.parametrize(("c", "order"), thinned(2, DAMPED, [None, 4, 8]))
+@pytest.mark.parametrize(
+    ("c", "order"), [(1e2, 4), (1e2, 8), (1e8, None), pytest.param(1e4, None, marks=pytest.mark.long)]
+)
 def test_a_pendulum_in_oil_creeps_down(c, order):
     """Nobody has chosen a step; of order 4 steps are shorter."""
     run = nt.integrate(OIL, **how(c), integrator="gauss", order=order)
@@ -60,8 +62,7 @@ def test_a_pendulum_in_oil_creeps_down(c, order):
     assert run.warning is None
 
 
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-10])
-@pytest.mark.parametrize("c", DAMPED)
+@pytest.mark.parametrize(("c", "tolerance"), [(1e2, 1e-6), (1e2, 1e-10), (1e8, 1e-10)])
 def test_states_between_steps_are_within_the_tolerance(c, tolerance):
     """While the velocity comes up, in about J/c, and later; relative to the largest velocity."""
     t, (angle, rate) = pendulum(c)
@@ -72,8 +73,8 @@ def test_states_between_steps_are_within_the_tolerance(c, tolerance):
 
 def test_lie_midpoint_creeps_as_well():
     """Order 2, 0.05 rad a step, and less than 5 % of a decay in the first ones."""
-    run = nt.integrate(OIL, **how(1e4), integrator="lie-midpoint")
-    angle, rate = pendulum(1e4)[1][:, -1]
+    run = nt.integrate(OIL, **how(1e2), integrator="lie-midpoint")
+    angle, rate = pendulum(1e2)[1][:, -1]
     assert angles(run)[-1] == pytest.approx(angle, rel=2e-3)
     assert -run.material_angular_velocity[-1, 0] == pytest.approx(rate, rel=2e-3)
 
@@ -98,31 +99,20 @@ def test_a_heavy_body_with_drag_along_slanted_axes():
     """Rates of 30 to 2e5 1/s, all axes coupled: by SciPy in quaternions."""
     turned = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
     C = turned @ np.diag([40.0, 900.0, 9e3]) @ turned.T
-    inertia, arm, mass = (
-        np.array([[1.2, 0.01, 0], [0.01, 1.25, -0.05], [0, -0.05, 0.09]]),
-        np.array([0.05, 0.02, 0.6]),
-        2.0,
-    )
-    body = nt.heavy_top(inertia, mass=mass, centre_of_mass=arm)
-    start, W0, t = Rotation.from_rotvec([2.0, 0.5, -0.3]), np.array([3.0, -2.0, 4.0]), np.array([0.001, 0.1, 5.0, 60.0])
+    inertia, arm, mass = np.array([[1.2, 0.01, 0], [0.01, 1.25, -0.05], [0, -0.05, 0.09]]), [0.05, 0.02, 0.6], 2.0
+    start, W0, t = Rotation.from_rotvec([2.0, 0.5, -0.3]), np.array([3.0, -2.0, 4.0]), np.array([0.001, 0.1, 2.0])
 
     def rates(_, y):
-        p, W = y[:4], y[4:]
-        x, q = Rotation.from_quat(p), np.append(W, 0.0) / 2
-        turn = [
-            p[3] * q[0] + p[1] * q[2] - p[2] * q[1],
-            p[3] * q[1] + p[2] * q[0] - p[0] * q[2],
-            p[3] * q[2] + p[0] * q[1] - p[1] * q[0],
-            -p[:3] @ q[:3],
-        ]
-        moment = cross(arm, x.inv().apply([0, 0, -mass * WEIGHT])) - C @ W + cross(inertia @ W, W)
-        return np.append(turn, np.linalg.solve(inertia, moment))
+        R, W = Rotation.from_quat(y[:4]), y[4:]
+        down = R.as_matrix()[2]  # of the body
+        moment = cross(np.array(arm), -mass * WEIGHT * down) - C @ W + cross(inertia @ W, W)
+        turn = [*(y[3] * W + cross(y[:3], W)), -y[:3] @ W]
+        return np.append(np.array(turn) / 2, np.linalg.solve(inertia, moment))
 
-    begin = np.append(start.as_quat(), W0)
-    found = solve_ivp(rates, (0, t[-1]), begin, t_eval=t, method="Radau", rtol=1e-10, atol=1e-12).y.T
-    run = nt.integrate(
-        body, times=t, t_end=t[-1], rotation=start, material_angular_velocity=W0, load=nt.damping(C), tolerance=1e-8
-    )
+    begin, close = np.append(start.as_quat(), W0), {"method": "Radau", "rtol": 1e-10, "atol": 1e-12}
+    found = solve_ivp(rates, (0, t[-1]), begin, t_eval=t, **close).y.T
+    body, own = nt.heavy_top(inertia, mass=mass, centre_of_mass=arm), {"material_angular_velocity": W0}
+    run = nt.integrate(body, times=t, load=nt.damping(C), tolerance=1e-8, rotation=start, **own)
     apart = Rotation.from_quat(found[:, :4]).inv() * Rotation.from_quat(run.quaternion)
     assert apart.magnitude().max() <= 1e-8
     assert abs(run.material_angular_velocity - found[:, 4:]).max() <= 1e-8 * np.linalg.norm(W0)
@@ -134,19 +124,6 @@ def test_ensembles_take_such_steps():
     alone = [nt.integrate(OIL, **how(1e4) | {"load": f * nt.damping(1e4)}, store="end") for f in (0.5, 1, 2)]
     W = runs.material_angular_velocity.values[:, -1]
     assert pytest.approx(W, rel=1e-6, abs=1e-12) == [run.material_angular_velocity[-1].tolist() for run in alone]
-
-
-def test_steps_grow_with_the_time_behind_a_kink():
-    borders, sizes = graded(np.array([0.0, 1.0, 5.0]), 0.5, 1e6, 0.25)
-    kink = np.where(borders[:-1] < 1, 0.0, 1.0)
-    assert np.all(sizes <= np.minimum(0.25 * np.maximum(borders[:-1] - kink, 1e-6), 0.5) * (1 + 1e-9))
-    assert {0.0, 1.0, 5.0} <= set(borders)
-    assert len(sizes) < 2 * np.log2(1e6 / 0.25)
-    grid = stretches_of(Load(), 0, 5, 0.5, decay=1e6, part=0.25)
-    assert grid.steps < 8 * np.log2(5e6)
-    assert stretches_of(Load(), 0, 5, 0.5, decay=0.4, part=0.25).sizes == (0.5,)
-    late = graded(np.array([1e9, 1e9 + 1.0]), 0.5, 1e6, 0.25)[1]
-    assert late.min() > 16 * np.spacing(1e9)
 
 
 def test_what_damping_bounds():
@@ -167,10 +144,10 @@ def test_what_damping_bounds():
 
 @pytest.mark.parametrize("scheme", ["split", "energy-momentum"])
 def test_what_must_resolve_every_decay_names_what_need_not(scheme):
-    with pytest.raises(ValueError, match="or the integrator gauss, which takes damped modes in long steps"):
-        nt.simulate(OIL, **how(1e4), integrator=scheme)
-    with pytest.raises(ValueError, match="or choose the integrator gauss, which takes damped modes in long steps"):
-        nt.simulate(OIL, **how(1e4), integrator=scheme, tolerance=1e-6)
+    words = "or (choose )?the integrator gauss, which takes damped modes in long steps"
+    for more in ({}, {"tolerance": 1e-6}):
+        with pytest.raises(ValueError, match=words):
+            nt.simulate(OIL, **how(1e4), integrator=scheme, **more)
     grid = automatic_grid(stacked(OIL), np.zeros((1, 3)), nt.damping(100), 0.0, 1.0)
     assert grid.longest <= 1e-4 * (1 + 1e-9)
 
@@ -186,40 +163,38 @@ def test_a_step_that_is_too_long_is_told_with_what_works():
 
 @pytest.mark.parametrize("extra", [{}, {"tolerance": 1e-6}])
 def test_more_decays_than_round_off_allows_are_refused_with_what_works(extra):
-    c = 1e12
-    begin = perf_counter()
+    c, begin = 1e12, perf_counter()
     with pytest.raises(ValueError, match=r"at most 1e\+21 are resolved") as refused:
         nt.simulate(OIL, **how(c), **extra)
     assert perf_counter() - begin < 1
     longest, step = (float(x) for x in re.findall(r"(?:t_end <=|step =) (\S+) s", str(refused.value)))
     short = nt.integrate(OIL, **how(c) | {"t_end": longest}, **extra)
-    rate = WEIGHT * np.sin(1) / c
-    assert 1 - angles(short)[-1] == pytest.approx(rate * longest, rel=1e-3)
-    with pytest.warns(UserWarning, match="does not resolve"):
-        crept = nt.integrate(OIL, **how(c), step=step, integrator="lie-midpoint")
-    assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-3)
+    assert 1 - angles(short)[-1] == pytest.approx(WEIGHT * np.sin(1) / c * longest, rel=1e-3)
     with pytest.raises(ValueError, match=r"use t_end <= 9e\+06 s$"):
         nt.simulate(OIL, **how(c), material_angular_velocity=(1, 0, 0), **extra)
+    if not extra:
+        with pytest.warns(UserWarning, match="does not resolve"):
+            crept = nt.integrate(OIL, **how(c), step=step, integrator="lie-midpoint")
+        assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-3)
 
 
 @pytest.mark.parametrize("viscous", [1.0, 1e3])
 def test_a_wheel_that_its_bearing_stops_at_once(viscous):
     """``Ω' = -b (1/I + 1/(J - I)) Ω``, at rates of 200 and 2e5 1/s in a run of 10 s."""
-    inertia = 0.005
-    load = nt.wheel("z", inertia, speed=100, viscous=viscous)
+    load = nt.wheel("z", 0.005, speed=100, viscous=viscous)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run = nt.simulate(nt.standard([3, 4, 5]), t_end=10, angular_velocity=(0, 0, 0.3), load=load)
-    rate = viscous * (1 / inertia + 1 / (5 - inertia))
+    rate = viscous * (1 / 0.005 + 1 / (5 - 0.005))
     assert run.sizes["time"] < 1500
     assert run.wheel_speed.values[:, 0] == pytest.approx(100 * np.exp(-rate * run.time.values), abs=1e-8)
     assert run.wheel_loss.values[-1, 0] == pytest.approx(100**2 / 2 * viscous / rate, rel=1e-8)
-    skew = nt.wheel("x", 0.2, viscous=3.0) + nt.wheel((1, 2, 2), 0.1, 5, viscous=2.0) + nt.wheel("y", 0.3)
-    n, carrier = np.array([[1, 0, 0], [1 / 3, 2 / 3, 2 / 3]]), np.diag([3.0, 4, 5])
-    for axis, own in zip([*n, (0, 1, 0)], [0.2, 0.1, 0.3], strict=True):
-        carrier -= own * np.outer(axis, axis)
-    b = np.diag([3.0, 2.0])
-    slopes = np.block([[np.zeros((3, 3)), np.linalg.solve(carrier, n.T @ b)], [np.zeros((2, 3)), np.zeros((2, 2))]])
-    slopes[3:, 3:] = -np.diag([1 / 0.2, 1 / 0.1]) @ b - n @ slopes[:3, 3:]  # of W and of the speeds of both
-    fastest = abs(np.linalg.eigvals(slopes)).max()
-    assert damping_rate(stacked(nt.standard([3, 4, 5])), skew) == pytest.approx(fastest)
+
+
+def test_the_fastest_rate_of_wheels_is_that_of_the_linear_motion():
+    load = nt.wheel("x", 0.2, viscous=3.0) + nt.wheel((1, 2, 2), 0.1, 5, viscous=2.0) + nt.wheel("y", 0.3)
+    n, b = np.array([[1, 0, 0], [1 / 3, 2 / 3, 2 / 3], [0, 1, 0]]), np.diag([3.0, 2.0, 0])
+    own = np.diag([0.2, 0.1, 0.3])
+    carrier = np.linalg.solve(np.diag([3.0, 4, 5]) - n.T @ own @ n, n.T @ b)  # W' of the speeds of the wheels
+    slopes = -np.linalg.solve(own, b) - n @ carrier
+    assert damping_rate(stacked(nt.standard([3, 4, 5])), load) == pytest.approx(abs(np.linalg.eigvals(slopes)).max())

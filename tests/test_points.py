@@ -83,17 +83,16 @@ def test_results_are_laid_out_as_runs_are():
 def test_what_is_refused(function):
     run = nt.simulate(nt.standard(PAPER_J), **PUSHED)
     name = {nt.point_position: "directors", nt.point_velocity: "director_velocities"}[function]
-    with pytest.raises(ValueError, match=r"^expected a Trajectory, or a run of nontwist.simulate as a Dataset, got 3$"):
-        function(3, X)
-    with says():
-        function(run.drop_vars(name)[["quaternion", "moment"]], X)
-    with pytest.raises(ValueError, match=rf"^{name} must have three directors of three components, got \(2, 3\)"):
-        function(run.isel(director=[0, 1]), X)
-    with pytest.raises(ValueError, match=rf"^{name} must have the dims director and axis, got time, axis$"):
-        function(run.isel(director=0), X)
-    for wrong in (np.zeros((2, 2)), np.zeros((2, 2, 3)), 1.0):
-        with pytest.raises(ValueError, match=r"^X must have the shape"):
-            function(run, wrong)
-    with pytest.raises(ValueError, match=r"^X\[1\] = nan is not finite$"):
-        function(run, (0, np.nan, 0))
+    for wrong, points in (
+        (3, X),
+        (run.drop_vars(name)[["quaternion", "moment"]], X),
+        (run.isel(director=[0, 1]), X),
+        (run.isel(director=0), X),
+        (run, np.zeros((2, 2))),
+        (run, np.zeros((2, 2, 3))),
+        (run, 1.0),
+        (run, (0, np.nan, 0)),
+    ):
+        with says():
+            function(wrong, points)
     assert isinstance(function(run, np.empty((0, 3))), xarray.DataArray)

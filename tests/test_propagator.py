@@ -17,20 +17,8 @@ from refusals import refused_as, says
 
 R = Rotation.from_rotvec([0.3, -0.2, 0.9])
 W0 = (0.5, -1.0, 0.2)
-SHARED = (
-    "time",
-    "quaternion",
-    "material_angular_velocity",
-    "directors",
-    "director_velocities",
-    "multipliers",
-    "moment",
-    "load_work",
-    "newton_iterations",
-    "dead_moment",
-    "twist",
-    "memory",
-)
+SHARED = "time", "quaternion", "material_angular_velocity", "directors", "director_velocities", "multipliers", "moment"
+SHARED += "load_work", "newton_iterations", "dead_moment", "twist", "memory"
 
 
 def same(one, other):
@@ -43,7 +31,7 @@ def same(one, other):
     assert one.to_dataset().identical(other.to_dataset())
 
 
-@pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "exact", "continuous"])
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "exact", "continuous"])
 def test_each_form_of_a_start_is_that_of_integrate(integrator):
     """The bits of one form, for every load and body, are in test_contract."""
     load = None if integrator == "exact" else sine((1, 2, 3), 0.7)
@@ -51,7 +39,6 @@ def test_each_form_of_a_start_is_that_of_integrate(integrator):
     body = standard([3, 4, 5])
     call = propagator(body, **how)
     for start in (
-        {"material_angular_velocity": W0},
         {"material_angular_velocity": np.array(W0), "rotation": R},
         {"angular_velocity": W0, "rotation": R.as_matrix()},
         {"material_angular_velocity": W0, "rotation": R.as_quat(), "scalar_first": False},
@@ -64,37 +51,24 @@ def test_each_form_of_a_start_is_that_of_integrate(integrator):
 @pytest.mark.parametrize("order", [2, 4])
 def test_eight_threads_share_one(order):
     call = propagator(standard([3, 4, 5]), t_end=0.1, step=0.01, order=order, load=sine((1, 0, 2), 3))
-    starts = [tuple(W) for W in np.random.default_rng(3).normal(size=(500, 3)).tolist()]
-    alone = [call(material_angular_velocity=W) for W in starts]
+    starts = [tuple(W) for W in np.random.default_rng(3).normal(size=(100, 3)).tolist()]
 
     def ends(k):
         runs = [call(material_angular_velocity=W) for W in starts[k:] + starts[:k]]
-        return runs[len(starts) - k :] + runs[: len(starts) - k]
+        return np.roll([[*run.quaternion[-1], *run.memory, *run.moment[0]] for run in runs], k, axis=0)
 
+    alone = ends(0)
     with ThreadPoolExecutor(8) as pool:
-        for found in pool.map(ends, range(0, 500, 25)):  # 10,000 calls
-            for one, other in zip(found, alone, strict=True):
-                assert np.array_equal(one.quaternion, other.quaternion)
-                assert np.array_equal(one.memory, other.memory)
-                assert np.array_equal(one.moment, other.moment)
+        for found in pool.map(ends, [*range(0, 100, 5)] * 2):  # 4000 calls
+            assert np.array_equal(found, alone)
 
 
 def test_a_step_is_chosen_for_each_start():
-    body = nontwisting([3, 4, 5])
-    call = propagator(body, t_end=1)
-    for speed in (1, 40):
-        same(
-            call(angular_velocity=(0, speed, 0)), integrate(body, t_end=1, angular_velocity=(0, speed, 0), store="end")
-        )
-    assert call(angular_velocity=(0, 40, 0)).step < call(angular_velocity=(0, 1, 0)).step
-
-
-def test_runs_of_a_propagator_own_their_numbers():
-    call = propagator(standard([3, 4, 5]), t_end=0.1, step=0.01, store=1)
-    one = call(material_angular_velocity=W0)
-    before = one.quaternion.copy()
-    call(material_angular_velocity=(3, 2, 1))
-    assert np.array_equal(one.quaternion, before)
+    body, how = nontwisting([3, 4, 5]), {"t_end": 1, "store": "end"}
+    call, starts = propagator(body, **how), [{"angular_velocity": (0, speed, 0)} for speed in (1, 40)]
+    for start in starts:
+        same(call(**start), integrate(body, **how, **start))
+    assert call(**starts[1]).step < call(**starts[0]).step
 
 
 def test_a_table_is_not_written_out_for_every_scale():
@@ -106,43 +80,33 @@ def test_a_table_is_not_written_out_for_every_scale():
 
 
 def test_a_run_that_fails_says_why_and_the_next_is_sound():
-    body = standard([3, 4, 5])
-    call = propagator(body, t_end=1, step=0.5)
+    body, how = standard([3, 4, 5]), {"t_end": 1, "step": 0.5, "store": "end"}
+    call = propagator(body, **how)
     with says(SimulationError):
         call(material_angular_velocity=(0, 0, 20))
-    same(
-        call(material_angular_velocity=W0),
-        integrate(body, t_end=1, step=0.5, store="end", material_angular_velocity=W0),
-    )
+    same(call(material_angular_velocity=W0), integrate(body, material_angular_velocity=W0, **how))
 
 
-def started(**given):
-    return lambda: propagator(nontwisting([3, 4, 5]), t_end=1, step=0.1)(**given)
-
-
-def made(**given):
-    return lambda: propagator(nontwisting([3, 4, 5]), **given)
-
-
+BODY, PLAN = nontwisting([3, 4, 5]), {"t_end": 1, "step": 0.1}
 test_wrong_starts_and_plans_are_refused = refused_as(
     {
-        "shape": started(material_angular_velocity=(1, 2)),
-        "scale": started(load_scale="twice"),
-        "resolution": made(t_end=1e9 + 1, t_start=1e9, step=1e-6),
+        "shape": lambda: propagator(BODY, **PLAN)(material_angular_velocity=(1, 2)),
+        "scale": lambda: propagator(BODY, **PLAN)(load_scale="twice"),
+        "resolution": lambda: propagator(BODY, t_end=1e9 + 1, t_start=1e9, step=1e-6),
     }
 )
 
 
 def test_a_slow_load_is_told_once():
     with pytest.warns(UserWarning, match="runs in Python"):
-        call = propagator(nontwisting([3, 4, 5]), t_end=1, step=0.1, load=moment(turning))
+        call = propagator(BODY, load=moment(turning), **PLAN)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         call(angular_velocity=(0, 1, 0))
 
 
 def test_a_propagator_can_be_pickled_and_tells_what_it_is():
-    call = propagator(nontwisting([3, 4, 5]), t_end=2, step=0.1, load=sine((1, 0, 0), 1), order=4)
+    call = propagator(BODY, t_end=2, step=0.1, load=sine((1, 0, 0), 1), order=4)
     same(pickle.loads(pickle.dumps(call))(angular_velocity=(0, 1, 0)), call(angular_velocity=(0, 1, 0)))
     assert repr(call).endswith(", gauss of order 4, 0 to 2 s, 20 steps>")
     assert (call.t_start, call.t_end, call.integrator.name) == (0, 2, "gauss")
@@ -151,15 +115,16 @@ def test_a_propagator_can_be_pickled_and_tells_what_it_is():
 
 def test_results_are_read_once_they_are_asked_for():
     """A call leaves them in the numbers of the march; a run is whole to whoever looks at it, copies or pickles it."""
-    call = propagator(nontwisting([3, 4, 5]), t_end=1, step=0.1, load=sine((1, 0, 0), 1), store=1)
-    expected = integrate(nontwisting([3, 4, 5]), t_end=1, step=0.1, load=sine((1, 0, 0), 1), angular_velocity=(0, 1, 0))
-    same(pickle.loads(pickle.dumps(call(angular_velocity=(0, 1, 0)))), expected)
-    same(copy.deepcopy(call(material_angular_velocity=(0, 1, 0))), expected)
-    same(
-        replace(call(material_angular_velocity=(0, 1, 0)), message="as it was"), replace(expected, message="as it was")
-    )
-    assert "states" not in vars(call(material_angular_velocity=(0, 1, 0)))
-    run = call(material_angular_velocity=(0, 1, 0))
+    how, start = {"load": sine((1, 0, 0), 1), **PLAN}, {"material_angular_velocity": (0, 1, 0)}
+    call, expected = propagator(BODY, store=1, **how), integrate(BODY, **how, **start)
+    run = call(**start)
+    assert "states" not in vars(run)
+    call(material_angular_velocity=(3, 2, 0))
+    same(run, expected)
+    same(pickle.loads(pickle.dumps(call(**start))), expected)
+    same(copy.deepcopy(call(**start)), expected)
+    same(replace(call(**start), message="as it was"), replace(expected, message="as it was"))
+    run = call(**start)
     with ThreadPoolExecutor(8) as pool:
         assert len({moment.tobytes() for moment in pool.map(lambda _: run.moment, range(100))}) == 1
     with pytest.raises(AttributeError, match="'Trajectory' object has no attribute 'velocity'"):

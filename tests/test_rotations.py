@@ -13,9 +13,9 @@ from many_digits import EPS, assert_ulps, exact, length, many_digits, ulps  # no
 from nontwist.geometry import rotations
 from refusals import refused_as
 
-ANGLES = [1e-300, 1e-200, 1e-155, 1e-100, 1e-30, 1e-16, 1e-12, 1e-8, 1e-4, 0.01, 0.1, 0.5]
-ANGLES += [np.nextafter(1, 0), 1.0, np.nextafter(1, 2), 1.5, np.pi / 2, 2 * np.pi / 3, 2.5, 3.1]
-NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-5, 1e-8, 1e-10, 1e-12, 1e-14, 1e-15)]
+ANGLES = [1e-300, 1e-155, 1e-30, 1e-12, 1e-8, 1e-4, 0.1, 0.5]
+ANGLES += [np.nextafter(1, 0), 1.0, np.nextafter(1, 2), np.pi / 2, 2.5, 3.1]
+NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-8, 1e-12, 1e-14, 1e-15)]
 PAST_PI = [np.pi, np.nextafter(np.pi, 4), 3.2, 4.0, 6.0, 2 * np.pi - 1e-6, 2 * np.pi + 1e-6, 7.0, 20.0, 100.0]
 SINGULAR = [2 * np.pi, 4 * np.pi, 200 * np.pi]
 
@@ -107,7 +107,7 @@ def test_against_mpmath(name):
 
 
 def test_exp_keeps_the_digits_of_a_small_skew_part():
-    for x in vectors(ANGLES[:9])[1:]:
+    for x in vectors(ANGLES[:6])[1:]:
         want = mp.sin(mp.norm(exact(x))) / mp.norm(exact(x)) * exact(x)
         R = rotations.exp(x)
         assert length(exact(rotations.vee(R / 2 - R.T / 2)) - want) <= 8 * EPS * length(want)
@@ -231,30 +231,15 @@ def test_leading_axes_may_be_many_or_empty():
         kernel = getattr(rotations, name)
         close(kernel(of)[1, 2], kernel(of[1, 2]))
         assert kernel(of[:0]).shape == (0, *kernel(of).shape[1:])
-    perp, par = rotations.velocity_variation(R[:, :1], np.ones((5, 3)))
+    rate = np.random.default_rng(8).normal(size=(5, 3))
+    perp, par = rotations.velocity_variation(R[:, :1], rate)  # of which meaning: nontwist.validation
+    close(
+        np.einsum("mni,mix->mnx", perp, R[:, 0]) + par[..., None] * R[:, :1, 2],
+        np.broadcast_to(rate, perp.shape),
+        4e-15,
+    )
+    assert not perp[..., 2].any()
     assert (R.shape, perp.shape, par.shape) == ((2, 3, 3, 3), (2, 5, 3), (2, 5))
-
-
-def test_variations_of_the_velocity_against_mpmath():
-    """δW of Λ(t) = exp(a t) exp(b sin t), varied by exp(ι δθ(t)): d/dι of vee(Λᵀ Λ') in 80 digits, by differences."""
-    rng, e = np.random.default_rng(8), mp.mpf(10) ** -20
-    for _ in range(6):
-        a, b, c, f = (exact(x) for x in rng.normal(size=(4, 3)))
-        t = mp.mpf(float(rng.uniform(-1, 1)))
-
-        def turned(iota, s, a=a, b=b, c=c, f=f):
-            return mp_exp(iota * (mp.sin(2 * s) * c + s**2 * f)) * mp_exp(s * a) * mp_exp(mp.sin(s) * b)
-
-        def velocity(iota, t=t, turned=turned):
-            A = turned(iota, t).T * (turned(iota, t + e) - turned(iota, t - e)) / (2 * e)
-            return mp.matrix([A[2, 1], A[0, 2], A[1, 0]])
-
-        want, rate = (velocity(e) - velocity(-e)) / (2 * e), 2 * mp.cos(2 * t) * c + 2 * t * f
-        perp, par = rotations.velocity_variation(rounded(turned(0, t).T), [float(x) for x in rate])
-        assert perp[2] == 0
-        assert max(abs(mp.mpf(x) - y) for x, y in zip((*perp[:2], float(par)), want, strict=True)) < 20 * EPS * mp.norm(
-            rate
-        )
 
 
 OTHERS = np.array([np.diag([1.0, 1.0, -1.0]), np.eye(3) + 1e-8, 2 * np.eye(3), 1e200 * np.eye(3), np.zeros((3, 3))])

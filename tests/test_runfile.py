@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import re
 import warnings
 from pathlib import Path
@@ -142,21 +143,13 @@ ONE_LINE = {
     "option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ rtoll = 1e-9 }}\n',
     "value of an option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ method = "RK4" }}\n',
     "path": f'{BODY}{TIME}[output]\npath = "run.csv"\n',
+    "an axis of length zero": f"{BODY}{TIME}[[load]]\nkind = 'rotor'\naxis = [0, 0, 0]\nmomentum = 1\n",
 }
 
 
 @pytest.mark.parametrize("case", ONE_LINE)
 def test_errors_are_reported_in_a_line(case, write):
     said(lines(write, ONE_LINE[case])[0])
-
-
-def test_a_hundred_megabytes_are_refused_unread(tmp_path):
-    path = tmp_path / "large.toml"
-    with path.open("wb") as file:
-        file.truncate(104_000_000)
-    line = 'the file: 104 MB -> at most 1 MB; a long table goes into a CSV file: [[load]] kind = "csv"'
-    with pytest.raises(RunFileError, match=re.escape(line)):
-        read_run_file(path)
 
 
 def test_ten_to_the_nine_stored_steps_are_refused(write):
@@ -176,46 +169,23 @@ def test_a_byte_order_mark_and_carriage_returns_are_no_fault(write):
     assert read(write, b"\xef\xbb\xbf" + text.encode()) == read(write, BODY + TIME)
 
 
+WRONG_ALL_OVER = """
+titel = "x"
+body = { kind = "suslov", inertia = [1, 2, 5], axes = [0, 0, 1] }
+load = [{ kind = "damping", coefficient = -1 }, { kind = "sine", frame = "bdy" }]
+time = { t_end = 1, step = 0.3, store = "last" }
+integrator = { order = 3 }
+output = { figures = ["paths"] }
+[start]
+rotation = { euler = [1, 2], sequence = "xyz", unit = "degrees" }
+angular_velocity = { body = [1, nan, 0] }
+"""
+
+
 def test_all_errors_are_reported_at_once(write):
-    text = """
-        titel = "x"
-        [body]
-        kind = "suslov"
-        inertia = [1, 2, 5]
-        axes = [0, 0, 1]
-        [start]
-        rotation = { euler = [1, 2], sequence = "xyz", unit = "degrees" }
-        angular_velocity = { body = [1, nan, 0] }
-        [[load]]
-        kind = "damping"
-        coefficient = -1
-        [[load]]
-        kind = "sine"
-        frame = "bdy"
-        [time]
-        t_end = 1
-        step = 0.3
-        store = "last"
-        [integrator]
-        order = 3
-        [output]
-        figures = ["paths"]
-    """
-    assert [line.split(": ")[0] for line in lines(write, text)] == [
-        "body.axes",
-        "start.angular_velocity.body.1",
-        "load.1.frame",
-        "load.1.amplitude",
-        "load.1.frequency",
-        "time.store",
-        "output.figures.0",
-        "titel",
-        "body.axis",
-        "start.rotation.euler",
-        "load.0.coefficient",
-        "integrator.order",
-        "time.step",
-    ]
+    keys = "body.axes start.angular_velocity.body.1 load.1.frame load.1.amplitude load.1.frequency time.store "
+    keys += "output.figures.0 titel body.axis start.rotation.euler load.0.coefficient integrator.order time.step"
+    assert [line.split(": ")[0] for line in lines(write, WRONG_ALL_OVER)] == keys.split()
 
 
 def test_no_error_is_reported_twice(write):
@@ -224,8 +194,6 @@ def test_no_error_is_reported_twice(write):
 
 
 def test_an_error_travels_between_processes(write):
-    import pickle
-
     with pytest.raises(RunFileError) as caught:
         read(write, BODY)
     again = pickle.loads(pickle.dumps(caught.value))
@@ -332,10 +300,8 @@ def test_bodies(case, write):
     text, expected = BODIES[case]
     found, wanted = read(write, f"[body]\n{text}{TIME}").problem.system, expected()
     for name in ("euler_inertia", "dead_force", "axis"):
-        if getattr(wanted, name) is None:
-            assert getattr(found, name) is None
-        else:
-            assert getattr(found, name) == pytest.approx(getattr(wanted, name), abs=1e-14)
+        one, other = getattr(found, name), getattr(wanted, name)
+        assert one is other is None or one == pytest.approx(other, abs=1e-14)
 
 
 def test_a_mesh_lies_beside_its_run_file(write, tmp_path):
@@ -420,13 +386,6 @@ def test_what_is_wrong_with_a_csv_file(case, write):
     said(line)
 
 
-def test_an_axis_of_length_zero_is_the_axis_of_the_message(write):
-    rotor = '[[load]]\nkind = "rotor"\naxis = [0, 0, 0]\ntimes = [0, 1]\nvalues = [0, 1]\n'
-    (line,) = lines(write, f"{BODY}{TIME}{rotor}")
-    letters = '"x", "y", "z", "-x", "-y", "-z"'
-    assert line == f"load.0.axis: [0, 0, 0] -> 3 numbers, not all 0, or {letters}: a direction in the body"
-
-
 def test_overrides(write):
     text = f'{BODY}{TIME}[[load]]\nkind = "damping"\ncoefficient = 1\n'
     run_file = read(
@@ -441,17 +400,17 @@ def test_overrides(write):
     ]
 
 
-@pytest.mark.parametrize(
-    "override",
-    [
-        "body.mass",
-        "body.kind=suslov",
-        "body.mass=1/7",
-        "body.mass=0,6",
-        "start.run=rock.nc",
-        "body.mass=2\nbody.kind=1",
-    ],
-)
+INVALID = [
+    "body.mass",
+    "body.kind=suslov",
+    "body.mass=1/7",
+    "body.mass=0,6",
+    "start.run=rock.nc",
+    "body.mass=2\nbody.kind=1",
+]
+
+
+@pytest.mark.parametrize("override", INVALID)
 def test_invalid_overrides(override, write):
     with says():
         read(write, BODY + TIME, override)
@@ -483,13 +442,6 @@ def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):
     assert read(write, text).text() == text
     write("t,a,b,c\n0,1,2,3.1\n1,0,0,0\n", "load.csv")
     assert lines(write, text)[0].startswith('load.0.file: "load.csv" (it has changed: its SHA-256 is ')
-
-
-def test_other_arguments_take_the_place_of_those_of_the_file(write):
-    run_file = read(write, f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 3] }}")
-    run = simulate(run_file.problem, step=0.05, store=2)
-    expected = simulate(run_file.problem, step=0.05, store=2)
-    assert np.array_equal(run.directors, expected.directors)
 
 
 @pytest.mark.parametrize(
@@ -589,18 +541,16 @@ def outcome(data):
 def rounded(run_file, run):
     """What round-off is relative to, where terms cancel: ‖J‖|w| of momenta, the work of each moment by itself."""
     speed, time = np.linalg.norm(run.angular_velocity.values, axis=1).max(), run.time.values
-    at = np.linspace(time[0], time[-1], 1001)
-    moments, J = 0.0, DirectorSystem.from_json(run.attrs["system"]).convected_inertia
-    for term in run_file.prepared.plan.load.terms:
-        load = Load((term,))
+    at, moments = np.linspace(time[0], time[-1], 1001), 0.0
+    for load in (Load((term,)) for term in run_file.prepared.plan.load.terms):
         moments += max(np.linalg.norm(load.sample(at, kind), axis=1).max() for kind in ("body", "space"))
         moments += np.linalg.norm(load.damping, 2) * speed
-    momentum = np.linalg.norm(J, 2) * speed
+    momentum = np.linalg.norm(DirectorSystem.from_json(run.attrs["system"]).convected_inertia, 2) * speed
     return {"1": 0.0, "kg m2 s-1": momentum, "J": momentum * speed + moments * speed * (time[-1] - time[0])}
 
 
 @pytest.mark.filterwarnings("ignore:the centre of mass is the fixed point")
-@pytest.mark.parametrize("count", [100, pytest.param(10_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [60, pytest.param(10_000, marks=pytest.mark.long)])
 def test_generated_documents_end_in_a_sound_run_or_a_clear_error(count):
     ends = []
 

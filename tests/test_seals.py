@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 from zarr.storage import LocalStore
 
+from conftest import ended
 from nontwist import nontwisting, open_run, open_sweep, plot, resample, simulate, sweep, view
-from nontwist.cli import app
 from nontwist.errors import SweepStoreError
 from nontwist.integrators.split import fractions
 from nontwist.sweeps.store import ABSENT, SEAL, Blocks, open_store
@@ -40,14 +39,10 @@ def place(made, tmp_path):
     return Path(shutil.copytree(made, tmp_path / "copy"))
 
 
-def refused(store, wanted, **options):
+def refused(store, wanted):
     """Assert that a store is refused with exactly these words when it is opened and read."""
     with pytest.raises(SweepStoreError, match=f"^{re.escape(f'{store}{wanted}')}$"):
-        open_sweep(store, **options).compute()
-
-
-def command(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
+        open_sweep(store).compute()
 
 
 def replace(file, old, new):
@@ -68,8 +63,7 @@ def test_metadata_are_sealed(place):
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
     words = f" is damaged: zarr.json was changed after it was written; {REMEDY}"
     refused(store, words)
-    result = command("sweep-verify", store)
-    assert (result.exit_code, result.stderr) == (3, f"{store}{words}\n")
+    assert ended(3, "sweep-verify", store).stderr == f"{store}{words}\n"
     with pytest.raises(SweepStoreError, match=r"zarr\.json was changed"):
         sweep(place / "axes.toml", store)
     unchecked = open_sweep(store, verify=False)
@@ -106,15 +100,14 @@ def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made
         return [kept.blocks.place(k), *(kept.blocks.chunk(name, k) for name in kept.names)]
 
     for a, b in zip(files(store, 0), files(store, 1), strict=True):
-        content = a.read_bytes()
-        a.write_bytes(b.read_bytes())
-        b.write_bytes(content)
+        a.rename(tmp_path / "a")
+        b.rename(a)
+        (tmp_path / "a").rename(b)
     for a, b in zip(files(store, 4), files(other, 4), strict=True):
         shutil.copy(b, a)
     chunk(store, "kinetic_energy", 3).unlink()
-    content = bytearray(chunk(store, "quaternion", 5).read_bytes())
-    content[11] ^= 1
-    chunk(store, "quaternion", 5).write_bytes(content)
+    content = chunk(store, "quaternion", 5).read_bytes()
+    chunk(store, "quaternion", 5).write_bytes(content[:11] + bytes([content[11] ^ 1]) + content[12:])
     files(store, 6)[0].write_text("{}", encoding="utf-8")
     shutil.copy(chunk(store, "quaternion", 8), chunk(store, "quaternion", 7))  # its CRC-32C is right
     files(store, 8)[0].unlink()
@@ -130,9 +123,8 @@ def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made
     }
     found = open_store(store).verified()
     assert (found.damaged, found.missing, found.complete, found.sha256) == (reasons, (8,), False, None)
-    result = command("sweep-verify", store)
     told = [f"block {k}, members {k} to {k}: damaged: {reason}\n" for k, reason in reasons.items()]
-    assert (result.exit_code, result.stderr) == (1, "".join(["block 8, members 8 to 8: missing\n", *told]))
+    assert ended(1, "sweep-verify", store).stderr == "".join(["block 8, members 8 to 8: missing\n", *told])
     many = open_sweep(store)
     for k, reason in reasons.items():
         with pytest.raises(SweepStoreError) as caught:
@@ -142,7 +134,7 @@ def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made
     assert many.isel(member=3).quaternion.compute().size == 4
     assert open_sweep(store, verify=False).isel(member=[0, 1, 4]).compute().sizes["member"] == 3
     seen, again = [], []
-    sweep(text, store, progress=seen.append)
+    sweep(text, store, workers=1, progress=seen.append)
     after = open_store(store).verified()
     assert (len(seen), seen[-1].done, after.complete, after.sha256) == (8, 9, True, before.sha256)
     assert not list(store.glob("**/*.partial"))
@@ -150,17 +142,14 @@ def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made
     assert again == []
 
 
-def test_chunks_that_are_exchanged_or_foreign(place):
+def test_a_chunk_where_all_of_a_block_is_refused_is_foreign(place):
     store = place / "axes.zarr"
-    a, b = chunk(store, "quaternion", 0), chunk(store, "quaternion", 1)
-    shutil.copy(b, a)  # its CRC-32C is right
-    refused(store, f": block 0, members 0 to 0: quaternion was changed after it was written; {AGAIN}")
     refused_chunk = chunk(store, "quaternion", 2)
     assert not refused_chunk.exists()  # all of it is NaN
-    shutil.copy(b, refused_chunk)
+    shutil.copy(chunk(store, "quaternion", 1), refused_chunk)  # its CRC-32C is right
     with pytest.raises(SweepStoreError, match="block 2, members 2 to 2: quaternion was changed after it was written"):
         open_sweep(store).quaternion[2].compute()
-    assert (sweep(place / "axes.toml", store).status.values == [0, 0, -1, 0, 0]).all()
+    assert (sweep(place / "axes.toml", store, workers=1).status.values == [0, 0, -1, 0, 0]).all()
     assert not refused_chunk.exists()
 
 
@@ -218,7 +207,7 @@ def test_the_hash_is_of_what_was_to_be_written(place, tmp_path, monkeypatch):
     assert open_store(tmp_path / "store").verified().damaged == {1: "quaternion was changed after it was written"}
 
 
-@pytest.mark.parametrize("flips", [100, pytest.param(2000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("flips", [60, pytest.param(2000, marks=pytest.mark.long)])
 def test_a_flipped_bit_anywhere_is_noticed_or_changes_nothing(place, flips):
     store, rng = place / "axes.zarr", np.random.default_rng(flips)
     sound = open_sweep(store).compute()
@@ -270,9 +259,8 @@ def test_what_is_wrong_with_unsealed_metadata_is_reported_in_a_line(place, words
     (store / "zarr.json").write_text(UNSEALED[words](text), encoding="utf-8")
     with pytest.raises(SweepStoreError, match=f"^{re.escape(f'{store}{words}')}"):
         open_sweep(store)
-    result = command("sweep-show", store)
-    assert (result.exit_code, result.stderr.count("\n")) == (3, 1)
-    assert f"{store}{words}" in result.stderr
+    (told,) = ended(3, "sweep-show", store).stderr.splitlines()
+    assert f"{store}{words}" in told
 
 
 def test_a_result_of_an_order_that_is_gone_is_of_use(place):
@@ -282,7 +270,7 @@ def test_a_result_of_an_order_that_is_gone_is_of_use(place):
     with pytest.warns(UserWarning, match=r"^the run has 5 states, .* its curves are drawn as polygons; "):
         assert plot.momenta(old)
     assert "lie-midpoint, order 4" in view(old).save(place / "view.html").read_text(encoding="utf-8")
-    assert command("info", place / "run.nc").exit_code == 0
+    ended(0, "info", place / "run.nc")
     rest = simulate(nontwisting([3, 4, 5]), start=old, **how)
     assert (float(rest.time[0]), rest.attrs["step"], len(rest.time)) == (1.0, 0.25, 5)
     assert np.array_equal(rest.quaternion[0], old.quaternion[-1])

@@ -12,9 +12,9 @@ from many_digits import EPS, assert_ulps, exact, many_digits, mp_cross, mp_dot, 
 from nontwist.geometry import sphere
 from refusals import refused_as
 
-TINY_ANGLES = [0.0, 1e-300, 1e-200, 1e-155, 1e-100, 1e-30, 1e-17]
-ANGLES = [1e-15, 1e-12, 1e-8, 1e-4, 0.1, 1.0, 1.5, np.pi / 2, np.nextafter(np.pi / 2, 2), 1.6, 2.5, 3.1]
-NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 2e-15, 1e-15)]
+TINY_ANGLES = [0.0, 1e-300, 1e-155, 1e-30, 1e-17]
+ANGLES = [1e-15, 1e-8, 1e-4, 0.1, 1.0, np.pi / 2, np.nextafter(np.pi / 2, 2), 2.5, 3.1]
+NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-8, 1e-12, 1e-14, 2e-15, 1e-15)]
 PAST_PI = [np.pi, np.nextafter(np.pi, 4), 3.2, 4.0, 2 * np.pi - 1e-8, 2 * np.pi, 7.0, 20.0, 100.0]
 AXES = E1, E2, E3 = np.eye(3)
 
@@ -35,8 +35,9 @@ def mp_log(d0, d):
 
 
 def mp_transport(d0, d, w):
-    angle, n = mp_turn(d0, d)
-    return mp.cos(angle) * w + mp.sin(angle) * mp_cross(n, w) + (1 - mp.cos(angle)) * mp_dot(n, w) * n
+    """eq-parallel-transport-2-sphere, letter by letter."""
+    to, back = mp_log(d0, d), mp_log(d, d0)
+    return w - (to + back) * mp_dot(to, w) / mp.norm(to) ** 2 if mp.norm(to) else w
 
 
 def mp_exp(d0, v):
@@ -106,16 +107,6 @@ def test_transport_against_mpmath(pairs):
     assert_array_equal(sphere.transport(d0, d0, w), w)
 
 
-def test_transport_is_the_formula_of_the_paper():
-    # eq-parallel-transport-2-sphere, letter by letter
-    for p, u, angle in starts([0.1, 1.0, 2.0, 3.0]):
-        d0, d = exact(rounded(p)), exact(rounded(mp.cos(angle) * p + mp.sin(angle) * u))
-        w0 = exact(np.cross(rounded(d0), [0.3, -0.5, 0.8]))
-        to, back = mp_log(d0, d), mp_log(d, d0)
-        want = w0 - (to + back) * mp_dot(to, w0) / mp.acos(mp_dot(d0, d) / mp.norm(d0) / mp.norm(d)) ** 2
-        assert ulps(sphere.transport(rounded(d0), rounded(d), rounded(w0)), want, mp.norm(w0)) <= 8
-
-
 def test_projection_against_mpmath():
     rng, errors = np.random.default_rng(5), []
     for p, u, angle in starts([0.0, 1e-12, 1e-6, 1.0, np.pi / 2]):
@@ -159,15 +150,6 @@ def test_covariant_derivative_is_exact_for_polynomials_of_the_stencil(n):
     assert_allclose(found, sphere.project(d, v_dot), rtol=0, atol=1e-10)
     back = sphere.covariant_derivative(d[::-1], v[::-1], -t[::-1])
     assert_allclose(back[::-1], -found, rtol=0, atol=1e-12 * np.abs(found).max())
-
-
-def test_covariant_derivative_of_the_velocity_vanishes_along_a_geodesic():
-    t = np.linspace(0, 1, 200)
-    d0, v0 = np.array([0.6, 0.8, 0.0]), np.array([[0.8, -0.6, 1.0], [0.0, 0.0, 2.0]])
-    d = sphere.geodesic(d0, v0[:, None, :], t)
-    v = sphere.transport(d0, d, v0[:, None, :])
-    assert_allclose(sphere.covariant_derivative(d, v, t), 0.0, atol=1e-7)
-    assert np.abs(sphere.covariant_derivative(d, v * t[:, None], t) - v).max() < 1e-7
 
 
 def test_covariant_derivative_of_a_field_is_the_projection_of_its_derivative():

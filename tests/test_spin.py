@@ -6,21 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import (
-    DirectorSystem,
-    SystemStack,
-    damping,
-    nontwisting,
-    propagator,
-    pulse,
-    rotation,
-    rotor,
-    sensitivities,
-    simulate,
-    simulate_ensemble,
-    standard,
-    with_gravity,
-)
+import nontwist as nt
 from nontwist.analysis.invariants import drifts, twist_defect
 from nontwist.integrators import Continuous
 from refusals import refused_as, says
@@ -33,18 +19,16 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a s
 
 def angle(t):
     """The integral of the table from 0 to t."""
-    times, values = TABLE
-    knots = np.unique(np.concatenate([[0, t], [s for s in times if s < t]]))
-    c = np.interp(knots, times, values)
-    return float(np.sum(np.diff(knots) * (c[1:] + c[:-1]) / 2))
+    knots = np.unique([0, t, *(s for s in TABLE[0] if s < t)])
+    return np.trapezoid(np.interp(knots, *TABLE), knots)
 
 
 @pytest.mark.parametrize("J", [(3, 4, 5), (3, 5, 4), (4, 5, 3)], ids=["largest", "middle", "smallest"])
-@pytest.mark.parametrize(("scheme", "order"), [("gauss", 8), ("gauss", 16), ("continuous", None)])
+@pytest.mark.parametrize(("scheme", "order"), [("gauss", 8), ("continuous", None)])
 def test_the_velocity_is_the_closed_solution(J, scheme, order):
     """J1 W1' = (J2 - J3) c W2 and J2 W2' = (J3 - J1) c W1 are linear, with the angle ∫c as time."""
-    body, (a, b) = nontwisting(J, spin=TABLE), ((J[1] - J[2]) / J[0], (J[2] - J[0]) / J[1])
-    run = simulate(body, times=[0, 0.8, 2.0, 3.0], material_angular_velocity=W0, integrator=scheme, order=order)
+    body, (a, b) = nt.nontwisting(J, spin=TABLE), ((J[1] - J[2]) / J[0], (J[2] - J[0]) / J[1])
+    run = nt.simulate(body, times=[0, 0.8, 2.0, 3.0], material_angular_velocity=W0, integrator=scheme, order=order)
     for t, W in zip(run.time.values, run.material_angular_velocity.values, strict=True):
         root = np.sqrt(complex(a * b))
         phi = root * angle(t)
@@ -57,17 +41,17 @@ def test_the_attitude_of_a_symmetric_body_is_the_closed_solution():
     """Λ = exp(t (W_0 + λ e3)^) exp(-λ t ê3), λ = c (C - A)/A, where c is constant and J = diag(A, A, C)."""
     A, C, c = 3.0, 4.5, 1.7
     lam = c * (C - A) / A
-    run = simulate(nontwisting([A, A, C], spin=c), t_end=4, material_angular_velocity=W0)
+    run = nt.simulate(nt.nontwisting([A, A, C], spin=c), t_end=4, material_angular_velocity=W0)
     t = run.time.values[:, None]
     exact = Rotation.from_rotvec(t * np.array([1, 2, c + lam])) * Rotation.from_rotvec(t * np.array([0, 0, -lam]))
-    assert (rotation(run).inv() * exact).magnitude().max() < 1e-11
+    assert (nt.rotation(run).inv() * exact).magnitude().max() < 1e-11
 
 
 @pytest.mark.parametrize(("scheme", "order"), SCHEMES)
 def test_the_spin_is_exact_at_the_nodes_and_the_form_is_kept(scheme, order):
     """Also with kinks inside of steps."""
-    run = simulate(
-        nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0,
+    run = nt.simulate(
+        nt.nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0,
         integrator=scheme, order=order,
     )  # fmt: skip
     bound = 1e-10 if scheme == "continuous" else 1e-14
@@ -80,135 +64,118 @@ def test_the_spin_is_exact_at_the_nodes_and_the_form_is_kept(scheme, order):
 
 def test_the_drive_does_the_work_that_is_missing():
     """ΔK = A - h μ c of the step, exactly in lie-midpoint, where c is that of its middle."""
-    load = pulse((1, 2, 3), 0, 0.7) + damping(0.1) + rotor((1, 1, 1), 2.0)
-    body, h = nontwisting([3, 4, 5], spin=TABLE), 0.025
+    load = nt.pulse((1, 2, 3), 0, 0.7) + nt.damping(0.1) + nt.rotor((1, 1, 1), 2.0)
+    body, h = nt.nontwisting([3, 4, 5], spin=TABLE), 0.025
     how = {"t_end": 2, "material_angular_velocity": W0, "load": load}
-    run = simulate(body, step=h, integrator="lie-midpoint", **how)
+    run = nt.simulate(body, step=h, integrator="lie-midpoint", **how)
     c = np.interp(run.midtime.values, *TABLE)
     drive = h * run.reaction_moment.values * c
     assert abs(np.diff(run.kinetic_energy.values) - run.load_work.values - drive).max() < 1e-13
-    exact = simulate(body, times=run.time.values, integrator="continuous", **how)
+    exact = nt.simulate(body, times=run.time.values, integrator="continuous", **how)
     assert abs(run.reaction_moment.values - exact.reaction_moment.values).max() < 2e-2
-    fine = simulate(body, step=h, **how)
+    fine = nt.simulate(body, step=h, **how)
     assert abs(fine.reaction_moment.values - exact.reaction_moment.values).max() < 1e-9
     assert abs(fine.directors.values - exact.directors.values).max() < 1e-11
 
 
 @pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2)])
 def test_the_order_is_that_of_the_scheme(scheme, order):
-    body = with_gravity(nontwisting([3, 4, 5], spin=([0.5, 1.0], [0.4, 3.0])), 1.5, (0.1, 0, 0.3))
-    how = {"t_end": 1.5, "material_angular_velocity": W0, "load": damping(0.1)}
-    exact = simulate(body, integrator="continuous", step=1.5, **how).directors.values[-1]
-    counts = (48, 96, 192) if order == 2 else (24, 48, 96)
-    errors = [
-        abs(simulate(body, step=1.5 / n, integrator=scheme, order=order, **how).directors.values[-1] - exact).max()
-        for n in counts
-    ]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.1)
-
-
-def test_about_the_middle_axis_the_velocity_grows_exponentially():
-    c, J = 1.0, (3.0, 5.0, 4.0)
-    sigma = c * np.sqrt((J[2] - J[0]) * (J[1] - J[2]) / (J[0] * J[1]))
-    run = simulate(nontwisting(J, spin=c), times=[0, 20, 30], material_angular_velocity=(1e-3, 0, 0))
-    W1 = abs(run.material_angular_velocity.values[:, 0])
-    assert np.log(W1[2] / W1[1]) / 10 == pytest.approx(sigma, rel=1e-4)
+    body = nt.with_gravity(nt.nontwisting([3, 4, 5], spin=([0.5, 1.0], [0.4, 3.0])), 1.5, (0.1, 0, 0.3))
+    how = {"t_end": 1.5, "material_angular_velocity": W0, "load": nt.damping(0.1), "store": "end"}
+    exact = nt.integrate(body, integrator="continuous", step=1.5, **how).directors[-1]
+    steps = 1.5 / np.array([96, 192] if order == 2 else [48, 96])
+    coarse, fine = (nt.integrate(body, step=h, integrator=scheme, order=order, **how).directors[-1] for h in steps)
+    assert np.log2(abs(coarse - exact).max() / abs(fine - exact).max()) == pytest.approx(order, abs=0.1)
 
 
 def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0}
-    plain = simulate(nontwisting([3, 4, 5]), **how)
+    plain = nt.simulate(nt.nontwisting([3, 4, 5]), **how)
     for zero in (0, 0.0, ([0, 1], [0, 0])):
-        assert nontwisting([3, 4, 5], spin=zero).spin is None
-        assert (simulate(nontwisting([3, 4, 5], spin=zero), **how).quaternion.values == plain.quaternion.values).all()
-    stack = DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in (0, 1)])
-    beside = simulate_ensemble(stack, **how)
-    assert (
-        abs(beside.material_angular_velocity.values[0, -1] - plain.material_angular_velocity.values[-1]).max() < 1e-14
-    )
+        assert nt.nontwisting([3, 4, 5], spin=zero).spin is None
+        assert (
+            nt.simulate(nt.nontwisting([3, 4, 5], spin=zero), **how).quaternion.values == plain.quaternion.values
+        ).all()
+    beside = nt.simulate_ensemble(nt.DirectorSystem.stack([nt.nontwisting([3, 4, 5], spin=c) for c in (0, 1)]), **how)
+    assert abs(beside.material_angular_velocity[0, -1] - plain.material_angular_velocity[-1]).max() < 1e-14
 
 
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "continuous"])
 def test_members_of_several_spins_are_runs(scheme):
-    rates = np.linspace(-1, 3, 11)
-    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2, "material_angular_velocity": W0}
-    many = simulate_ensemble(DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in rates]), **how)
-    E, axis = np.tile(np.diag([3.0, 2, 1]), (11, 1, 1)), np.tile([0.0, 0, 1], (11, 1))
-    same = simulate_ensemble(SystemStack(E, axis, spin=1.0, spin_factor=rates), **how)
-    one = simulate(nontwisting([3, 4, 5], spin=rates[3]), **how)
-    for found in (many, same):
-        assert (found.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
-    assert (many.spin.values == rates).all()
+    rates = np.linspace(-1, 3, 9)
+    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "material_angular_velocity": W0}
+    one = nt.simulate(nt.nontwisting([3, 4, 5], spin=rates[3]), **how)
+    E, axis = np.tile(np.diag([3.0, 2, 1]), (9, 1, 1)), np.tile([0.0, 0, 1], (9, 1))
+    stack = nt.DirectorSystem.stack([nt.nontwisting([3, 4, 5], spin=c) for c in rates])
+    for bodies in (stack, nt.SystemStack(E, axis, spin=1.0, spin_factor=rates)):
+        many = nt.simulate_ensemble(bodies, **how)
+        assert (many.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
+        assert (many.spin.values == rates).all()
 
 
 def test_the_start_may_have_the_prescribed_spin():
     """Or none; another is refused, and with project=True removed."""
     for spin, t_start, c in ((0.7, 0.0, 0.7), (TABLE, 0.75, 1.7)):
-        body = nontwisting([3, 4, 5], spin=spin)
+        body = nt.nontwisting([3, 4, 5], spin=spin)
         how = {"t_start": t_start, "t_end": 2, "step": 0.125, "integrator": "gauss"}
-        none, given = (simulate(body, material_angular_velocity=(1, 2, x), **how) for x in (0, c))
+        starts = [{"material_angular_velocity": (1, 2, x)} for x in (0, c)]
+        none, given = (nt.simulate(body, **start, **how) for start in starts)
         assert none.equals(given)
         assert given.material_angular_velocity.values[0] == pytest.approx([1, 2, c], abs=1e-15)
-        many = simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0)], **how)
+        many = nt.simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0)], **how)
         assert np.array_equal(*many.material_angular_velocity.values)
         with says():
-            simulate(body, material_angular_velocity=(1, 2, 0.5), **how)
+            nt.simulate(body, material_angular_velocity=(1, 2, 0.5), **how)
         with pytest.raises(ValueError, match=r"of member 1 has the component 0\.5 rad/s"):
-            simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0.5)], **how)
-        if spin == 0.7:
-            found = sensitivities(body, wrt="spin", material_angular_velocity=(1, 2, c), **how)
-            same = sensitivities(body, wrt="spin", material_angular_velocity=(1, 2, 0), **how)
-            assert found.equals(same)
-            run = propagator(body, t_end=2, step=0.125)
-            assert np.array_equal(
-                run(material_angular_velocity=(1, 2, c)).directors, run(material_angular_velocity=(1, 2, 0)).directors
-            )
+            nt.simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0.5)], **how)
+        if not t_start:
+            one, other = (nt.sensitivities(body, wrt="spin", **start, **how) for start in starts)
+            assert one.equals(other)
+            run = nt.propagator(body, t_end=2, step=0.125)
+            assert np.array_equal(*(run(**start).directors for start in starts))
 
 
 def test_a_start_with_the_prescribed_spin_is_continued():
     """At the time of the start; an axis that varies turns the velocity that is given, with its part along the axis."""
-    body = nontwisting([3, 3, 5], spin=([0, 5, 10], [0, 1, 1]))
-    first = simulate(standard([3, 3, 5]), t_end=5, step=0.1, material_angular_velocity=(0, 0, 1))
-    run = simulate(body, t_end=6, start=first, step=0.1)
+    body = nt.nontwisting([3, 3, 5], spin=([0, 5, 10], [0, 1, 1]))
+    first = nt.simulate(nt.standard([3, 3, 5]), t_end=5, step=0.1, material_angular_velocity=(0, 0, 1))
+    run = nt.simulate(body, t_end=6, start=first, step=0.1)
     assert run.material_angular_velocity.values[0] == pytest.approx([0, 0, 1], abs=1e-14)
     with pytest.raises(ValueError, match=r"about which its prescribed spin is 0 rad/s"):
-        simulate(body, t_end=6, step=0.1, material_angular_velocity=(0, 0, 1))
-    steady = nontwisting([4, 4, 4], spin=1.3)
-    before = simulate(steady, t_end=1, step=0.1, material_angular_velocity=(1, 2, 0))
+        nt.simulate(body, t_end=6, step=0.1, material_angular_velocity=(0, 0, 1))
+    steady, e = nt.nontwisting([4, 4, 4], spin=1.3), 1e-5
+    before = nt.simulate(steady, t_end=1, step=0.1, material_angular_velocity=(1, 2, 0))
     how = {"t_end": 2, "step": 0.1, "start": before, "project": True}
-    found = sensitivities(steady, wrt="axis", **how).d_material_angular_velocity.values[-1]
-    e = 1e-5
+    found = nt.sensitivities(steady, wrt="axis", **how).d_material_angular_velocity.values[-1]
 
-    def end(n):
-        turned = DirectorSystem(steady.euler_inertia, axis=n, spin=1.3, name=steady.name)
-        return simulate(turned, **how).material_angular_velocity.values[-1]
+    def end(change):
+        turned = nt.DirectorSystem(steady.euler_inertia, axis=np.eye(3)[2] + change, spin=1.3, name=steady.name)
+        return nt.simulate(turned, **how).material_angular_velocity.values[-1]
 
-    n = np.array([0, 0, 1.0])
-    differences = np.stack([(end(n + e * d) - end(n - e * d)) / (2 * e) for d in np.eye(3)], axis=1)
+    differences = np.stack([(end(e * d) - end(-e * d)) / (2 * e) for d in np.eye(3)], axis=1)
     assert found == pytest.approx(differences, abs=1e-8)
 
 
 def test_a_step_that_misses_a_kink_is_announced():
     with pytest.warns(UserWarning, match=r"of the spin off the grid of step \S+ s, the first at t = 0.5 s: "):
-        simulate(nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0)
+        nt.simulate(nt.nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0)
 
 
-SPUN = nontwisting([3, 4, 5], spin=1)
+SPUN = nt.nontwisting([3, 4, 5], spin=1)
 test_refusals = refused_as(
     [
-        lambda: nontwisting([3, 4, 5], spin=([0], [1])),
-        lambda: nontwisting([3, 4, 5], spin=([0, 0], [1, 2])),
-        lambda: DirectorSystem(np.diag([3.0, 2, 1]), spin=1),
-        lambda: DirectorSystem(np.diag([3.0, 2, 1]), axis=(0, 1, 1), spin=1),
-        lambda: DirectorSystem.stack([nontwisting([3, 4, 5], spin=([0, 1], [0, c])) for c in (1, 2)]),
-        lambda: simulate(SPUN, t_end=1, step=0.1, integrator=Continuous(form="director")),
+        lambda: nt.nontwisting([3, 4, 5], spin=([0], [1])),
+        lambda: nt.nontwisting([3, 4, 5], spin=([0, 0], [1, 2])),
+        lambda: nt.DirectorSystem(np.diag([3.0, 2, 1]), spin=1),
+        lambda: nt.DirectorSystem(np.diag([3.0, 2, 1]), axis=(0, 1, 1), spin=1),
+        lambda: nt.DirectorSystem.stack([nt.nontwisting([3, 4, 5], spin=([0, 1], [0, c])) for c in (1, 2)]),
+        lambda: nt.simulate(SPUN, t_end=1, step=0.1, integrator=Continuous(form="director")),
     ]
 )
 
 
 def test_a_body_with_a_spin_as_json():
-    body = nontwisting([3, 4, 5], spin=TABLE)
-    assert DirectorSystem.from_json(body.to_json()).spin.is_like(body.spin)
-    assert "spin" not in json.loads(nontwisting([3, 4, 5]).to_json())
-    assert with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)
+    body = nt.nontwisting([3, 4, 5], spin=TABLE)
+    assert nt.DirectorSystem.from_json(body.to_json()).spin.is_like(body.spin)
+    assert "spin" not in json.loads(nt.nontwisting([3, 4, 5]).to_json())
+    assert nt.with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)

@@ -3,11 +3,10 @@ test_equations, nontwist.validation."""
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J, random_inertia
-from nontwist import body_moment, nontwisting, simulate, sphere, split_form, standard
+from nontwist import nontwisting, sphere, split_form, standard
 from nontwist.models.equations import split_rates as rates_of_one_state
 from nontwist.split_form import split_inertia
 from refusals import refused_as
@@ -85,24 +84,6 @@ def test_rates_are_those_of_euler(name):
         tangent = sphere.project(d[k], perp_dot[k]) + par * d_dot[k]
         assert tangent == pytest.approx(sphere.project(d[k], m[k]), abs=1e-12)
         assert par_dot[k] - perp @ d_dot[k] + mu[k] == pytest.approx(m[k] @ d[k], abs=1e-12)
-
-
-def test_the_rates_move_a_body_as_simulate_does():
-    """The public rates, integrated by SciPy, against a run."""
-    body, moment = nontwisting(PAPER_J), np.array([0.5, -0.2, 0.3])
-
-    def rates(t, y):
-        left, _, right = np.linalg.svd(y[:9].reshape(3, 3))
-        q = left @ right  # the flow leaves SO(3) by the error of the method
-        q_dot, perp_dot, *_ = split_form.rates(body, q, sphere.project(q[2], y[9:]), 0.0, moment @ q)
-        return np.concatenate([q_dot.ravel(), perp_dot])
-
-    y0 = np.concatenate([np.eye(3).ravel(), PAPER_J @ (1, 2, 0)])
-    found = solve_ivp(rates, (0, 1), y0, rtol=1e-10, atol=1e-11).y[:, -1]
-    load = body_moment(lambda t: moment)
-    run = simulate(body, t_end=1, step=0.01, material_angular_velocity=(1, 2, 0), load=load, integrator="gauss")
-    expected = np.concatenate([run.directors[-1].values.ravel(), run.spatial_momentum[-1]])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
 
 def test_leading_axes_broadcast_and_may_be_empty():

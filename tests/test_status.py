@@ -1,8 +1,6 @@
 """Status 0 means: t_end reached, times increasing, all numbers finite; a continued run keeps its grid."""
 
 import re
-import warnings
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -30,7 +28,7 @@ from refusals import says
 
 BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
 LOAD = sine([3, -1, 2], 1) + sine([0.5, 0, 1], 2, frame="space")
-ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (0.1, 3), (1.1, 49)]  # (T, N)
+ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (1.1, 49)]  # (T, N)
 
 
 def grid(t_start, t_end, N):
@@ -39,32 +37,28 @@ def grid(t_start, t_end, N):
 
 def test_grids_begin_and_end_exactly():
     rng = np.random.default_rng(17)
-    ends, counts, missed = rng.uniform(0, 1, 3192) * 10.0 ** rng.integers(-3, 3, 3192), rng.integers(1, 200, 3192), 0
+    ends, counts, missed = rng.uniform(0, 1, 800) * 10.0 ** rng.integers(-3, 3, 800), rng.integers(1, 200, 800), 0
     for t_end, N in zip(ends, counts, strict=True):
         t_start = 0.0 if rng.random() < 0.7 else float(rng.normal())
         t_end += t_start
         times, plain = grid(t_start, t_end, N).stored_times, t_start + (t_end - t_start) * np.arange(N + 1) / N
-        assert times[0] == t_start
-        assert times[-1] == t_end
+        assert (times[0], times[-1]) == (t_start, t_end)
         assert (np.diff(times) > 0).all()
         assert np.array_equal(times[:-1], plain[:-1])
         missed += plain[-1] != times[-1]
-    assert missed > 50  # the plain formula misses t_end in 2 to 11 % of such grids
+    assert missed > 12  # the plain formula misses t_end in 2 to 11 % of such grids
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
-@pytest.mark.parametrize(("t_end", "N"), ODD)
-def test_every_integrator_reaches_t_end(name, t_end, N):
-    how = {"t_end": t_end, "step": t_end / N, "integrator": name, **W}
-    for store, states in ((1, N + 1), ("end", 2)):
-        run = integrate(BODY, store=store, **how)
-        assert (run.status, len(run.directors)) == (Status.OK, states)
-        assert run.time[-1] == t_end
-        many = simulate_ensemble(BODY, store=store, **how)
-        assert many.sizes["time"] == states
-        assert float(many.time[-1]) == t_end
-        assert not many.status.any()
-        assert np.isfinite(many.quaternion).all()
+def test_every_integrator_reaches_t_end(name):
+    for t_end, N in ODD:
+        how = {"t_end": t_end, "step": t_end / N, "integrator": name, **W}
+        for store, states in ((1, N + 1), ("end", 2)):
+            run, many = integrate(BODY, store=store, **how), simulate_ensemble(BODY, store=store, **how)
+            assert (run.status, len(run.directors), many.sizes["time"]) == (Status.OK, states, states)
+            assert run.time[-1] == float(many.time[-1]) == t_end
+            assert not many.status.any()
+            assert np.isfinite(many.quaternion).all()
 
 
 def test_steps_below_the_resolution_of_the_times_are_refused():
@@ -79,47 +73,44 @@ def test_steps_below_the_resolution_of_the_times_are_refused():
     assert simulate(BODY, step=3.81469726562e-06, store="end", **how).attrs["status"] == Status.OK
 
 
-class Spoilt(LieMidpoint):
+def spoiling(function):
     """An integrator whose results one function spoils."""
 
-    spoil: ClassVar = None
+    class Spoilt(LieMidpoint):
+        def march(self, problem, threads=1):
+            return function(super().march(problem, threads))
 
-    def march(self, problem, threads=1):
-        return type(self).spoil(super().march(problem, threads))
+    return Spoilt()
 
 
-def spoilt(name, value, at):
+def spoilt(name, value, *at, member=0):
     def spoil(outcome):
-        found = next(one for one in (outcome.states, outcome.intervals) if name in one._fields)
-        getattr(found, name)[0, at] = value
+        found = next(one for one in (outcome, outcome.states, outcome.intervals) if name in one._fields)
+        getattr(found, name)[(member, *at)] = value
         return outcome
 
-    return type("Spoilt", (Spoilt,), {"spoil": staticmethod(spoil)})()
+    return spoiling(spoil)
 
 
 OVERFLOWS = "; choose units of time, length and mass in which the numbers of the run are nearer to 1"
 
 
-@pytest.mark.parametrize("store", [1, 5])
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "said", "store"),
     [
-        ("quaternion", np.nan, "quaternion"),
-        ("velocity", np.inf, "material_angular_velocity"),
-        ("velocity", 1e160, "kinetic_energy"),
-        ("multipliers", np.nan, "multipliers"),
-        ("moment", -np.inf, "moment"),
-        ("load_work", np.nan, "load_work"),
+        ("quaternion", np.nan, "quaternion", 1),
+        ("velocity", np.inf, "material_angular_velocity", 5),
+        ("velocity", 1e160, "kinetic_energy", 1),
+        ("multipliers", np.nan, "multipliers", 5),
+        ("moment", -np.inf, "moment", 1),
+        ("load_work", np.nan, "load_work", 1),
     ],
 )
 def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
-    body, at = BODIES["nontwisting"](), 3
-    scheme = spoilt(name, value, at)
-    good = at + (name not in ("quaternion", "velocity"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        with pytest.raises(SimulationError) as info:
-            integrate(body, t_end=2, step=0.1, store=store, angular_velocity=[1, 2, 0], integrator=scheme)
+    good, how = 3 + (name not in ("quaternion", "velocity")), {"angular_velocity": [1, 2, 0], "store": store}
+    with pytest.raises(SimulationError) as info:
+        integrate(BODIES["nontwisting"](), t_end=2, step=0.1, integrator=spoilt(name, value, 3), **how)
     error, step = info.value, store * (good - 1)
     begin = f"step {step} at t = {step / 10:.12g} s: the variable {said} is not finite at the end of it"
     assert (error.status, error.time) == (Status.NOT_FINITE, pytest.approx(step / 10))
@@ -130,30 +121,24 @@ def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
 
 
 def test_a_quaternion_that_is_not_of_unit_length_is_a_failed_run():
+    """Of many states that are rounded, by less than is refused of one and more of all together, it is none."""
     said = "step 2 at t = 0.2 s: its quaternion is not of unit length, which is a defect of the integrator; "
     for length in (0.0, 0.9, 1.001):
         with pytest.raises(SimulationError, match=f"^{re.escape(said)}use another integrator$") as info:
             integrate(BODY, t_end=2, step=0.1, integrator=spoilt("quaternion", (0, 0, 0, length), 3), **W)
         assert (info.value.status, len(info.value.partial.directors)) == (Status.NOT_FINITE, 3)
 
+    def rounded(outcome):
+        outcome.states.quaternion[:] *= 1 + 1e-4
+        return outcome
 
-def test_rounded_quaternions_of_many_states_are_no_failure():
-    class Rounded(LieMidpoint):
-        def march(self, problem, threads=1):
-            outcome = super().march(problem, threads)
-            outcome.states.quaternion[:] *= 1 + 1e-4  # less than is refused of one, more of all together
-            return outcome
-
-    many = simulate_ensemble(BODY, t_end=2, step=0.1, store=1, integrator=Rounded(), reduce="extrema", **W)
+    many = simulate_ensemble(BODY, t_end=2, step=0.1, store=1, integrator=spoiling(rounded), reduce="extrema", **W)
     assert many.status.values.tolist() == [0]
     assert np.isfinite(many.kinetic_energy_max).all()
 
 
 def test_states_that_are_missing_are_a_failed_run():
-    def lose(outcome):
-        return outcome._replace(good=np.array([8]))
-
-    scheme = type("Spoilt", (Spoilt,), {"spoil": staticmethod(lose)})()
+    scheme = spoiling(lambda outcome: outcome._replace(good=np.array([8])))
     said = "the integrator returned 8 of 11 states, which is a defect of it; use another integrator"
     with pytest.raises(SimulationError, match=f"^step 7 at t = 0.7 s: {re.escape(said)}$") as info:
         integrate(BODY, t_end=1, step=0.1, integrator=scheme, **W)
@@ -170,16 +155,6 @@ def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
     assert many.status.values.tolist() == [Status.INCOMPLETE] * 2
 
 
-class SpoiltMembers(LieMidpoint):
-    """Spoils member 1 of ensembles."""
-
-    def march(self, problem, threads=1):
-        outcome = super().march(problem, threads)
-        array = getattr(outcome if self.what == "observed" else outcome.states, self.what)
-        array[(1, *self.at)] = self.value
-        return outcome
-
-
 @pytest.mark.parametrize(
     ("what", "at", "value", "good", "said"),
     [
@@ -190,7 +165,7 @@ class SpoiltMembers(LieMidpoint):
     ],
 )
 def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, good, said):
-    scheme = type("Scheme", (SpoiltMembers,), {"what": what, "at": at, "value": value})()
+    scheme = spoilt(what, value, *at, member=1)
     how = {"t_end": 1, "step": 0.1, "store": 2, "load_scale": [1, 1, 1], "reduce": "extrema", **W}
     sound = simulate_ensemble(BODY, integrator="lie-midpoint", **how)
     begin = f"1 of 3 members have failed, the first is 1: step {2 * (good - 1)} at t = {(good - 1) / 5:.12g} s: "
@@ -202,10 +177,9 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, go
     assert many.message.values.tolist() == ["", expected.partition("1: ")[2], ""]
     for name in ("quaternion", "material_angular_velocity", "kinetic_energy_max"):
         assert np.array_equal(many[name][[0, 2]], sound[name][[0, 2]])
+        late = many[name][1, good:] if name != "kinetic_energy_max" else many[name][1]
+        assert np.isnan(late).all()
     assert np.isfinite(many.quaternion[1, :good]).all()
-    assert np.isnan(many.quaternion[1, good:]).all()
-    assert np.isnan(many.material_angular_velocity[1, good:]).all()
-    assert np.isnan(many.kinetic_energy_max[1])
 
 
 def test_a_run_too_short_for_numbers_is_refused():
@@ -230,27 +204,21 @@ def assert_same(first, second):
         assert np.array_equal(a, b)
 
 
-@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize("body", ["standard", "nontwisting"])
+@pytest.mark.parametrize(("name", "body"), [("lie-midpoint", "nontwisting"), ("energy-momentum", "standard")])
 def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_path):
-    rng = np.random.default_rng(3)
-    pairs = [*ODD, *((float(rng.uniform(0.1, 1)), int(rng.integers(2, 60))) for _ in range(8))]
-    for T, N in pairs:
-        how = {"step": T / N, "integrator": name, "load": LOAD}
+    for T, N in [*ODD, (0.37, 23)]:
+        system, how = BODIES[body](), {"step": T / N, "integrator": name, "load": LOAD}
         start = {"angular_velocity": (1.0, -2.0, 0.5), "project": True}
-        whole = integrate(BODIES[body](), t_end=2 * T, **start, **how)
-        first = integrate(BODIES[body](), t_end=T, **start, **how)
-        second = integrate(BODIES[body](), t_end=2 * T, start=first, **how)
+        whole, longer = (integrate(system, t_end=k * T, **start, **how) for k in (2, 4))
+        first = integrate(system, t_end=T, **start, **how)
+        second = integrate(system, t_end=2 * T, start=first, **how)
         assert (second.step, second.origin) == (first.step, 0.0)
         assert_same(bits(second), bits(whole, N))
-        fourth = integrate(BODIES[body](), t_end=4 * T, start=second, **how)
-        assert_same(bits(fourth), bits(integrate(BODIES[body](), t_end=4 * T, **start, **how), 2 * N))
-    save_run(first.to_dataset(), tmp_path / "first.nc")
-    again = integrate(BODIES[body](), t_end=2 * T, start=open_run(tmp_path / "first.nc"), **how)
-    assert_same(bits(again), bits(second))
-    save_run(again.to_dataset(), tmp_path / "second.nc")
-    again = integrate(BODIES[body](), t_end=4 * T, start=open_run(tmp_path / "second.nc"), **how)
-    assert_same(bits(again), bits(fourth))
+        assert_same(bits(integrate(system, t_end=4 * T, start=second, **how)), bits(longer, 2 * N))
+    for k, run in ((2, first), (4, second)):
+        save_run(run.to_dataset(), tmp_path / f"{k}.nc")
+        again = integrate(system, t_end=k * T, start=open_run(tmp_path / f"{k}.nc"), **how)
+        assert_same(bits(again), bits(whole if k == 2 else longer, k * N // 2))
 
 
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
@@ -261,13 +229,12 @@ def test_a_failed_run_is_continued_bit_for_bit():
     def failing(t, directors, w):
         return 0.0, t if t < 0.5 else np.nan, 0.0
 
-    for T, N in [(0.7, 187), (1.1, 49)]:
-        how = {"t_end": T, "step": T / N, "integrator": "lie-midpoint"}
-        whole = integrate(BODY, load=moment(sound), **W, **how)
-        with pytest.raises(SimulationError) as info:
-            integrate(BODY, load=moment(failing), **W, **how)
-        rest = integrate(BODY, start=info.value.partial, load=moment(sound), **how)
-        assert_same(bits(rest), bits(whole, len(info.value.partial.time) - 1))
+    how = {"t_end": 0.7, "step": 0.7 / 187, "integrator": "lie-midpoint"}
+    whole = integrate(BODY, load=moment(sound), **W, **how)
+    with pytest.raises(SimulationError) as info:
+        integrate(BODY, load=moment(failing), **W, **how)
+    rest = integrate(BODY, start=info.value.partial, load=moment(sound), **how)
+    assert_same(bits(rest), bits(whole, len(info.value.partial.time) - 1))
 
 
 def test_another_grid_is_not_continued():
@@ -289,26 +256,14 @@ def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
         assert np.array_equal(rest.time[1:], grid(0.0, 2 * T, 2 * N).stored_times[N + 1 :])
 
 
-DAMAGED = {
-    "system null": {"system": "null"},
-    "system list": {"system": "[1, 2]"},
-    "system key": {"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'},
-    "system text": {"system": "{"},
-    "system number": {"system": 5},
-    "memory": {"memory": '{"a": 1}'},
-    "memory text": {"memory": "["},
-    "step": {"step": "x"},
-    "origin": {"origin": [1.0, 2.0]},
-}
-
-
-@pytest.mark.parametrize("case", DAMAGED)
-def test_a_damaged_start_is_refused(case):
-    attributes = DAMAGED[case]
-    body = nontwisting([3, 4, 5])
-    run = simulate(body, t_end=1, step=0.1, angular_velocity=(1, 2, 0)).assign_attrs(attributes)
-    with says():
-        simulate(body, t_end=2, step=0.1, start=run)
+def test_a_damaged_start_is_refused():
+    body, key = nontwisting([3, 4, 5]), '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'
+    damaged = [{"system": given} for given in ("null", "[1, 2]", key, "{", 5)]
+    damaged += [{"memory": '{"a": 1}'}, {"memory": "["}, {"step": "x"}, {"origin": [1.0, 2.0]}]
+    run = simulate(body, t_end=1, step=0.1, angular_velocity=(1, 2, 0))
+    for attributes in damaged:
+        with says():
+            simulate(body, t_end=2, step=0.1, start=run.assign_attrs(attributes))
 
 
 def breaking(t, directors, w):
@@ -320,16 +275,14 @@ def breaking(t, directors, w):
 @pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum", "split", "continuous"])
 def test_what_a_load_raised_is_the_cause(integrator):
     how = {"material_angular_velocity": (1, 2, 0), "integrator": integrator, "load": moment(breaking)}
-    how |= {} if integrator == "continuous" else {"step": 0.1}
     for function in (simulate, integrate):
         with pytest.raises(SimulationError) as told:
-            function(nontwisting([3, 4, 5]), t_end=1, **how)
+            function(nontwisting([3, 4, 5]), t_end=1, step=None if integrator == "continuous" else 0.1, **how)
         assert isinstance(told.value.__cause__.__cause__, ArithmeticError)
 
 
-@pytest.mark.parametrize("beside", [Load(), memory_load(lambda t, z, d, w: -z, lambda t, z, d, w: 0 * w, [1.0])])
-def test_what_a_load_of_a_stepper_raised_is_the_cause(beside):
-    loop = stepper(nontwisting([3, 4, 5]), step=2, load=moment(breaking) + beside, integrator="gauss")
+def test_what_a_load_of_a_stepper_beside_memory_raised_is_the_cause():
+    beside = memory_load(lambda t, z, d, w: -z, lambda t, z, d, w: 0 * w, [1.0])
     with pytest.raises(SimulationError) as told:
-        loop.step()
+        stepper(nontwisting([3, 4, 5]), step=2, load=moment(breaking) + beside, integrator="gauss").step()
     assert isinstance(told.value.__cause__.__cause__, ArithmeticError)

@@ -89,14 +89,6 @@ def test_turns_across_the_axis_are_great_circles():
     assert nothing.rotation([0, 0.5]).magnitude().max() == 0
 
 
-def test_length_is_a_distance():
-    """It is the same forwards and back, and no detour is shorter."""
-    for A, B in zip(Rotation.random(30, rng=RNG), Rotation.random(30, rng=RNG), strict=True):
-        there, back = steer(EYE, A), steer(A, EYE)
-        assert there.length == pytest.approx(back.length, rel=1e-13)
-        assert steer(EYE, B).length <= there.length + steer(A, B).length + 1e-13
-
-
 def test_what_is_refused():
     way = steer(EYE, rotations.exp([0, 1, 0]))
     for function in (way.rotation, way.material_angular_velocity):

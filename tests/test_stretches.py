@@ -14,10 +14,7 @@ from nontwist.driver.single_run import integrated
 from nontwist.driver.starts import start_of_one
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.integrators.problem import IVP
 from nontwist.integrators.time_grid import stretched
-from nontwist.models.stack import stacked
-from nontwist.validation.compiled_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
 from refusals import says
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
@@ -94,17 +91,6 @@ def test_a_member_has_the_bits_of_a_run(name):
             assert np.array_equal(outcome.states.velocity[i], run.material_angular_velocity)
             assert np.array_equal(outcome.intervals.moment[i], run.moment)
             assert np.array_equal(outcome.intervals.load_work[i], run.load_work)
-
-
-@pytest.mark.parametrize(
-    ("name", "reference"), [("lie-midpoint", ReferenceLieMidpoint), ("energy-momentum", ReferenceEnergyMomentum)]
-)
-def test_the_march_is_that_of_the_reference(name, reference):
-    plan, begin, grid = started(name, 2, 6)
-    run, plain = (integrated(plan._replace(scheme=scheme), begin, grid) for scheme in (plan.scheme, reference()))
-    for key, bound in (("directors", 1e-13), ("director_velocities", 2e-12), ("moment", 1e-12), ("load_work", 1e-12)):
-        assert np.allclose(getattr(run, key), getattr(plain, key), rtol=0, atol=bound), key
-    assert np.array_equal(run.newton_iterations > 0, plain.newton_iterations > 0)
 
 
 @pytest.mark.parametrize("name", STEPPING)
@@ -203,15 +189,3 @@ def test_a_long_table_is_marched_in_one_call():
     assert len(run.stretches.sizes) == 3000
     impulse = np.array([1 - np.cos(10), np.sin(30) / 3, 50.0])
     assert run.moment[0] * 10 == pytest.approx(impulse, abs=2e-3)
-
-
-def test_steps_differ_from_stretch_to_stretch():
-    problem = IVP(stacked(BODY), np.eye(4)[3:], np.ones((1, 3)), nt.Load(), 0.0, 3.0, 6, np.array([0, 6]))
-    assert (problem.step, problem.step_at(5)) == (0.5, 0.5)
-    several = replace(problem, stretches=stretched((0, 1, 3), (4, 2)))
-    assert [several.step_at(k) for k in range(6)] == [0.25] * 4 + [1.0] * 2
-    assert several.times(np.arange(7)).tolist() == [0, 0.25, 0.5, 0.75, 1, 2, 3]
-    assert several.nodes(np.arange(3, 5), np.array([0.5])).tolist() == [0.875, 1.5]
-    assert [several.steps_until(t) for t in (-np.inf, 0, 0.1, 1, 1.5, 2, 3, np.inf)] == [0, 0, 1, 4, 5, 5, 6, 6]
-    with pytest.raises(ValueError, match=r"the steps of this grid are not all equal: step_at\(k\) is the size"):
-        _ = several.step

@@ -60,25 +60,23 @@ def file(tmp_path):
 def serial(file, tmp_path):
     """The hash of the sweep made by one thread, in other blocks."""
     sweep(file, tmp_path / "serial", workers=1, block=46)
-    found = open_store(tmp_path / "serial").verified().sha256
-    assert found is not None
-    return found
+    return open_store(tmp_path / "serial").verified().sha256
+
+
+def two_workers():
+    return LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50)
 
 
 @pytest.fixture
 def client():
-    with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
-        Client(cluster) as one,
-    ):
+    with two_workers() as cluster, Client(cluster) as one:
         yield one
 
 
 def is_whole(store, serial):
     found = open_store(store).verified()
-    assert found.sha256 == serial
-    assert sum(1 for _ in Path(store).glob("blocks/*/*.json")) == BLOCKS
-    return True
+    assert (found.sha256, found.missing) == (serial, ())
+    return sum(1 for _ in Path(store).glob("blocks/*/*.json")) == BLOCKS
 
 
 def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
@@ -95,9 +93,8 @@ def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
 def test_a_block_that_always_fails_or_kills_its_worker(what, reason, file, tmp_path, serial, client):
     client.register_plugin(Fault(what, 5))
     store = tmp_path / "store"
-    with pytest.raises(
-        SweepError, match=r"^1 of 12 blocks could not be computed, the first is 5, members 20 to 23: "
-    ) as caught:
+    words = r"^1 of 12 blocks could not be computed, the first is 5, members 20 to 23: "
+    with pytest.raises(SweepError, match=words) as caught:
         sweep(file, store, dask=client, block=BLOCK)
     assert [*caught.value.failed] == [5]
     assert caught.value.failed[5].startswith(reason)
@@ -114,7 +111,7 @@ def test_workers_that_dask_gave_up_are_started_anew(file, tmp_path, serial, monk
     monkeypatch.setattr(sweeping, "POLL", 0.1)
     with (
         dask.config.set({"distributed.deploy.lost-worker-timeout": "100ms"}),
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
+        two_workers() as cluster,
         Client(cluster) as client,
     ):
         for nanny in list(cluster.workers.values()):
@@ -143,9 +140,8 @@ app()
 def test_a_client_that_is_killed_and_run_again(how, tmp_path):
     """The client stops when five blocks are done; it is killed; its workers notice, and write what they had in hand."""
     file, store = tmp_path / "sweep.toml", tmp_path / "store"
-    file.write_text(
-        FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001"), encoding="utf-8"
-    )
+    text = FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001")
+    file.write_text(text, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1])}
     command = [sys.executable, "-c", STOPPED, "sweep", str(file), "--out", str(store), "--block", "8", *how]
     with subprocess.Popen([*command, "--workers", "2"], env=environment, stderr=subprocess.DEVNULL) as client:
@@ -163,5 +159,4 @@ def test_a_client_that_is_killed_and_run_again(how, tmp_path):
     assert len(seen) == 500 - there
     sweep(file, tmp_path / "serial", workers=1)
     serial, found = (open_store(place).verified() for place in (tmp_path / "serial", store))
-    assert found.complete
-    assert found.sha256 == serial.sha256
+    assert (found.complete, found.sha256) == (True, serial.sha256)

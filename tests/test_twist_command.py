@@ -71,33 +71,24 @@ def test_what_is_more_than_round_off_is_printed(tmp_path):
     assert shown["largest turn between samples"] == "2e-14 rad"
 
 
-def swinging(sigma, seed):
-    """A swing, and the same with noise."""
+def test_rates_are_printed_to_what_their_noise_supports(tmp_path):
+    """One digit of the noise, the rate to the same place, both without exponents.
+
+    Central differences of angles with white noise σ at intervals h have σ/(√2 h): the scatter of the rates.
+    """
+    noise, found = Rotation.from_rotvec(5e-3 * np.random.default_rng(2).standard_normal((T.size, 3))), []
     swing = Rotation.from_rotvec(np.stack([np.sin(T), np.zeros_like(T), 0.3 * T], axis=1))
-    return swing, swing * Rotation.from_rotvec(sigma * np.random.default_rng(seed).standard_normal((T.size, 3)))
-
-
-def test_the_noise_of_rates_is_printed(tmp_path):
-    """Central differences of angles with white noise σ at intervals h have σ/(√2 h): the scatter of the rates."""
-    sigma, rates = 2e-3, []
-    for motion in swinging(sigma, 1):
-        result = command(tmp_path, written(tmp_path / "a.csv", motion))
-        rates.append(open_run(tmp_path / "o.nc").twist_rate.values[5:-5])
-    told = re.search(r"; noise of each rate ± (\S+) rad/s$", rows(result)["largest twist rate"].split("|")[0])
-    assert float(told[1]) == pytest.approx(sigma / (np.sqrt(2) * 0.01), rel=0.45)  # one digit is printed, or two
-    assert np.std(rates[1] - rates[0]) == pytest.approx(float(told[1]), rel=0.45)
-
-
-def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tmp_path):
-    """One digit of the noise, and the rate to the same place."""
-    result = command(tmp_path, written(tmp_path / "a.csv", swinging(5e-3, 2)[1]), "--degrees")
-    shown, found = rows(result), open_run(tmp_path / "o.nc")
-    level = np.degrees(found.attrs["noise_level"] / (np.sqrt(2) * 0.01))
-    at = abs(found.twist_rate.values).argmax()
-    largest, when = np.degrees(found.twist_rate.values[at]), found.time.values[at]
+    for motion in (swing, swing * noise):
+        result = command(tmp_path, written(tmp_path / "a.csv", motion), "--degrees")
+        found.append(open_run(tmp_path / "o.nc").load())
+    smooth, rates = (np.degrees(one.twist_rate.values) for one in found)
+    level, shown = np.degrees(found[1].attrs["noise_level"] / (np.sqrt(2) * 0.01)), rows(result)
+    assert level == pytest.approx(np.degrees(5e-3 / (np.sqrt(2) * 0.01)), rel=0.45)
+    assert np.std((rates - smooth)[5:-5]) == pytest.approx(level, rel=0.45)
     assert 10 < level < 95  # an exponent would be printed
-    expected = f"{round(largest, -1):.0f}°/s at t = {when:g} s; noise of each rate ± {round(level, -1):.0f}°/s"
-    assert shown["largest twist rate"] == expected
+    k = abs(rates).argmax()
+    largest = f"{round(rates[k], -1):.0f}°/s at t = {found[1].time.values[k]:g} s"
+    assert shown["largest twist rate"] == f"{largest}; noise of each rate ± {round(level, -1):.0f}°/s"
     of_noise, of_sampling = shown["±"].split("; ")
     assert of_noise == "of noise, independent from sample to sample, one standard deviation"
     assert of_sampling == "of sampling, an estimate of the error"

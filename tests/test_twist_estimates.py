@@ -1,5 +1,7 @@
 """Estimates of what sampling and noise do to a twist, against generated recordings whose twist is known."""
 
+import math
+
 import mpmath
 import numpy as np
 import pytest
@@ -60,7 +62,7 @@ def ratio(d3, t, order, frames):
 
 
 @pytest.mark.filterwarnings("ignore:.*more than a right angle:UserWarning")
-@pytest.mark.parametrize("count", [40, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [25, pytest.param(1000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_estimate_is_within_five_times_the_error_on_95_percent_of_recordings(kind, count):
     found = []
@@ -92,6 +94,18 @@ def test_the_level_of_noise_is_found(sigma):
         u /= np.linalg.norm(u, axis=1)[:, None]
         found.append([noise_level(u, time) / sigma for time in (t, None)])
     assert np.median(found, axis=0) == pytest.approx(1, abs=0.1)
+
+
+def test_the_level_of_many_even_samples_is_that_of_their_differences():
+    t, levels = np.linspace(0, 6, 20_000), []
+    u = axis_path(np.random.default_rng(4))(t) + 1e-3 * np.random.default_rng(5).normal(size=(len(t), 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    for m in (2, 4, 6, 8):
+        rest, normal = np.diff(u, m, axis=0), np.cross(u[m // 2 : m // 2 - m], u[m:] - u[:-m])
+        across = np.sum(rest * normal, axis=1) / np.linalg.norm(normal, axis=1)
+        levels.append(np.sqrt(np.mean(across**2) / math.comb(2 * m, m)))
+    nearest = next(level for level in levels if level <= 1.2 * min(levels))
+    assert noise_level(u, t) == pytest.approx(nearest, rel=1e-9)
 
 
 def test_a_smooth_recording_has_next_to_no_noise():

@@ -1,40 +1,23 @@
 """Units of the keys of run files, which axes of figures and headers of tables show."""
 
-import pytest
-
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import UNITS, unit_of
 from nontwist.units import in_datasets
 
 FILE = """
-[body]
-kind = "heavy_top"
-inertia = [2, 2, 1]
-mass = 2.0
-centre_of_mass = [0, 0, 0.3]
-gravity = [0, 0, -9.81]
-[start]
-angular_velocity = { body = [0, 1, 2] }
-[time]
-t_end = 2
-[[load]]
-kind = "damping"
-coefficient = 0.1
-[[load]]
-kind = "sine"
-frame = "body"
-amplitude = [0, 0, 1]
-frequency = 2
-scale = 3
-[[load]]
-kind = "rotor"
-axis = "z"
-momentum = 2
-[[load]]
-kind = "spring"
-stiffness = 2
-point = [0, 0, 1]
-anchor = [0, 0, 2]
+body = { kind = "heavy_top", inertia = [2, 2, 1], mass = 2.0, centre_of_mass = [0, 0, 0.3], gravity = [0, 0, -9.81] }
+start = { angular_velocity = { body = [0, 1, 2] } }
+time = { t_end = 2 }
+load = [
+    { kind = "damping", coefficient = 0.1 },
+    { kind = "sine", frame = "body", amplitude = [0, 0, 1], frequency = 2, scale = 3 },
+    { kind = "rotor", axis = "z", momentum = 2 },
+    { kind = "spring", stiffness = 2, point = [0, 0, 1], anchor = [0, 0, 2] },
+]
+"""
+SHAPE = """
+body = { kind = "standard", inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } } }
+time = { t_end = 1 }
 """
 EXPECTED = {
     "body.mass": "kg",
@@ -55,18 +38,12 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize("key", EXPECTED)
-def test_the_unit_of_a_key(key, tmp_path):
-    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
-    assert unit_of(read_run_file(tmp_path / "run.toml"), key) == EXPECTED[key]
-
-
-def test_every_unit_is_that_of_a_key():
+def test_the_units_of_keys(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE, encoding="utf-8")
+    assert {key: unit_of(read_run_file(path), key) for key in EXPECTED} == EXPECTED
     assert {*EXPECTED.values(), "kg m-3"} - {None} == {*map(in_datasets, UNITS)}
-
-
-def test_the_unit_of_the_sizes_of_a_shape(tmp_path):
-    shape = "inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }\n"
-    shape = f'[body]\nkind = "standard"\n{shape}[time]\nt_end = 1\n'
-    (tmp_path / "run.toml").write_text(shape, encoding="utf-8")
-    assert unit_of(read_run_file(tmp_path / "run.toml"), "body.inertia.cuboid.lengths.0") == "m"
+    turned = read_run_file(path, ["start.angular_velocity.unit='rpm'"])
+    assert unit_of(turned, "start.angular_velocity.body.2") == "rpm"
+    path.write_text(SHAPE, encoding="utf-8")
+    assert unit_of(read_run_file(path), "body.inertia.cuboid.lengths.0") == "m"

@@ -21,7 +21,7 @@ from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from .errors import InputError, PythonOptions
-from .geometry.values import among, shown
+from .geometry.values import among, short_repr
 
 F = TypeVar("F", bound=Callable[..., Any])
 BOUNDS: dict[str, Any] = {
@@ -73,7 +73,7 @@ def as_specified(record: Any, name: str) -> Any:
         if not among(value, get_args(kind)):
             words = get_args(kind)
             known = " or ".join(map(repr, words)) if len(words) == 2 else f"one of {', '.join(words)}"
-            raise ValueError(f"{name} must be {known}, got {shown(value)}")
+            raise ValueError(f"{name} must be {known}, got {short_repr(value)}")
         return value
     if value is None and default is None:
         return None
@@ -104,7 +104,7 @@ def require_types(record: Any) -> None:
                 for one in kinds
                 if one is not type(None)
             ]
-            raise InputError("type", name=name, words=" or ".join(words), value=shown(value))
+            raise InputError("type", name=name, words=" or ".join(words), value=short_repr(value))
 
 
 def _fits(value: Any, kind: Any) -> bool:

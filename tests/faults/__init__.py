@@ -4,9 +4,9 @@ A fault is a function of an empty folder. Its docstring says what is done; it ra
 does not behave, and returns what happened, in words.
 """
 
-from . import files, processes, run_files, systems, writers
+from . import files, processes, systems, writers
 
-MODULES = (files, run_files, processes, systems, writers)
+MODULES = (files, processes, systems, writers)
 
 FAULTS = {fault.__name__: fault for module in MODULES for fault in module.FAULTS}
 LONG = {fault.__name__ for module in MODULES for fault in module.LONG}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -38,7 +37,7 @@ def _start_server() -> None:
 def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
     """Start a process that calls `function` with the arguments."""
     _start_server()
-    process = CONTEXT.Process(target=function, args=arguments)
+    process = CONTEXT.Process(target=function, args=arguments, daemon=True)
     process.start()
     return process
 
@@ -68,12 +67,6 @@ def happened(process: ForkServerProcess, event: Any) -> None:
     wait([event, process.sentinel])
     assert event.poll(), f"the process ended with {process.exitcode}"
     event.recv()
-
-
-def heard(*numbers: int) -> None:
-    """Let this process hear signals that jobs in the background of a shell, or under nohup, ignore."""
-    for number in numbers:
-        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
 
 def without_rights() -> None:

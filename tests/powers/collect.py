@@ -16,7 +16,6 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache, cached_property
 from pathlib import Path
@@ -26,11 +25,8 @@ import numpy as np
 import pandas
 import typer.main
 import xarray
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpydoc.docscrape import NumpyDocString
 from PIL import Image
-from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -41,14 +37,13 @@ from nontwist.integrators import Integrator
 from nontwist.recordings.formats import READERS
 from nontwist.runfile.document import json_schema
 from test_docstrings import NOT_CALLED, PUBLIC
-from test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE
+from test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE, leaves
 
 HERE = Path(__file__).parent
 TABLE, THINGS = HERE / "table.json", json.loads((HERE / "things.json").read_text(encoding="utf-8"))
 SPACE = {name: getattr(nontwist, name) for name in nontwist.__all__}
 SPACE |= {"np": np, "Rotation": Rotation, "Path": Path, "hashlib": hashlib}
 DATASETS = ("SWUNG", "ENSEMBLE", "SWEPT", "TWIST", "JOINED", "SENSED", "COMPARED", "THROW")
-TIMED = re.compile("seconds|run_time|newton_iterations|version|memory")  # what differs from machine to machine
 
 
 # names
@@ -122,55 +117,6 @@ def names():
 # results
 
 
-def leaves(value):
-    """All numbers in a result, as arrays, in an order of their own."""
-    if isinstance(value, (bool, int, float, complex, np.generic, np.ndarray)):
-        array = np.asarray(value)
-        if array.dtype.kind in "mM":
-            array = array.astype("int64").astype(float)
-        if array.dtype.kind in "fiub":
-            yield array.astype(float)
-        elif array.dtype.kind == "O":
-            yield from (one for entry in array.flat for one in leaves(entry))
-    elif isinstance(value, str):
-        yield from (np.array(float(word)) for word in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?", value))
-    elif isinstance(value, Rotation):
-        yield value.as_quat()
-    elif isinstance(value, Axes):
-        for line in value.lines:
-            yield np.asarray(line._verts3d if hasattr(line, "_verts3d") else line.get_xydata(), dtype=float)
-            yield np.array(line.get_linewidth())
-        yield from leaves(
-            [
-                one._faces if hasattr(one, "_faces") else [path.vertices for path in one.get_paths()]
-                for one in value.collections
-            ]
-        )
-        yield from leaves([getattr(value, "elev", 0.0), getattr(value, "azim", 0.0), value.figure.get_size_inches()])
-    elif isinstance(value, Figure):
-        yield from leaves(value.axes)
-    elif isinstance(value, nontwist.Load) and not value.depends_on_state:
-        yield from (value.sample(np.linspace(0, 1, 7), kind) for kind in ("body", "space"))
-    elif isinstance(value, (xarray.Dataset, pandas.DataFrame)):
-        kept = value.variables if isinstance(value, xarray.Dataset) else value.columns
-        yield from leaves({name: value[name].values for name in kept})
-    elif isinstance(value, xarray.DataArray):
-        yield from leaves([value.values, *(value[name].values for name in sorted(value.coords))])
-    elif isinstance(value, BaseModel):
-        yield from leaves(value.model_dump())
-    elif isinstance(value, Mapping):
-        yield from (one for key in sorted(value, key=str) if not TIMED.search(str(key)) for one in leaves(value[key]))
-    elif isinstance(value, (list, tuple)):
-        yield from (one for entry in value for one in leaves(entry))
-    elif hasattr(value, "__array__"):
-        yield from leaves(np.asarray(value))
-    elif isinstance(value, nontwist.results.BodyState):
-        yield from leaves([value.time, value.quaternion, value.material_angular_velocity])
-    elif is_dataclass(value) and not isinstance(value, (Enum, type)):
-        own = {field.name: getattr(value, field.name) for field in fields(value)}
-        yield from leaves({name: one for name, one in own.items() if name != "physical" or not one})  # since 0.3.0
-
-
 def told(value):
     """A result in short: what it is, how many numbers it has, their norm, and a sum that knows order and signs."""
     what = type(value).__name__
@@ -214,26 +160,19 @@ def alike(old, new, accuracy=1e-9):
     return sizes and all(abs(float(a or 0) - float(b or 0)) < 100 * accuracy for (_, a), (_, b) in pairs)
 
 
+FILES = {
+    ".nc": lambda path: told(xarray.load_dataset(path, engine="h5netcdf")),
+    ".csv": lambda path: told(pandas.read_csv(path, sep=None, engine="python")),
+    ".npz": lambda path: told(dict(np.load(path))),
+    ".json": lambda path: told(json.loads(path.read_text(encoding="utf-8"))),
+    ".toml": lambda path: told(path.read_text(encoding="utf-8")),
+    ".png": lambda path: "picture {}x{}".format(*Image.open(path).size),
+}
+
+
 def told_file(path):
     """A file that a command wrote, in short."""
-    match path.suffix:
-        case _ if path.is_dir():
-            return "store"
-        case ".nc":
-            with xarray.open_dataset(path, engine="h5netcdf") as run:
-                return told(run.load())
-        case ".csv":
-            return told(pandas.read_csv(path, sep=None, engine="python"))
-        case ".npz":
-            return told(dict(np.load(path)))
-        case ".json":
-            return told(json.loads(path.read_text(encoding="utf-8")))
-        case ".toml":
-            return told(path.read_text(encoding="utf-8"))
-        case ".png":
-            return "picture {}x{}".format(*Image.open(path).size)
-        case _:
-            return "written"
+    return "store" if path.is_dir() else FILES.get(path.suffix, lambda path: "written")(path)
 
 
 def commanded(line):

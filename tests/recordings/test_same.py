@@ -23,60 +23,19 @@ from nontwist import read_motion
 from nontwist.recordings.reading import read_rates
 from nontwist.runfile.folder import columns_of
 
-from .makers import (
-    ACC,
-    DATA,
-    EULER,
-    GYR,
-    LIBRARIES,
-    MATRICES,
-    ROOT,
-    SPACE,
-    START,
-    TOPICS,
-    WXYZ,
-    N,
-    Q,
-    R,
-    T,
-    angles,
-    apdm,
-    bvh,
-    c3d,
-    columns,
-    copied,
-    made,
-    mat,
-    mat73,
-    matrix,
-    mot,
-    motive,
-    moved,
-    mt_manager,
-    mvnx,
-    npy,
-    npz,
-    old_run,
-    qualisys,
-    quat,
-    ros,
-    spice_kernels,
-    steady_run,
-    sto,
-    text,
-    vector,
-)
+from . import makers
+from .makers import GYR, MATRICES, START, WXYZ, N, Q, R, T, columns, copied, made, mt_manager, quat, text, vector
 
-RECORDED = DATA / "recordings_0.2.0.json"
+RECORDED = makers.DATA / "recordings_0.2.0.json"
 MS, US, NS = (np.array([20 * scale * k for k in range(N)]) for scale in (1, 1000, 1_000_000))
-DEGREES, ROTVEC, DPS = np.degrees(EULER), R.as_rotvec(), np.degrees(GYR)
+DEGREES, ROTVEC, DPS = np.degrees(makers.EULER), R.as_rotvec(), np.degrees(GYR)
 YPR = ("yaw", "pitch", "roll")
 PLAIN = quat("q{}")
 INVERSE = R.inv().as_quat()[:, [3, 0, 1, 2]]
 TARED = R[0].inv() * R
 STILL = np.tile([0.0, 0, 0, 1], (N, 1))
 TWO = {"fore arm": Q, "upper": STILL}
-GYROSCOPE, ACCELEROMETER = vector("Gyr_{} (rad/s)", GYR, "XYZ"), vector("Acc_{}", ACC, "XYZ")
+GYROSCOPE, ACCELEROMETER = vector("Gyr_{} (rad/s)", GYR, "XYZ"), vector("Acc_{}", makers.ACC, "XYZ")
 
 # makers, as the page names them
 
@@ -84,8 +43,11 @@ MT = partial(made, file="MT_0300-000.txt", within=3e-6)
 DOT = {"head": "sep=,\nDeviceTag:,DOT 1\nFirmwareVersion:,2.0.0\n\n"}
 PX4 = {"timestamp": 12_345_678 + US, **columns("{}speed", YPR[::-1], GYR), **quat("q[{}]", "0123")}
 LOGGED = {"time": START * 10**9 + NS, "seconds_elapsed": T + 0.07}  # by Sensor Logger
-SENSOR_LOGGER = {**LOGGED, **quat("q{}", "zyxw", Q[:, [2, 1, 0, 3]]), **columns("{}", YPR, EULER)}
-SHIMMER = {"Shimmer_8A_Timestamp_Unix_CAL": START * 1000 + MS, **quat("Shimmer_8A_Quat_Madge_9DOF_{}_CAL", "WXYZ")}
+SENSOR_LOGGER = {**LOGGED, **quat("q{}", "zyxw", Q[:, [2, 1, 0, 3]]), **columns("{}", YPR, makers.EULER)}
+SHIMMER = {
+    "Shimmer_8A_Timestamp_Unix_CAL": START * 1000 + MS,
+    **quat("Shimmer_8A_Quat_Madge_9DOF_{}_CAL", "WXYZ"),
+}
 TUM = {"timestamp": START + T, **vector("t{}", GYR), **quat("q{}", "xyzw", Q)}
 EUROC = {"#timestamp [ns]": START * 10**9 + NS, **vector(" p_RS_R_{} [m]", GYR), **quat(" q_RS_{} []")}
 FREE = {"columns": [f"free_rot_{x}" for x in "xyz"], "euler": "XYZ", "exact": False}
@@ -101,9 +63,9 @@ MAKERS = {
     "Xsens MTi, ticks": made(text({"SampleTimeFine": 9000 + MS * 10, **quat("Quat_q{}", "0123")}), time_unit="1e-4"),
     "Xsens DOT": made(text({**COUNTED, **quat("Quat_{}", "WXYZ")}, **DOT), time_unit="us"),
     "Xsens DOT, angles": made(text({**COUNTED, **vector("Euler_{}", DEGREES[:, ::-1], "XYZ")}, **DOT), **DOT_ANGLES),
-    "Xsens MVN, segment": made(mvnx(), "a.mvnx", body="LeftHand"),
-    "Xsens MVN, sensor": made(mvnx(), "a.mvnx", body="sensor LeftHand"),
-    "APDM": made(apdm(), body="Upper"),
+    "Xsens MVN, segment": made(makers.mvnx(), "a.mvnx", body="LeftHand"),
+    "Xsens MVN, sensor": made(makers.mvnx(), "a.mvnx", body="sensor LeftHand"),
+    "APDM": made(makers.apdm(), body="Upper"),
     "x-io NGIMU": made(text({"Time (s)": T, **quat("{}", "WXYZ", INVERSE)}), inverse=True),
     "x-io x-IMU3": made(text({"Timestamp (us)": 9_000_000 + US, **quat("{}", "WXYZ")})),
     "PX4": made(text(PX4), scalar_first=True, time_unit="us"),
@@ -115,43 +77,44 @@ MAKERS = {
     "Android": made(text({"timestamp": START * 1000 + MS, **PLAIN})),
     "Apple": made(text({"motionTimestamp_sinceReboot(s)": T + 5000, **quat("motionQuaternion{}(R)", "XYZW", Q)})),
     "Shimmer": made(text(SHIMMER, "\t", below="ms" + "\tno_units" * 4 + "\n")),
-    "OptiTrack Motive": made(motive({"arm": Q})),
-    "OptiTrack Motive, two bodies": made(motive(TWO), body="fore arm"),
-    "Qualisys": made(qualisys({"fore arm": R}), "a.tsv"),
-    "Qualisys, two bodies": made(qualisys({"fore arm": R, "upper": R.inv()}), "a.tsv", body="fore arm"),
-    "Qualisys, angles": made(qualisys({"fore arm": R}), "a.tsv", euler="XYZ", angle_unit="deg", exact=False),
-    "OpenSense": made(sto(), "a.sto", body="humerus_imu"),
-    "OpenSim, a free joint": made(mot(degrees=True), "a.mot", **FREE),
-    "OpenSim, in rad": made(mot(degrees=False), "a.mot", **FREE),
-    "C3D": made(c3d, "a.c3d", body="r_larm_4X4", within=1e-6),
-    "C3D, normalized": made(c3d, "a.c3d", body="r_larm_4X4", normalize=True, within=1e-6, exact=False),
-    "BVH": made(bvh(), "a.bvh", body="Arm", exact=False),
-    "SPICE CK": made(spice_kernels, "a.tm", body="-9000", **CK),
-    "SPICE CK, no rates": made(partial(spice_kernels, spinning=False), "a.tm", **CK),
+    "OptiTrack Motive": made(makers.motive({"arm": Q})),
+    "OptiTrack Motive, two bodies": made(makers.motive(TWO), body="fore arm"),
+    "Qualisys": made(makers.qualisys({"fore arm": R}), "a.tsv"),
+    "Qualisys, two bodies": made(makers.qualisys({"fore arm": R, "upper": R.inv()}), "a.tsv", body="fore arm"),
+    "Qualisys, angles": made(makers.qualisys({"fore arm": R}), "a.tsv", euler="XYZ", angle_unit="deg", exact=False),
+    "OpenSense": made(makers.sto(), "a.sto", body="humerus_imu"),
+    "OpenSim, a free joint": made(makers.mot(degrees=True), "a.mot", **FREE),
+    "OpenSim, in rad": made(makers.mot(degrees=False), "a.mot", **FREE),
+    "C3D": made(makers.c3d, "a.c3d", body="r_larm_4X4", within=1e-6),
+    "C3D, normalized": made(makers.c3d, "a.c3d", body="r_larm_4X4", normalize=True, within=1e-6, exact=False),
+    "BVH": made(makers.bvh(), "a.bvh", body="Arm", exact=False),
+    "SPICE CK": made(makers.spice_kernels, "a.tm", body="-9000", **CK),
+    "SPICE CK, no rates": made(partial(makers.spice_kernels, spinning=False), "a.tm", **CK),
 }
 BAGS = {
-    "ROS 1": ("a.bag", "", partial(ros, version=1)),
-    "ROS 2, folder": ("a", "", partial(ros, version=2)),
-    "ROS 2, .db3": ("a", "a/a.db3", partial(ros, version=2)),
-    "ROS 2, .mcap": ("a", "a/a.mcap", partial(ros, version=2, storage="MCAP")),
+    "ROS 1": ("a.bag", "", partial(makers.ros, version=1)),
+    "ROS 2, folder": ("a", "", partial(makers.ros, version=2)),
+    "ROS 2, .db3": ("a", "a/a.db3", partial(makers.ros, version=2)),
+    "ROS 2, .mcap": ("a", "a/a.mcap", partial(makers.ros, version=2, storage="MCAP")),
 }
+TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu", "/tf:base")}
 MAKERS |= {
     f"{name}, {body}": made(write, file, inner=inner, body=body, times=START + T)
     for name, (file, inner, write) in BAGS.items()
-    for body in ("/imu", "/pose", "/odometry", "/tf:base")
+    for body in TOPICS_OF.get(name, ("/odometry",))
 }
 
 # formats
 
 TABLE = np.column_stack([T, WXYZ])
-ARRAYS = {"attitude": MATRICES, "time": T, "gyr": np.round(GYR, 12), "acc": np.round(ACC, 12)}
+ARRAYS = {"attitude": MATRICES, "time": T, "gyr": np.round(GYR, 12), "acc": np.round(makers.ACC, 12)}
 STRUCTURE = {"data": {"time": T, "q": Q}, "note": "by hand"}
 SINGLE = {"scalar_first": True, "within": 2e-7, "times": T.astype(np.float32)}
 
 
 def array(file, arrays, **options):
     """A file of arrays, in NumPy's format or MATLAB's."""
-    write = {"npy": npy, "npz": npz, "mat": mat, "7.3": mat73}[file]
+    write = {"npy": makers.npy, "npz": makers.npz, "mat": makers.mat, "7.3": makers.mat73}[file]
     return made(partial(write, arrays=arrays), f"a.{file}".replace("7.3", "mat"), **options)
 
 
@@ -165,14 +128,13 @@ FORMATS = {
     ".npz, matrices": array("npz", ARRAYS),
     ".npz, two arrays": array("npz", {"t": T, **TWO}, body="fore arm", scalar_first=False),
     ".mat, matrices": array("mat", ARRAYS),
-    ".mat, quaternions": array("mat", {"quat": WXYZ, "time": T[:, None]}, scalar_first=True),
     ".mat, a structure": array("mat", STRUCTURE, scalar_first=False),
     ".mat, columns in a structure": array("mat", {"imu": PLAIN}, rate=50),
     ".mat, pages": array("mat", {"R": np.moveaxis(MATRICES, 0, 2)}, rate=50),
     ".mat, version 7.3": array("7.3", {"quat": WXYZ, "time": T}, scalar_first=True),
-    ".nc, a run of 0.1.0": made(old_run, "a.nc", truth=None, times=None),
+    ".nc, a run of 0.1.0": made(makers.old_run, "a.nc", truth=None, times=None),
     ".nc, a steady run": made(
-        steady_run, "b.nc", truth=Rotation.from_rotvec(np.outer(T, [0, 0, 2])), within=1e-9, exact=False
+        makers.steady_run, "b.nc", truth=Rotation.from_rotvec(np.outer(T, [0, 0, 2])), within=1e-9, exact=False
     ),
 }
 
@@ -232,9 +194,9 @@ COLUMNS = {  # the columns beside the time, and how they are read
     "q1, identity first": (quat("q{}", "1234", TARED.as_quat() + 0.0), {"truth": TARED}),
     "q0, by the gyroscope": (quat("q{}", "0123") | GYROSCOPE, {}),
     "q1, by the gyroscope": (quat("q{}", "1234", Q) | GYROSCOPE, {}),
-    "r11": (matrix("r{}{}"), {}),
-    "m00": (matrix("m{}{}", 0), {}),
-    "Mat[1][1]": (matrix("Mat[{}][{}]"), {}),
+    "r11": (makers.matrix("r{}{}"), {}),
+    "m00": (makers.matrix("m{}{}", 0), {}),
+    "Mat[1][1]": (makers.matrix("Mat[{}][{}]"), {}),
     "Rot[0]": ({f"Rot[{k}]": MATRICES[:, k % 3, k // 3] for k in range(9)}, {}),
     "directors": ({f"d{i + 1}_{x}": MATRICES[:, k, i] for i in range(3) for k, x in enumerate("xyz")}, {}),
     "gyroscope beside": (PLAIN | GYROSCOPE, {}),
@@ -244,19 +206,19 @@ COLUMNS = {  # the columns beside the time, and how they are read
     "--body": (quat("Fore_{}", values=INVERSE) | quat("Upper_{}"), {"body": "upper"}),
     "--inverse": (quat("q{}", values=INVERSE), {"inverse": True}),
     "--inverse, gyroscope": (quat("q{}", values=INVERSE) | GYROSCOPE, {"inverse": True}),
-    "--inverse, matrix": (matrix("r{}{}", values=MATRICES.swapaxes(1, 2)), {"inverse": True}),
+    "--inverse, matrix": (makers.matrix("r{}{}", values=MATRICES.swapaxes(1, 2)), {"inverse": True}),
     "rounded": (quat("q{}", values=[[f"{x:.3f}" for x in q] for q in WXYZ]), {"normalize": True, "within": 2e-3}),
     "integers": (quat("q{}", values=np.round(WXYZ * 2**14).astype(int)), {"normalize": True, "within": 2e-4}),
 }
 TURNED = {
     "roll pitch yaw (deg)": (columns("{} (deg)", YPR, DEGREES), {"euler": "ZYX"}),
-    "Euler_X [rad]": (vector("Euler_{} [rad]", EULER[:, ::-1], "XYZ"), {"euler": "ZYX"}),
+    "Euler_X [rad]": (vector("Euler_{} [rad]", makers.EULER[:, ::-1], "XYZ"), {"euler": "ZYX"}),
     "heading_deg": (columns("{}_deg", ("heading", "pitch", "roll"), DEGREES), {"euler": "ZYX"}),
     "fixed axes": (columns("{}", YPR, R.as_euler("zyx")), {"euler": "zyx", "angle_unit": "rad"}),
     "ZXZ": (columns("{} (rad)", "abc", R.as_euler("ZXZ")), {"euler": "ZXZ", "columns": [f"{x} (rad)" for x in "abc"]}),
     "rotation vector": (vector("rotvec_{}", ROTVEC), {"rotation_vector": True}),
     "rx ry rz, deg": (vector("r{}", np.degrees(ROTVEC)), {"rotation_vector": True, "angle_unit": "deg"}),
-    "rounded matrix": (matrix("r{}{}", values=np.round(MATRICES, 2)), {"normalize": True, "within": 1e-2}),
+    "rounded matrix": (makers.matrix("r{}{}", values=np.round(MATRICES, 2)), {"normalize": True, "within": 1e-2}),
 }
 VARIANTS |= {f"columns {name}": made(table, **options) for name, (table, options) in COLUMNS.items()}
 VARIANTS |= {f"columns {name}": made(table, exact=False, **options) for name, (table, options) in TURNED.items()}
@@ -302,14 +264,14 @@ BONES = [np.stack([0.7 * np.sin(0.4 * K + j), 0.2 * j - 0.05 * K, 0.3 + 0.1 * K]
 UPPER, FORE, HAND = map(Rotation.from_rotvec, BONES)
 OPENSIM = {"truth": Rotation.from_euler("XYZ", STEPS), "times": K / 50, "within": 1e-13}
 BVHIO = {"times": K / 50, "within": 1e-6, "exact": False}
-FILES = DATA / "readers"
+FILES = makers.DATA / "readers"
 OTHERS = {
     "opensim.sto": made(copied(FILES / "opensim.sto"), "a.sto", **OPENSIM),
     "opensim.mot": made(copied(FILES / "opensim.mot"), "a.mot", **OPENSIM, **FREE),
     "bvhio.bvh, upper": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="upper", truth=UPPER, **BVHIO),
     "bvhio.bvh, fore": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="fore", truth=UPPER * FORE, **BVHIO),
     "bvhio.bvh, hand": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="hand", truth=UPPER * FORE * HAND, **BVHIO),
-    "imu, quaternion.csv": made(copied(ROOT / "examples/imu/quaternion.csv"), inverse=True, **LOST),
+    "imu, quaternion.csv": made(copied(makers.ROOT / "examples/imu/quaternion.csv"), inverse=True, **LOST),
 }
 MOTIONS = MAKERS | FORMATS | VARIANTS | OTHERS
 
@@ -324,7 +286,7 @@ RATES = {
     "gx (rad/s)": GYRO(RAD),
     "gx, --unit": GYRO(vector("g{}", GYR), unit="rad/s"),
     "gyr_x_dps": GYRO(vector("gyr_{}_dps", DPS)),
-    "gyr_x (deg/s), acc_x": GYRO(vector("gyr_{} (deg/s)", DPS) | vector("acc_{}", ACC)),
+    "gyr_x (deg/s), acc_x": GYRO(vector("gyr_{} (deg/s)", DPS) | vector("acc_{}", makers.ACC)),
     "wx [rad/s]": GYRO(vector("w{} [rad/s]", GYR)),
     "wx (mrad/s)": GYRO(vector("w{} (mrad/s)", 1e3 * GYR)),
     "wx (rpm)": GYRO(vector("w{} (rpm)", GYR * 30 / np.pi)),
@@ -335,15 +297,15 @@ RATES = {
     "angular_velocity.x": GYRO(vector("angular_velocity.{}", GYR), unit="rad/s"),
     "Sensor Logger": GYRO(text({**LOGGED, **vector("{}", GYR)}), columns=["time", *"xyz"], unit="rad/s"),
     "MT Manager": GYRO(mt_manager("\t", ("Acc", "Gyr")), rate=50, unit="rad/s", within=1e-6),
-    "APDM": GYRO(apdm(), body="Upper"),
+    "APDM": GYRO(makers.apdm(), body="Upper"),
     "decimal commas": GYRO(text({"t (s)": T, **vector("gyr_{} [deg/s]", DPS)}, sep=";", decimal=",")),
     "rotor (rad/s)": GYRO({**RAD, "rotor (rad/s)": SPEED}, speed="rotor (rad/s)"),
     "rotor (rpm)": GYRO({**RAD, "rotor (rpm)": SPEED * 30 / np.pi}, speed="rotor (rpm)"),
     "rotor, unit": GYRO({**RAD, "n": SPEED}, speed="n", speed_unit="rad/s"),
-    ".npz": GYRO(partial(npz, arrays=ARRAYS), "a.npz", unit="rad/s"),
-    ".bag": GYRO(partial(ros, version=1, topics=TOPICS[:1]), "a.bag", unit="rad/s"),
-    ".nc, a steady run": GYRO(steady_run, "b.nc", **STEADY),
-    "imu, sensors.csv": GYRO(copied(ROOT / "examples/imu/sensors.csv"), **LOST),
+    ".npz": GYRO(partial(makers.npz, arrays=ARRAYS), "a.npz", unit="rad/s"),
+    ".bag": GYRO(partial(makers.ros, version=1, topics=makers.TOPICS[:1]), "a.bag", unit="rad/s"),
+    ".nc, a steady run": GYRO(makers.steady_run, "b.nc", **STEADY),
+    "imu, sensors.csv": GYRO(copied(makers.ROOT / "examples/imu/sensors.csv"), **LOST),
 }
 MOMENT = {"time": T, **vector("M{}", GYR)}
 QUOTED = {'"time"': T, '"h"': [f"{x / 3:.17g}" for x in np.round(SPEED, 9)]}
@@ -398,7 +360,7 @@ def told_of_rates(found):
 
 def machine():
     """A hash of what the libraries of this machine compute: last bits of sines and of singular values."""
-    turned = Rotation.from_euler("ZYX", angles(np.linspace(0, 3, 1000)))
+    turned = Rotation.from_euler("ZYX", makers.angles(np.linspace(0, 3, 1000)))
     left, _, right = np.linalg.svd(np.round(turned.as_matrix(), 3))
     return digest(np.concatenate([turned.as_quat().ravel(), turned.as_rotvec().ravel(), (left @ right).ravel()]))
 
@@ -423,14 +385,6 @@ SAME_MACHINE = machine() == BEFORE["machine"]
 SINCE = {"time time of day": {"start": 43200.5}, "time time of day, AM": {"start": 0.5}}
 
 
-def needed(row):
-    """Skip a row whose library is not there."""
-    suffix = "." + row.file.rpartition(".")[2] if "." in row.file else ""
-    if suffix in LIBRARIES:
-        pytest.importorskip(LIBRARIES[suffix])
-    return row
-
-
 def same_times(found, expected, start):
     """Times are compared from the first on; those since 1970 are rounded to 0.24 µs."""
     found, expected = np.asarray(found), np.asarray(expected)
@@ -439,7 +393,7 @@ def same_times(found, expected, start):
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_motions(name, tmp_path):
-    row = needed(MOTIONS[name])
+    row = makers.needed(MOTIONS[name])
     found = motion_of(row, tmp_path)
     values, said = found.values, {note.partition(": ")[0] for note in found.notes.split("; ")}
     assert {"orientation", "time"} <= said, found.notes
@@ -457,7 +411,7 @@ def test_motions(name, tmp_path):
 
 @pytest.mark.parametrize("name", RATES)
 def test_rates(name, tmp_path):
-    row = needed(RATES[name])
+    row = makers.needed(RATES[name])
     found = rates_of(row, tmp_path)
     if row.truth is not None:
         assert abs(found.rates - row.truth).max() < row.within
@@ -483,9 +437,9 @@ def test_the_record_is_of_these():
 def test_the_rates_are_those_of_the_motion():
     """The closed form against differences of the attitudes."""
     e = 1e-5
-    differences = (moved(T - e).inv() * moved(T + e)).as_rotvec() / (2 * e)
+    differences = (makers.moved(T - e).inv() * makers.moved(T + e)).as_rotvec() / (2 * e)
     assert abs(GYR - differences).max() < 1e-8
-    assert abs(Rotation.from_quat(Q).apply(differences) - SPACE).max() < 1e-8
+    assert abs(Rotation.from_quat(Q).apply(differences) - makers.SPACE).max() < 1e-8
 
 
 if __name__ == "__main__":

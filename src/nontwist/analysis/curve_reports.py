@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.frames import closed_frame
-from ..geometry.linking import directions, polygon, ribbon_twist, scaled, writhe_and_crossings
+from ..geometry.linking import directions, normalised, polygon, ribbon_twist, writhe_and_crossings
 from ..geometry.stacks import arcs, norm
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:
     import xarray
 
     x = polygon(points, "points", True)
-    (unit,) = scaled(x)
+    (unit,) = normalised(x)
     edges, tangents = directions(unit, True)
     # Along vertices and edges in turn, as the twist of a polygon is defined.
     way = np.stack([tangents, edges], axis=1).reshape(-1, 3)

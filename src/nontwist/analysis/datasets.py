@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from .variables import VARIABLES
 
 RUN = "a run of nontwist.simulate"
@@ -21,7 +21,7 @@ def as_dataset(
     Texts are variables, too. Variables of runs must have the dims of runs, others any.
     """
     if not hasattr(data, "data_vars"):
-        raise ValueError(f"expected {what} as a Dataset, got {shown(data)}")
+        raise ValueError(f"expected {what} as a Dataset, got {short_repr(data)}")
     for name in [*variables, *texts]:
         if name not in data.variables:
             raise ValueError(f"expected {what} with {name!r}; this Dataset has {', '.join(map(str, data))}")

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array, as_number
-from ..geometry.values import among, as_list, nearest, shown
+from ..geometry.values import among, as_list, nearest, short_repr
 from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
 from ..loads.potentials import Potential
 from ..models.stack import SystemStack
@@ -45,7 +45,7 @@ def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
     names = (reduce,) if isinstance(reduce, str) else tuple(as_list(reduce, "reduce"))
     for name in names:
         if not among(name, STATISTICS):
-            raise ValueError(f"unknown statistic {shown(name)}; {nearest(name, STATISTICS)}")
+            raise ValueError(f"unknown statistic {short_repr(name)}; {nearest(name, STATISTICS)}")
     return names
 
 
@@ -187,7 +187,7 @@ def observed_order(
 
 def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
     if not among(variable, run.data_vars):
-        raise ValueError(f"the run has no variable {shown(variable)}; it has {', '.join(map(str, run.data_vars))}")
+        raise ValueError(f"the run has no variable {short_repr(variable)}; it has {', '.join(map(str, run.data_vars))}")
     run = as_dataset(run, RUN, (variable,))
     if "time" not in run[variable].dims:
         raise ValueError(f"{variable} has no dim time: choose a variable of the states")

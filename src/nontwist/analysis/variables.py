@@ -36,10 +36,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
-from ..geometry.values import among, as_list, nearest, shown
+from ..geometry.values import among, as_list, nearest, short_repr
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
-from ..loads.wheels import columns_of
+from ..loads.wheels import recorded_wheels
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
@@ -326,7 +326,7 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
     for name in names:
         if not among(name, known):
             more = hint if among(name, VARIABLES) else ""
-            raise ValueError(f"{whose} has no variable {shown(name)}{more}; available: 'all', {', '.join(known)}")
+            raise ValueError(f"{whose} has no variable {short_repr(name)}{more}; available: 'all', {', '.join(known)}")
     return tuple(name for name in known if name in names)
 
 
@@ -343,7 +343,7 @@ class Wheels(NamedTuple):
     @classmethod
     def of(cls, records: Sequence[Mapping[str, Any]]) -> Wheels | None:
         """Return the wheels of the load of these records, None where there are none."""
-        found = columns_of(records)
+        found = recorded_wheels(records)
         return cls(*map(np.array, zip(*found, strict=True))) if found else None
 
     @property
@@ -461,7 +461,7 @@ class _ByName:
 
     def __getattr__(self, name: str) -> Array:
         if name not in self._made:
-            raise AttributeError(f"there is no variable {shown(name)}; {nearest(name, [*self._made])}")
+            raise AttributeError(f"there is no variable {short_repr(name)}; {nearest(name, [*self._made])}")
         return self._made[name]()
 
 

@@ -39,7 +39,7 @@ from ..driver.single_run import run_of, trajectory
 from ..driver.starts import start_of_one
 from ..driver.tolerance import CHANGE, EPS, LARGER, moved
 from ..geometry.arrays import Array, as_array
-from ..geometry.values import as_list, shown
+from ..geometry.values import as_list, short_repr
 from ..integrators import INTEGRATORS, Continuous, Exact, Gauss, Integrator, LieMidpoint, SimulationError
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
@@ -148,7 +148,7 @@ def _integrator(choice: Choice) -> Integrator:
         return resolve_integrator(choice, None)
     if isinstance(choice, (tuple, list)) and len(choice) == 2 and isinstance(choice[0], str):
         return resolve_integrator(*choice)
-    raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {shown(choice)}")
+    raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {short_repr(choice)}")
 
 
 # The runs of a comparison: each is compared with the reference once, and then timed.

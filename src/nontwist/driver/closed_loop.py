@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_number, as_positive, vector
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
-from ..integrators.wheels import COMMANDED, commanded, places
+from ..integrators.wheels import COMMANDED, commanded, wheel_columns
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..loads.terms import Table
@@ -367,7 +367,7 @@ class Stepper:
         problem = IVP(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         internal = internal_states(systems, self.load, begin, t)
         numbers = self._single.begin(replace(problem, internal=internal))
-        wheels = [] if internal is None else [internal[0, k:][: one.count] for one, k in places(self.load)]
+        wheels = [] if internal is None else [internal[0, k:][: one.count] for one, k in wheel_columns(self.load)]
         self._state = self._made(numbers, t, 0, tuple((*own.tolist(), 0.0, 0.0)[:3] for own in wheels))
         return self._state
 
@@ -437,7 +437,9 @@ class Stepper:
     @state.setter
     def state(self, state: StepperState) -> None:
         if not isinstance(state, StepperState):
-            raise ValueError(f"state must be a state of a stepper, got {shown(state)}; use reset(...) for other starts")
+            raise ValueError(
+                f"state must be a state of a stepper, got {short_repr(state)}; use reset(...) for other starts"
+            )
         if state._kind != self._kind:
             raise ValueError(
                 "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "

@@ -57,7 +57,7 @@ from ..geometry.attitudes import States, directors
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.members import one_by_one
 from ..integrators.problem import Intervals, onward, started
-from ..integrators.wheels import carrier, places
+from ..integrators.wheels import carrier, wheel_columns
 from ..loads import Load
 from ..loads.base import moment_at
 from ..loads.calls import checked
@@ -129,7 +129,7 @@ class Contacts:
         self.failure: Failure | None = None
         self._inverses = dict[tuple[int, ...], Array]()  # of parts of S
         self.nodes = problem.times(np.arange(problem.steps + 1))
-        found = list(places(self.load))
+        found = list(wheel_columns(self.load))
         self.wheels, self.places = [one.unscaled for one, _ in found], np.array([place for _, place in found], int)
         self.dry, self.bearings = [a for a, one in enumerate(self.wheels) if one.is_dry], len(self.frictions)
         self.beside = [term for term in self.load.remembering if not isinstance(term, Wheel)]

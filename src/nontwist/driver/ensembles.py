@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis import ensemble_dataset, statistics
 from ..errors import InputError, Option, warn
 from ..geometry.arrays import largest_size
-from ..geometry.values import among, as_whole, shown
+from ..geometry.values import among, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.base import IVP, Outcome
 from ..integrators.time_grid import stretched
@@ -180,7 +180,7 @@ def simulate_ensemble(
 def is_gpu(device: Any) -> bool:
     """Whether a device is the GPU, and not the processor; an InputError where it is neither."""
     if not among(device, ("cpu", "gpu")):
-        raise InputError("type", name=Option("device"), words="'cpu' or 'gpu'", value=shown(device))
+        raise InputError("type", name=Option("device"), words="'cpu' or 'gpu'", value=short_repr(device))
     return bool(device == "gpu")
 
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..analysis.trajectory import Events
 from ..geometry.arrays import Array, as_number
 from ..geometry.attitudes import States
-from ..geometry.values import as_whole, shown
+from ..geometry.values import as_whole, short_repr
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.costs import largest_velocity
 from ..integrators.problem import Intervals, onward, started
@@ -85,11 +85,11 @@ def as_events(events: Any) -> tuple[Event, ...]:
     """
     functions = [events] if callable(events) else () if events is None else events
     if not isinstance(functions, (list, tuple)):
-        raise ValueError(f"events must be a function of time and state, or a list of them, got {shown(events)}")
+        raise ValueError(f"events must be a function of time and state, or a list of them, got {short_repr(events)}")
     found = list[Event]()
     for i, function in enumerate(functions):
         if not callable(function):
-            raise ValueError(f"events[{i}] must be a function of time and state, got {shown(function)}")
+            raise ValueError(f"events[{i}] must be a function of time and state, got {short_repr(function)}")
         given = getattr(function, "__name__", "")
         has_name = isinstance(given, str) and given.strip() and given.isprintable() and given != "<lambda>"
         name = given if has_name else f"event_{i}"

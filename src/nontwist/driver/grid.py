@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_number, increasing
-from ..geometry.values import as_whole, counted, shown
+from ..geometry.values import as_whole, counted, short_repr
 from ..integrators import Integrator
 from ..integrators.costs import ONE, damping_rate, largest_velocity
 from ..integrators.time_grid import FIT, Stretches, stretched
@@ -210,7 +210,7 @@ def as_store(store: Any) -> int | Literal["end"]:
     try:
         return as_whole(store, "store", 1)
     except ValueError as error:
-        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}") from error
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {short_repr(store)}") from error
 
 
 def _require_memory(N: int, store: int) -> None:

@@ -18,7 +18,7 @@ from ..geometry.attitudes import attitudes, directors
 from ..geometry.values import number_text, vector_text
 from ..integrators.base import IVP, Failure, Integrator, Status
 from ..integrators.problem import onward
-from ..integrators.wheels import places
+from ..integrators.wheels import wheel_columns
 from ..loads.base import state_moment_at
 from ..loads.calls import checked
 from ..loads.memory import MOMENTS, Memory
@@ -83,7 +83,7 @@ def _values(problem: IVP) -> Iterator[tuple[Term, Value, str]]:
 
 def _remembering(problem: IVP) -> Iterator[tuple[Memory, int]]:
     """Yield the terms with internal states, and the places of these."""
-    yield from places(problem.load)
+    yield from wheel_columns(problem.load)
     place = sum(one.state0.size for one in problem.load.wheels)
     for term in problem.load.remembering:
         if not isinstance(term, Wheel):

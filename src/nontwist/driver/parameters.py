@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.functions import FUNCTIONS, changes_of_numbers, kind_of, numbers_of
+from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
 from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
-from ..geometry.values import as_list, guess, shown
+from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
-from ..integrators.linearised import Changes, Entries, Nodes, is_in_orbital_frame
+from ..integrators.linearised import Changes, Entries, StepNodes, is_in_orbital_frame
 from ..integrators.load_samples import as_marched
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP
-from ..loads.base import is_called, with_moments
+from ..loads.base import is_called, tables_as_moments
 from ..loads.derivatives import (
     Slopes,
     fixed_slopes,
@@ -63,7 +63,7 @@ class Effect(NamedTuple):
     """What a parameter does to some of the inputs of steps."""
 
     inputs: tuple[str, ...]
-    entries: Callable[[Nodes], Iterable[Entries]]
+    entries: Callable[[StepNodes], Iterable[Entries]]
 
 
 class Parameters:
@@ -86,13 +86,13 @@ class Parameters:
     def __init__(self, problem: IVP, names: Any, scheme: Compiled, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
-        self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
+        self.terms = (problem.load if scheme.is_director_scheme else tables_as_moments(problem.load)).terms
         self._orbits = is_in_orbital_frame(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:
             raise ValueError(f"{given} names no parameter; known are {', '.join(known)}")
-        for word in dict.fromkeys(w if isinstance(w, str) else shown(w) for w in words):
+        for word in dict.fromkeys(w if isinstance(w, str) else short_repr(w) for w in words):
             if word not in known:
                 raise ValueError(
                     f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"
@@ -183,7 +183,7 @@ class Parameters:
         term = self.terms[one.term]
         if not is_called(term) or isinstance(term, ForceTable):
             return []
-        if kind_of(term) in FUNCTIONS and one.field != "scale":
+        if kernel_kind(term) in FUNCTIONS and one.field != "scale":
             return [[(term, change)] for change in changes_of_numbers(term, one.field)]
         value, make = np.asarray(getattr(term, one.field)), partial(with_parameter, term, one.field)
         units = BASIS if one.field == "quadratic" else np.eye(value.size).reshape(-1, *value.shape)
@@ -231,12 +231,12 @@ class Parameters:
         """The inputs of the steps that the parameters act on."""
         return {name for effect in self._effects for name in effect.inputs}
 
-    def entries(self, nodes: Nodes) -> Iterator[Entries]:
+    def entries(self, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what the parameters do to the inputs of some steps."""
         for effect in self._effects:
             yield from effect.entries(nodes)
 
-    def entries_along(self, directions: Array, nodes: Nodes) -> Iterator[Entries]:
+    def entries_along(self, directions: Array, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what a change of all parameters at once does, along each of the `directions`, (count, d)."""
         d = directions.shape[1]
         for name, component, parameter, value, step in self.entries(nodes):
@@ -335,12 +335,14 @@ class Parameters:
         assert spin is not None
         return np.stack([np.interp(times, spin.times, row) for row in np.eye(len(spin.values))], axis=1)
 
-    def _of_spin(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+    def _of_spin(self, first: int, nodes: StepNodes) -> Iterator[Entries]:
         change = self._spin_weights(nodes.end) - self._spin_weights(nodes.begin)
         step, k = np.nonzero(change)
         yield Entries("spin", 0 * k, first + k, change[step, k], nodes.first + step)
 
-    def _of_rotor(self, term: Rotor | Wheel, field: str, first: int, factor: float, nodes: Nodes) -> Iterator[Entries]:
+    def _of_rotor(
+        self, term: Rotor | Wheel, field: str, first: int, factor: float, nodes: StepNodes
+    ) -> Iterator[Entries]:
         """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum."""
         t0, ends = self.problem.t_start, (nodes.begin, nodes.end)
         if isinstance(term, Wheel):
@@ -368,7 +370,7 @@ class Parameters:
 
     # ---- a longer last stretch, with as many steps: longer steps, and later nodes
 
-    def _later_by(self, nodes: Nodes) -> tuple[Array, Array, int]:
+    def _later_by(self, nodes: StepNodes) -> tuple[Array, Array, int]:
         """Return by how much later steps begin, and the last one ends, and nodes are; the first step that is longer."""
         begin = max(self.problem.grid.numbers[-2], 0)
         share = 1.0 / (self.problem.steps - begin)
@@ -377,7 +379,7 @@ class Parameters:
         later[nodes.of_nodes < begin] = 0.0
         return at, later, begin
 
-    def _longer(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+    def _longer(self, first: int, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what it does to the sizes of steps, and to a spin."""
         at, _, begin = self._later_by(nodes)
         steps = np.arange(max(nodes.first, begin), nodes.last)
@@ -393,12 +395,12 @@ class Parameters:
             k = np.arange(len(change))
             yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
 
-    def _later(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+    def _later(self, first: int, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what it does to the time of functions of the state."""
         k = np.arange(nodes.first, nodes.last)
         yield Entries("time", 0 * k, first + 0 * k, self._later_by(nodes)[0][:-1], k)
 
-    def _later_moment(self, term: Term, first: int, nodes: Nodes) -> Iterator[Entries]:
+    def _later_moment(self, term: Term, first: int, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what it does to a moment of the time."""
         later = self._later_by(nodes)[1]
         if isinstance(term, ForceTable):
@@ -407,7 +409,7 @@ class Parameters:
             rates, factor = moment_rates(term, nodes.times), self._scale
         yield _nodal(_input_of(term), Slopes(*_rows(rates * later[:, None])), first, nodes, factor)
 
-    def _later_rotor(self, term: Rotor | Wheel, first: int, nodes: Nodes) -> Iterator[Entries]:
+    def _later_rotor(self, term: Rotor | Wheel, first: int, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what it does to the momentum of a rotor or a wheel, and to its rate."""
         if isinstance(term, Wheel) and term.times.size:
             raise ValueError("runs have no derivatives by the duration with a wheel whose torque is a table")
@@ -459,7 +461,7 @@ def _matrix(name: str, change: Array, first: int) -> Effect:
     return _always(name, component, first + parameter, change.ravel())
 
 
-def _at_middles(effect: Effect, nodes: Nodes) -> Iterator[Entries]:
+def _at_middles(effect: Effect, nodes: StepNodes) -> Iterator[Entries]:
     """Yield an effect on a vector, at every node of a step."""
     (one,) = effect.entries(nodes)
     for j in range(len(nodes.middles)):
@@ -471,12 +473,12 @@ def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
     return row, component, 0 * row, rows.ravel()
 
 
-def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float = 1.0) -> Entries:
+def _nodal(name: str, slopes: Slopes, first: int, nodes: StepNodes, factor: float = 1.0) -> Entries:
     place = INPUTS[name] * (slopes.row % len(nodes.middles)) + slopes.component
     return Entries(name, place, first + slopes.parameter, factor * slopes.value, nodes.of_nodes[slopes.row])
 
 
-def _rotor(begin: Slopes, end: Slopes, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:
+def _rotor(begin: Slopes, end: Slopes, first: int, nodes: StepNodes, factor: float) -> Iterator[Entries]:
     """Yield the changes of the momentum of a rotor at the nodes, on the chords of the steps, and of its rate."""
     steady = all(np.array_equal(one, other) for one, other in zip(begin, end, strict=True))
     for sign, slopes in ((-1.0, begin), (1.0, end)):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_number, as_positive
-from ..geometry.values import nearest, shown
+from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
 from ..integrators.costs import largest_velocity
 from ..integrators.time_grid import Stretches, stretched
@@ -243,7 +243,7 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
             raise ValueError("an integrator given as an instance brings its order; leave order= out")
         return integrator
     if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {shown(integrator)}; {nearest(integrator, INTEGRATORS)}")
+        raise ValueError(f"unknown integrator {short_repr(integrator)}; {nearest(integrator, INTEGRATORS)}")
     scheme = INTEGRATORS[integrator]
     if order is None:
         return scheme()

@@ -197,9 +197,9 @@ class Rubbed(Contacts):
         """Return the energy that friction of the body takes in each interval of a piece: its moment is constant."""
         means = piece.means
         assert means is not None
-        if means.turned is None:
+        if means.velocity_integrals is None:
             return np.zeros(means.load_work.shape)
-        found: Array = -means.turned[..., :3] @ self.sliding(np.zeros(3))
+        found: Array = -means.velocity_integrals[..., :3] @ self.sliding(np.zeros(3))
         return found
 
 

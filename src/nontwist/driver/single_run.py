@@ -240,16 +240,16 @@ def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:
     first = first_run(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
     if plan.output_times is not None:
         return first, len(plan.output_times)
-    span, shown = plan.t_end - plan.t_start, finer(first.grid).steps
+    shown = finer(first.grid).steps
     if plan.is_between:
-        shown = int(span / apart_shown(span, fastest, first.swing))
+        shown = int((plan.t_end - plan.t_start) / apart_shown(plan, fastest, first.swing))
     return first, stored_count(max(1, shown), plan.store)
 
 
 def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> Array:
-    """Return the times at which states are stored that nobody has chosen: the body turns by 0.05 rad in between."""
+    """Return the times at which states are stored that nobody has chosen: it turns by 0.05 rad at most in between."""
     fastest = float(np.sqrt(np.nanmax(np.square(velocities).sum(axis=1))))
-    longest = apart_shown(plan.t_end - plan.t_start, fastest, swing)
+    longest = apart_shown(plan, fastest, swing)
     return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).stored_times
 
 

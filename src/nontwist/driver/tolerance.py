@@ -201,7 +201,7 @@ def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple
         h = _resolving(plan, scheme, span * rate) / rate
         return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
-    longest = apart_shown(span, fastest, swing) if plan.is_shown else inf
+    longest = apart_shown(plan, fastest, swing) if plan.is_shown else inf
     waves = max(rate, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme, waves), longest))
     return best, min(step(best, rate, LONGER if _order(best) <= LOW else 1.0), longest)
@@ -219,9 +219,12 @@ def _lag(scheme: Integrator) -> float:
     return float(max(scheme.lag(STEADY), EPS) / STEADY ** (_order(scheme) + 1))
 
 
-def apart_shown(span: float, fastest: float, swing: float) -> float:
-    """Return how far states are apart from which figures are made, s."""
-    return min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
+def apart_shown(plan: Plan, fastest: float, swing: float) -> float:
+    """Return how far states are apart from which figures are made, s: they show a gyration, too, where they can."""
+    span = plan.t_end - plan.t_start
+    apart = min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
+    gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
+    return min(apart, max(PHASE / max(gyration, 1e-300), span / MANY))
 
 
 def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:

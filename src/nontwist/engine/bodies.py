@@ -28,7 +28,7 @@ def power_of_two(x: Array) -> Array:
     return found
 
 
-def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:
+def body_rows(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:
     """Return the numbers of each body, (m, BODY.size); damping is times `scale`.
 
     `principal`: the scheme takes constrained axes for principal ones, and wants principal moments in ascending order.
@@ -65,7 +65,7 @@ def _fixed(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
     row[:, BODY.spin] = systems.spin_factor if spins else 0.0
     row[:, BODY.off : BODY.free], row[:, BODY.free], row[:, BODY.E : BODY.basis] = off, free, e
     row[:, BODY.basis : BODY.frame] = basis.reshape(m, 9)
-    row[:, BODY.frame : BODY.dead] = quaternions(basis)
+    row[:, BODY.frame : BODY.dead] = quaternions_scalar_first(basis)
     row[:, BODY.dead : BODY.damping] = (basis.swapaxes(1, 2) @ systems.dead_force).reshape(m, 9)
     row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
     row[:, BODY.vertical : BODY.dissipation] = systems.vertical
@@ -110,7 +110,7 @@ def bases_of(axis: Array) -> Array:
     return basis
 
 
-def quaternions(R: Array) -> Array:
+def quaternions_scalar_first(R: Array) -> Array:
     """Return unit quaternions, scalar first, of rotations (m, 3, 3)."""
     p = quaternion_column(R)
     p /= np.sqrt((p * p).sum(1))[:, None]

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..errors import warn
 from ..geometry.arrays import Array
+from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.calls import REMEDY
-from ..loads.compiled import Moment, address_of, c_function, response_of
+from ..loads.compiled import Moment, c_function, response_of
 from ..loads.derivatives import differenced, slopes_of, value_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
@@ -24,14 +25,14 @@ KEPT = 8  # states whose derivatives are kept
 FUNCTIONS = (FUNCTION, OF_FORCES, OF_MOMENT)  # kinds of terms whose texts are called
 
 
-class Called:
+class StateFunctions:
     """The terms of a load that are evaluated while a run marches.
 
     Attributes
     ----------
     address : int
         Of the moments of the state as one C function, 0 where there are none.
-    remembers : int
+    memory_response : int
         Of what terms with memory give, 0 where there are none.
     generalised : int
         Of what makes moments of director forces and potentials (`generalised`), 0 where there are none.
@@ -42,7 +43,7 @@ class Called:
     """
 
     def __init__(self, load: Load, action: int = MOMENT) -> None:
-        self.load, self.address, self.remembers, self.generalised, self.terms = load.called, 0, 0, 0, 0
+        self.load, self.address, self.memory_response, self.generalised, self.terms = load.called, 0, 0, 0, 0
         self._whole, self.action, self.keepalive = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
@@ -50,9 +51,9 @@ class Called:
             moment = c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
             self.address = self._address(moment)
         if load.memories:
-            functions = ((term, self._held(term.c_function or evaluated(term))) for term in load.memories)
+            functions = ((term, self._with_address(term.c_function or evaluated(term))) for term in load.memories)
             responses = tuple((function, term.scale, term.state0.size) for term, function in functions)
-            self.remembers = self._address(response_of(responses))
+            self.memory_response = self._address(response_of(responses))
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 
@@ -64,7 +65,7 @@ class Called:
         for k, term in enumerate(terms):
             place = 1 + TERM.size * k
             found[place : place + TERM.size] = numbers_of(term)
-            if kind_of(term) in FUNCTIONS:
+            if kernel_kind(term) in FUNCTIONS:
                 whole[place + TERM.function] = self._address(term.c_function or evaluated(term))
                 whole[place + TERM.slopes] = 0 if slopes is None else self._address(slopes(term))
         self.keepalive.append(found)
@@ -72,10 +73,10 @@ class Called:
 
     def _address(self, function: Any) -> int:
         """Return the address of a function."""
-        found: int = self._held(function).address
+        found: int = self._with_address(function).address
         return found
 
-    def _held(self, function: Any) -> Any:
+    def _with_address(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""
         if isinstance(function, PythonFunction):
             called = function
@@ -92,7 +93,7 @@ class Called:
 
             function = Moment(guarded)
         self.keepalive.append(function)
-        return function if hasattr(function, "address") else Callback(address_of(function))
+        return function if hasattr(function, "address") else Callback(pointer_address(function))
 
     def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
@@ -120,7 +121,7 @@ class Called:
             raise self.error
 
 
-class Varied(Called):
+class DifferentiableFunctions(StateFunctions):
     """The terms of a load, with their derivatives."""
 
     def __init__(self, terms: Sequence[Term], action: int, has_time: bool) -> None:
@@ -186,7 +187,7 @@ def evaluated(term: Term) -> PythonFunction:
     return PythonFunction(lambda t, first, second: value_of(term, arguments(term, t, first, second)), count_of(term))
 
 
-def kind_of(term: Term) -> int:
+def kernel_kind(term: Term) -> int:
     """Return what `generalised` takes a term for."""
     kinds = (GravityGradient, ORBITING), (Quadratic, QUADRATIC), (Spring, SPRING), (Potential, FUNCTION)
     otherwise = OF_FORCES if term.kind == "forces" else OF_MOMENT
@@ -195,7 +196,7 @@ def kind_of(term: Term) -> int:
 
 def numbers_of(term: Term) -> Array:
     """Return a term as `generalised.Term` has it, without addresses."""
-    found, kind = np.zeros(TERM.size), kind_of(term)
+    found, kind = np.zeros(TERM.size), kernel_kind(term)
     found.view(np.int64)[TERM.kind], found[TERM.scale] = kind, term.scale
     if kind in FUNCTIONS:
         own = term.numbers

@@ -44,7 +44,7 @@ from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, pu
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
 from ..loads.potentials import on_orbit
 from ..loads.terms import MOST_NUMBERS
-from .records import FORCES, StateCall, places
+from .records import FORCES, StateCall, offsets_of
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING, OF_FORCES, OF_MOMENT = range(6)  # potentials; functions of the state
@@ -78,12 +78,12 @@ class Sloped(NamedTuple):
     slopes: Doubles  # (6, directions) where the derivatives of the moments of the load and of potentials go
 
 
-TERM = places(Term)
-SCRATCH = fields(StateCall)["scratch"].place
-W = fields(StateCall)["w"].place
-OF_TABLE = fields(StateCall)["half"].place + 3  # places of seeds
+TERM = offsets_of(Term)
+SCRATCH = fields(StateCall)["scratch"].offset
+W = fields(StateCall)["w"].offset
+OF_TABLE = fields(StateCall)["half"].offset + 3  # places of seeds
 OF_TERMS = OF_TABLE + FORCES
-STATE = (*range(W + 3), *range(fields(StateCall)["t"].place, OF_TABLE - 3), *range(OF_TABLE - 3, OF_TABLE))
+STATE = (*range(W + 3), *range(fields(StateCall)["t"].offset, OF_TABLE - 3), *range(OF_TABLE - 3, OF_TABLE))
 GIVEN = W + 4  # numbers that a function of the state gets
 AT, ENDS = 16, 32  # within the scratch: what V is called with, and what it gives at both ends
 
@@ -101,7 +101,7 @@ class Numbers:
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._view, name)
         is_whole = isinstance(found, Whole | int)
-        return found if is_whole else self._seeded(found, self._first + fields(self._view._record)[name].place)
+        return found if is_whole else self._seeded(found, self._first + fields(self._view._record)[name].offset)
 
 
 class State:

@@ -2,9 +2,9 @@
 
 All is in the frame b of the body, in its units, and relative to the attitude Λ at the beginning: the quaternion that
 the text turns is 1 there, and what is given in space is seen from there, f = Λᵀ m, which a turn δ of the body changes
-by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`Varied`). With the
-constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂ -
-ε̂ A.
+by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`DualBody`). With
+the constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂
+- ε̂ A.
 
 Functions of the state are evaluated once, with their derivatives, and linear from there on (`LinearFunctions`).
 """
@@ -21,7 +21,7 @@ from ..kernels.memory import Doubles, View, call, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross, sum_of
 from .generalised import STATE, Sloped
 from .marching import Text
-from .records import FORCES, Body, Parts, State, places
+from .records import FORCES, Body, Parts, State, offsets_of
 from .sampling import Nodes, mean
 
 Number = TypeVar("Number")
@@ -47,7 +47,7 @@ Wanted = tuple[tuple[str, int], ...]  # inputs, and of how many numbers each
 LANES = 8  # steps whose matrices are made at a time
 
 
-def columns_of(rows: int, wanted: Wanted, stages: int = 1) -> dict[str, int]:
+def column_offsets(rows: int, wanted: Wanted, stages: int = 1) -> dict[str, int]:
     """Return where the columns of the state, of so many rows, and of inputs begin, and, as "", how many there are."""
     found, place = {"turn": 0, "velocity": 3, "normal": 6}, rows
     for name, size in wanted:
@@ -88,10 +88,10 @@ class Steps(NamedTuple):
     failed: int  # how many steps could not be solved again
 
 
-STEPS = places(Steps)
+STEPS = offsets_of(Steps)
 
 
-class Step(NamedTuple):
+class KnownStep(NamedTuple):
     """What is known of a step, in body components and the units of the caller; functions of the state in b."""
 
     h: float
@@ -114,7 +114,7 @@ class Step(NamedTuple):
     of_potentials: Vector
 
 
-class Varied(Body):
+class DualBody(Body):
     """A body whose numbers are duals, and its products of inertia, of value 0."""
 
     products: Any  # J23, J13, J12
@@ -142,14 +142,14 @@ class Varied(Body):
 class Directions:
     """The directions of derivatives, one after the other: of the attitude, of W, of N, and of inputs."""
 
-    def __init__(self, places: dict[str, int], count: int) -> None:
-        self.places, self.count = places, count
+    def __init__(self, offsets: dict[str, int], count: int) -> None:
+        self.offsets, self.count = offsets, count
 
     def along(self, name: str, x: Any) -> Any:
         """Return numbers as duals, in the directions of this name; as they are where it has none."""
-        if name not in self.places:
+        if name not in self.offsets:
             return x
-        return self._seeded(x, self.places[name])[0]
+        return self._seeded(x, self.offsets[name])[0]
 
     def tangents(self, place: int) -> list[Any]:
         """Return the derivatives of the number at a place."""
@@ -157,7 +157,7 @@ class Directions:
 
     def of(self, name: str, kind: Any) -> Any:
         """Return a vector of value 0 with the directions of this name, None where it has none."""
-        return self.along(name, kind(*(0.0,) * kind.size)) if name in self.places else None
+        return self.along(name, kind(*(0.0,) * kind.size)) if name in self.offsets else None
 
     def _seeded(self, x: Any, place: int) -> tuple[Any, int]:
         if not isinstance(x, tuple):
@@ -180,7 +180,14 @@ class Known(Nodes):
     """
 
     def __init__(
-        self, calls: Calls, body: Body, at: Any, scale: Any, directions: Directions, R: Any = None, now: Any = None
+        self,
+        calls: FunctionCalls,
+        body: Body,
+        at: Any,
+        scale: Any,
+        directions: Directions,
+        R: Any = None,
+        now: Any = None,
     ) -> None:
         self.parts, self.solved, self.memory, self.node = calls.parts, calls.solved, None, 0
         self._at, self._scale = at, scale
@@ -209,7 +216,7 @@ class Known(Nodes):
         k, off = body.k, body.off
         E = varied(body.E, 0.5 * Vector(b + c - a, c + a - b, a + b - c))
         off = varied(off, (products[1], products[0]))
-        found = Varied(*body._replace(E=E, off=off, k=varied(k, -k * k * Vector(a, b, c))))
+        found = DualBody(*body._replace(E=E, off=off, k=varied(k, -k * k * Vector(a, b, c))))
         found.products, found.is_free = products, not self.parts.is_constrained
         return found
 
@@ -228,9 +235,9 @@ class Known(Nodes):
             if self.tilt is not None:
                 N = varied(N, tilted(N.matrix, self.tilt).symmetric)
             auxiliary = (*N, *auxiliary[6:])
-        elif text.remembered is not None and self.delta is None:
+        elif text.first_guess is not None and self.delta is None:
             ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
-            auxiliary = text.remembered(at.h, *ends)
+            auxiliary = text.first_guess(at.h, *ends)
         return now._replace(s=s if self.now is None else varied(now.s, s), auxiliary=auxiliary)
 
     def velocity(self, W: Vector) -> Vector:
@@ -306,7 +313,7 @@ def tilted(A: Matrix, tilt: Vector) -> Matrix:
     return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
 
 
-class Calls(NamedTuple):
+class FunctionCalls(NamedTuple):
     """How functions of the state are called, in one step after the other, and in which directions.
 
     Where potentials have a torque of their own they are `generalised`, all else is of a `function`. Directions are the
@@ -319,18 +326,18 @@ class Calls(NamedTuple):
     solved: Any = None  # `newton.Solved`, of the step
 
     @property
-    def places(self) -> dict[str, int]:
+    def offsets(self) -> dict[str, int]:
         """Where the directions of inputs begin, and, as "", how many there are."""
-        return places_of_directions(self.wanted)
+        return offsets_of_directions(self.wanted)
 
     @property
     def size(self) -> int:
         """How many numbers of a step the derivatives take."""
-        return 3 * (self.parts.function + self.parts.generalised) * self.places[""]
+        return 3 * (self.parts.function + self.parts.generalised) * self.offsets[""]
 
     def slopes(self, at: View) -> Any:
         """Return the memory of the derivatives, which lies behind what else is known."""
-        return at._memory.shifted(size_of(Step) * self.parts.lanes)
+        return at._memory.shifted(size_of(KnownStep) * self.parts.lanes)
 
     def linear(self, known: Known, j: Any) -> LinearFunctions:
         """Return the functions at a node, as they were evaluated there."""
@@ -338,11 +345,11 @@ class Calls(NamedTuple):
 
     def evaluate(self, at: View, directors: Matrix, w: Vector, half: Vector, is_sloped: bool = True) -> None:
         """Evaluate them, with their derivatives: directors and w are given in space, the half turn in the body."""
-        parts, b, n, count = self.parts, self.block, self.parts.lanes, self.places[""]
+        parts, b, n, count = self.parts, self.block, self.parts.lanes, self.offsets[""]
         at.directors, at.w, at.half = directors, w, half
         own, found, slopes = View(Sloped, scratch(size_of(Sloped))), scratch(6 * count), self.slopes(at)
         state = own.state_call
-        state.action, state.terms, state.called = b.action, b.terms, (b.speed, 0.0, 0.0)
+        state.action, state.terms, state.c_moment = b.action, b.terms, (b.speed, 0.0, 0.0)
         own.directions, own.seeds, own.slopes = count, b.seeds, found
         for l in loop(n):
             lane = at.lane(l)
@@ -357,7 +364,7 @@ class Calls(NamedTuple):
                 slopes[k * n + l] = found[first + k] if parts.generalised else found[k] + found[rest + k]
 
 
-def places_of_directions(wanted: dict[str, int]) -> dict[str, int]:
+def offsets_of_directions(wanted: dict[str, int]) -> dict[str, int]:
     """Return where directions of functions of the state begin, for inputs, and, as "", how many there are."""
     n, side = len(STATE), machine_code.lanes()
     terms = n + wanted.get("forces", 0)
@@ -367,7 +374,7 @@ def places_of_directions(wanted: dict[str, int]) -> dict[str, int]:
 class LinearFunctions:
     """Functions of the state at a node, linear about the state at which they were evaluated."""
 
-    def __init__(self, known: Known, calls: Calls, j: Any) -> None:
+    def __init__(self, known: Known, calls: FunctionCalls, j: Any) -> None:
         self._known, self._at, self._calls, self._j = known, known.known(j), calls, j
         self.R, self.B = Matrix(*map(known.to_material, AXES)), Matrix(*map(known.tilted, known.basis))
 
@@ -394,13 +401,13 @@ class LinearFunctions:
     def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Any, Any]:
         """Return the moment, as seen at the beginning of the step, and the torque of potentials in b."""
         known, at, calls, own = self._known, self._at, self._calls, self._at.directors
-        places, memory, n = calls.places, calls.slopes(at), calls.parts.lanes
+        offsets, memory, n = calls.offsets, calls.slopes(at), calls.parts.lanes
         changes = [x - y for row, other in zip(directors, own, strict=True) for x, y in zip(row, other, strict=True)]
         changes += [*(w - at.w), known.later(self._j), *(() if half is None else half - at.half)]
         width = max(len(getattr(x, "tangents", ())) for x in changes)
 
         def with_slopes(k: Any, x: Any) -> tuple[Any, ...]:
-            return tuple(y + memory.load((c * places[""] + k) * n, n) * x for c, y in enumerate(v.found))
+            return tuple(y + memory.load((c * offsets[""] + k) * n, n) * x for c, y in enumerate(v.found))
 
         there = scratch(len(changes) * (1 + width) * n)  # so that products with them stand once
         for k, x in enumerate(changes):
@@ -412,8 +419,8 @@ class LinearFunctions:
             y, *tangents = (there.load((k * (1 + width) + j) * n, n) for j in range(1 + width))
             v.found = with_slopes(k, Dual(y, tangents))
         for name in ("forces", "terms"):
-            if name in known.vary.places:
-                for k, x in enumerate(known.vary.along(name, (0.0,) * calls.wanted[name]), places[name]):
+            if name in known.vary.offsets:
+                for k, x in enumerate(known.vary.along(name, (0.0,) * calls.wanted[name]), offsets[name]):
                     v.found = with_slopes(k, x)
         found = v.found if width else plain(v.found)
         moment, torque = Vector(*found[:3]), Vector(*found[-3:])

@@ -46,10 +46,10 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
 from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Calls, Directions, Known, Step, Steps, Wanted, columns_of, tilted
+from .known_steps import LANES, Directions, FunctionCalls, Known, KnownStep, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
 from .newton import Solved
-from .records import FORCES, Body, Parts, State, places
+from .records import FORCES, Body, Parts, State, offsets_of
 from .sampling import mean
 from .workspace import entered, turned_into
 
@@ -89,7 +89,7 @@ class Chain(NamedTuple):
     lengths: Doubles  # (times, count) R_kk
 
 
-CHAIN = places(Chain)
+CHAIN = offsets_of(Chain)
 
 
 def each_step(c: Any, back: bool = False) -> Iterator[tuple[Any, Any]]:
@@ -185,13 +185,13 @@ def grow(rows: int) -> Kernel:
         x, normal = c.state, [c.normal[i] for i in range(rows)]
         for k in loop(c.grown):
             y = [x[i * LANES + k] for i in range(rows)]
-            away = product(c, normal, y)
+            away = inner_product(c, normal, y)
             v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
             for j in loop(k):
                 before = [x[i * LANES + j] for i in range(rows)]
-                along = product(c, before, v.y)
+                along = inner_product(c, before, v.y)
                 v.y = tuple(v.y[i] - along * before[i] for i in range(rows))
-            length = sqrt(product(c, v.y, v.y))
+            length = sqrt(inner_product(c, v.y, v.y))
             lengths[k] = length
             for i in range(rows):
                 x[i * LANES + k] = v.y[i] / length
@@ -209,7 +209,7 @@ def grow(rows: int) -> Kernel:
     return Kernel(text, "i8", 0)
 
 
-def product(c: Any, a: Any, b: Any) -> Any:
+def inner_product(c: Any, a: Any, b: Any) -> Any:
     """Return the scalar product of two changes."""
     total = c.weights[0] * a[0] * b[0]
     for i in range(1, 6):
@@ -219,7 +219,7 @@ def product(c: Any, a: Any, b: Any) -> Any:
     return total
 
 
-def rows_of(parts: Parts) -> int:
+def tangent_size(parts: Parts) -> int:
     """Return how many numbers a state has: attitude, W and, of a director scheme, N."""
     return 12 if parts.is_director_scheme else 6
 
@@ -227,16 +227,16 @@ def rows_of(parts: Parts) -> int:
 @lru_cache
 def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     """Return the kernel that makes matrices of `Steps`, with the columns of the inputs that are wanted."""
-    places, n = columns_of(rows_of(parts), wanted), parts.lanes
-    directions = Directions(places, width := places[""])
+    offsets, n = column_offsets(tangent_size(parts), wanted), parts.lanes
+    directions = Directions(offsets, width := offsets[""])
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
-        body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
-        scale, out, calls = b.factor[0] / body.unit, b.out, Calls(parts, b, dict(wanted))
+        body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace), n)
+        scale, out, calls = b.factor[0] / body.unit, b.out, FunctionCalls(parts, b, dict(wanted))
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
             read_steps(parts, b, x, b.first + k)
-            found, is_stalled = derivatives(text, body, x, scale, directions, calls)
+            found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
             for i, y in enumerate(found):
@@ -278,8 +278,8 @@ def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:
         lane.t, lane.forces = b.times[k], select(b.forces == 0, 0, b.forces + 8 * FORCES * k)
 
 
-def derivatives(
-    text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: Calls
+def step_derivatives(
+    text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: FunctionCalls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
     calls, parts = calls._replace(solved=Solved()), calls.parts
@@ -292,7 +292,7 @@ def derivatives(
     return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
 
 
-def call_at_middle(calls: Calls, at: View) -> None:
+def call_at_middle(calls: FunctionCalls, at: View) -> None:
     """Evaluate functions of the state in the middle of a midpoint step, which turns by ``cay(hΩ)``, from its ends."""
     p, q = at.p, at.q
     turn, R = p.inverse @ q, attitude(p)
@@ -308,8 +308,8 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
     h = plain(known.h)
     state = text.step(known, known.start(text, W, N), h == h).state
     q, N = plain(state.p), state.auxiliary[:6] if known.parts.is_director_scheme else ()
-    turned = q if known.now is None else known.now.p.inverse @ q
-    turn = known.turn @ attitude(turned) + 2.0 * (q.inverse @ state.p).vector
+    rotation = q if known.now is None else known.now.p.inverse @ q
+    turn = known.turn @ attitude(rotation) + 2.0 * (q.inverse @ state.p).vector
     W = known.parts.velocity(known.body, state.s)
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
@@ -338,8 +338,8 @@ class ForwardRun(NamedTuple):
 class Loaded(Directions):
     """Directions whose derivatives lie in memory, some lanes at a time; at places that are not used they are 0."""
 
-    def __init__(self, places: dict[str, int], memory: Any, stride: Any, used: frozenset[int]) -> None:
-        super().__init__(places, 1)
+    def __init__(self, offsets: dict[str, int], memory: Any, stride: Any, used: frozenset[int]) -> None:
+        super().__init__(offsets, 1)
         self._memory, self._stride, self._used = memory, stride, used
 
     def tangents(self, place: int) -> list[Any]:
@@ -350,34 +350,34 @@ class Loaded(Directions):
 @lru_cache
 def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
-    places, used = columns_of(rows_of(parts), wanted), frozenset((*range(rows_of(parts)), *inputs))
+    offsets, used = column_offsets(tangent_size(parts), wanted), frozenset((*range(tangent_size(parts)), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
         own = View(ForwardRun, doubles(address))
         b, changes, count = View(Steps, own.steps), own.changes, own.padded
-        body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
+        body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace))
         scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
         begin, W = entered(body, own.first, own.first.shifted(4))
         for _ in when(own.is_first != 0):
-            held = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
-            memory.p, memory.s = begin, held if parts.is_director_scheme else body.momentum_of(held)
+            constrained_W = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
+            memory.p, memory.s = begin, constrained_W if parts.is_director_scheme else body.momentum_of(constrained_W)
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
             read_loads(parts, b, x, i)
             add_own(own, chain, i, True)
-            now, at, calls = v.state, x.read(), Calls(parts, b, dict(wanted), Solved())
+            now, at, calls = v.state, x.read(), FunctionCalls(parts, b, dict(wanted), Solved())
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
             calls.solved.begin()
-            values = Loaded(places, changes, count, frozenset())  # which stand outside of the loop
+            values = Loaded(offsets, changes, count, frozenset())  # which stand outside of the loop
             changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
             for first in loop(0, count, side):
                 own_changes = changes.shifted(first)
-                directions = Loaded(places, own_changes, count, used)
+                directions = Loaded(offsets, own_changes, count, used)
                 known = Known(calls, body, at, scale, directions, R, now)
                 for r, y in enumerate(changes_of(text, known, W, N)):
                     own_changes.store(r * count, tangent(y, 0), side)

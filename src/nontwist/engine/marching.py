@@ -1,10 +1,10 @@
 """The march over the time grid: one text for all schemes, for one body and for bodies in lanes.
 
-A kernel is made for the scheme and the `Parts` at hand, when it is first called (`kernel_of`). It takes the address of
-a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into the workspace,
-go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there on; its
-neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in the
-workspace.
+A kernel is made for the scheme and the `Parts` at hand, when it is first called (`march_kernel`). It takes the address
+of a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into its
+workspace, go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there
+on; its neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in
+the workspace.
 
 A scheme is a `Text`. Its step gets
 
@@ -39,7 +39,20 @@ from ..kernels.vectors import Quaternion, Vector, compensated, cross, taxicab
 from .newton import Solution
 from .records import NODAL, Block, Parts, State, Work
 from .sampling import Nodes, mean_moment_of_dead
-from .workspace import NAN, NOW, OK, begin_observing, extend, gather, integrate, note, observe, remember, scatter, write
+from .workspace import (
+    NAN,
+    NOW,
+    OK,
+    advance_internal,
+    begin_observing,
+    extend,
+    gather,
+    integrate,
+    note_failure,
+    observe,
+    scatter,
+    write,
+)
 
 COSINE = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800  # (cos h - 1)/h² and sin h/2h by the powers of h²
 SINE = 1 / 2, -1 / 12, 1 / 240, -1 / 10080, 1 / 725760
@@ -49,25 +62,25 @@ SERIES = 0.01  # the largest h² for which they are enough
 def exponential(turn: Vector) -> tuple[Any, Vector]:
     """Return (c - 1, v) of the quaternion (c, v) that turns one body by the rotation vector."""
     h2 = 0.25 * (turn @ turn)
-    less, sine = 0.0 * h2 + COSINE[-1], 0.0 * h2 + SINE[-1]
+    cosm1, sine = 0.0 * h2 + COSINE[-1], 0.0 * h2 + SINE[-1]
     for c, s in zip(COSINE[-2::-1], SINE[-2::-1], strict=True):
-        less, sine = fma(h2, less, c), fma(h2, sine, s)
-    found = Variables(less=h2 * less, sine=sine)
+        cosm1, sine = fma(h2, cosm1, c), fma(h2, sine, s)
+    found = Variables(cosm1=h2 * cosm1, sine=sine)
     for _ in when(h2 >= SERIES):
         half = sqrt(h2)
         quarter = sin(0.5 * half)
-        found.less, found.sine = -2.0 * quarter * quarter, 0.5 * sin(half) / half
-    return found.less, found.sine * turn
+        found.cosm1, found.sine = -2.0 * quarter * quarter, 0.5 * sin(half) / half
+    return found.cosm1, found.sine * turn
 
 
-def turned(p: Quaternion, turn: Vector) -> Quaternion:
+def turned_by_vector(p: Quaternion, turn: Vector) -> Quaternion:
     """Return the quaternion p turned by a rotation vector."""
-    less, v = exponential(turn)
-    return p @ Quaternion(1.0 + less, *v)
+    cosm1, v = exponential(turn)
+    return p @ Quaternion(1.0 + cosm1, *v)
 
 
-def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
-    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
+def turned_and_normalised(p: Quaternion, c: Quaternion, cosm1: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
+    """Return p (1 + cosm1, v), of unit length to first order in its deviation, its compensation, and that deviation.
 
     The sum of p and its increment is Knuth's. What p was rounded by is turned as well: else the rounding errors of
     motions that nearly repeat add up.
@@ -75,7 +88,7 @@ def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quate
 
     def grown(p: Quaternion) -> Quaternion:
         q = p.vector
-        return Quaternion(less * p[0] - q @ v, *(fma(less, q, p[0] * v) + cross(q, v)))
+        return Quaternion(cosm1 * p[0] - q @ v, *(fma(cosm1, q, p[0] * v) + cross(q, v)))
 
     def updated(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
         t = x + d
@@ -106,7 +119,7 @@ def magnus(h: Any, W: list[Vector]) -> Any:
     return a1 + a3 / 12.0 - cross(c1 - a3 - 20.0 * a1, a2 + c2) / 240.0
 
 
-TOTALS = "twist", "work", "turned", "late"  # what is no mean
+TOTALS = "twist", "work", "velocity_integral", "velocity_moment"  # what is no mean
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
@@ -129,8 +142,8 @@ class Step(NamedTuple):
     moment: Any = None  # of the moment of the load, of that of dead forces, in space
     dead: Any = None
     work: Any = None
-    turned: Any = None  # integrals of W, and of W times the time
-    late: Any = None
+    velocity_integral: Any = None  # integrals of W, and of W times the time
+    velocity_moment: Any = None
 
 
 # Of a state: what gives, of a time, the state after it, and the mask of bodies that turn too far.
@@ -143,20 +156,20 @@ class Text(NamedTuple):
     step: Callable[[Nodes, State, Any], Step]
     auxiliary: int = 0  # numbers of `State.auxiliary` that it carries
     # The first guess of a known step: `State.auxiliary`, of h, s, s⁺.
-    remembered: Callable[[Any, Vector, Vector], Any] | None = None
+    first_guess: Callable[[Any, Vector, Vector], Any] | None = None
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
     exchange: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
     flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps
 
 
-def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, less: Any) -> tuple[Quaternion, Quaternion, Any]:
-    """Return the quaternion ``p (1 + less, f a)``, what it is rounded by, and how far p was from unit length.
+def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, cosm1: Any) -> tuple[Quaternion, Quaternion, Any]:
+    """Return the quaternion ``p (1 + cosm1, f a)``, what it is rounded by, and how far p was from unit length.
 
-    It has unit length where ``1 + less`` is f/√(f² (1 + |a|²)), to first order in what p was away from it.
+    It has unit length where ``1 + cosm1`` is f/√(f² (1 + |a|²)), to first order in what p was away from it.
     """
     v = p.vector
     gap = 1.0 - fma(p[0], p[0], v @ v)
-    more, d = less + 0.5 * gap, f * fma(p[0], a, cross(v, a))
+    more, d = cosm1 + 0.5 * gap, f * fma(p[0], a, cross(v, a))
     change = Quaternion(fma(more, p[0], -f * (v @ a)), *(fma(more, x, y) for x, y in zip(v, d, strict=True)))
     ahead, left = compensated(p, c, change)
     return ahead, left, abs(gap)
@@ -184,15 +197,15 @@ def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any,
         found = found._replace(moment=nodes.R @ moment, work=2.0 * (a @ moment))
     if parts.dead and parts.is_constrained:
         found = found._replace(dead=nodes.R @ mean_moment_of_dead(dead, 1.0 / (1.0 + a @ a), a))
-    if parts.turns:
-        found = found._replace(turned=2.0 * a, late=(2.0 * nodes.time()) * a)
+    if parts.integrates_velocity:
+        found = found._replace(velocity_integral=2.0 * a, velocity_moment=(2.0 * nodes.time()) * a)
     return found._replace(twist=2.0 * (nodes.body.axis @ a), **multipliers)
 
 
 _kernels: dict[tuple[Text, Parts], Kernel] = {}
 
 
-def kernel_of(text: Text, parts: Parts) -> Kernel:
+def march_kernel(text: Text, parts: Parts) -> Kernel:
     """Return the kernel that marches bodies; it is compiled when it is called."""
     with machine_code.LOCK:
         if (text, parts) not in _kernels:
@@ -248,7 +261,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         turn = abs(h) * taxicab(parts.velocity(nodes.body, v.state.s))
         far = v.alive & (turn > FARTHEST)
         for _ in when(any_of(far)):
-            note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
+            note_failure(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
             v.alive = without(v.alive, far)
     if parts.observes:
         see(v.state)
@@ -264,13 +277,13 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         for _ in when(any_of(bad)):
             W = parts.velocity(nodes.body, v.state.s)
             how_far = select(found.stalled, h * sqrt(W @ W), found.turn)
-            note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
+            note_failure(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
             v.alive = without(v.alive, bad)
         for _ in when(any_of(v.alive)):
             if parts.needs_means:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
-            remember(parts, nodes.internal)
+            advance_internal(parts, nodes.internal)
             if parts.observes:
                 see(v.state)
                 if not text.integrates:
@@ -294,12 +307,12 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
     assert text.flow is not None
     b, x = nodes.block, nodes.x
     parts, h, begin, stored, lengths = nodes.parts, nodes.h, b.unloaded_from, b.stored, b.lengths
-    end, loaded_from, moved = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
+    end, loaded_from, state_after = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
     mu = cross(v.state.s, parts.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
-    far, nothing = moved(h * (loaded_from - begin))[1], NAN + 0.0 * h
+    far, nothing = state_after(h * (loaded_from - begin))[1], NAN + 0.0 * h
     for _ in when(far):
-        note(parts, x, far, h != h, far, v.at, nothing, nothing)
+        note_failure(parts, x, far, h != h, far, v.at, nothing, nothing)
         v.alive = without(v.alive, far)
     for _ in whilst(lambda: any_of(v.alive) & (v.at < end)):
         until = smaller(stored[v.done + 1], end)
@@ -308,16 +321,16 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
         if parts.observes:
             for number in loop(v.at - begin, until - begin):
                 for node, weight in GAUSS_4:
-                    see(moved(h * (number + node))[0])
+                    see(state_after(h * (number + node))[0])
                     integrate(x, h * weight)
-                see(moved(h * (number + 1))[0])
+                see(state_after(h * (number + 1))[0])
                 x.set_number(NOW + NODAL, -mu)
                 extend(x, h)
         for _ in when(until == stored[v.done + 1]):
-            store(moved(h * (until - begin))[0])
+            store(state_after(h * (until - begin))[0])
         v.at = until
     for _ in when(any_of(v.alive) & ((end == loaded_from) | (b.writes_end != 0))):
-        v.state = moved(h * (end - begin))[0]
+        v.state = state_after(h * (end - begin))[0]
 
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:

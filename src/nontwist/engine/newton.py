@@ -91,7 +91,7 @@ def solve(
         else:
             d, v.residual = -(A @ r), abs(r[0]) + abs(r[1]) + abs(r[2])
         v.used = select(v.active, v.used + 1.0, v.used)
-        advance(v, y, d, *sizes(y, d), is_late)
+        update(v, y, d, *sizes(y, d), is_late)
         if is_long:
             v.y = select(v.diverged, y, v.y)
 
@@ -145,7 +145,7 @@ def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:
     return (f * d, -f * b), (-f * c, f * a)
 
 
-def advance(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
+def update(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
     """Set ``v.y`` to y and an increment of it, and deactivate bodies that are done."""
     before, is_diverged = v.before, v.active & logical_not(size <= OVERFLOW)
     v.done = is_diverged | (size <= level) | (size * size <= REST * level * before)

@@ -34,10 +34,10 @@ from ..kernels.elements import larger, select, smaller
 from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, put, size_of, vector_at
 from ..kernels.vectors import Quaternion, Vector
-from .records import Block, Failure, Parts, Sums, Work, places
+from .records import Block, Failure, Parts, Sums, Work, offsets_of
 from .workspace import OK, copy, write
 
-ITERATIONS, WORKED = fields(Sums)["iterations"].place, fields(Sums)["work"].place
+ITERATIONS, WORKED = fields(Sums)["iterations"].offset, fields(Sums)["work"].offset
 
 
 class Call(NamedTuple):
@@ -55,7 +55,7 @@ class Call(NamedTuple):
     forces: int
     rotor: int
     spin: int
-    place: int  # where the state is written, behind which the march is put back to where it was; 0: it marches
+    output_row: int  # where the state is written, behind which the march is put back to where it was; 0: it marches
     begins: int  # 1: a stretch begins with it
 
 
@@ -71,8 +71,8 @@ class Calls(NamedTuple):
     guesses: int  # where the numbers that first guesses are made of begin
 
 
-CALL, CALLS = places(Call), places(Calls)
-IN_BLOCK = Call._fields[: Call._fields.index("place")]
+CALL, CALLS = offsets_of(Call), offsets_of(Calls)
+IN_BLOCK = Call._fields[: Call._fields.index("output_row")]
 
 
 def joined(a: Any, b: Any, k: Any) -> Any:
@@ -110,7 +110,16 @@ def carry_out(address: Any) -> None:
 
 def carry_out_outputs(parts: Parts) -> Kernel:
     """Return the kernel that carries out a list with outputs."""
-    names = "lanes", "is_director_scheme", "is_constrained", "dead", "generalised", "reports", "turns", "memory"
+    names = (
+        "lanes",
+        "is_director_scheme",
+        "is_constrained",
+        "dead",
+        "generalised",
+        "reports",
+        "integrates_velocity",
+        "memory",
+    )
     return _output_march(Parts(**{name: getattr(parts, name) for name in names}))
 
 
@@ -134,7 +143,7 @@ def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) ->
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
     for number in loop(head.calls, whilst=lambda: v.are_alive):
         row, rate = begin_call(b, head, number), head.rates[number]
-        is_output = row.place != 0
+        is_output = row.output_row != 0
         b.observed = select(is_output, 0, observed.address)
         for _ in when(row.begins != 0):
             forget(b, head, first, last)
@@ -150,7 +159,7 @@ def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) ->
                 take_sums(b, x.lane(l), b.order[first + l], is_output, rate)
             v.are_alive = v.are_alive | (b.failures[size_of(Failure) * b.order[first + l]] == OK)
         for _ in when(is_output):
-            write(parts, b, x, row.place, first, last)
+            write(parts, b, x, row.output_row, first, last)
     b.observed = observed
 
 
@@ -184,7 +193,7 @@ class Prepared(NamedTuple):
     fastest: float
 
 
-HEAD, PREPARED = places(Head), places(Prepared)
+HEAD, PREPARED = offsets_of(Head), offsets_of(Prepared)
 
 
 @kernel("i8")

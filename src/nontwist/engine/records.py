@@ -2,7 +2,7 @@
 
 All numbers of a body are in its frame b and in its units (`bodies`).
 
-Beside them: the places of a row's fields, what is put there, and arrays in one piece of memory.
+Beside them: the offsets of fields in a row, what is written there, and arrays in one piece of memory.
 """
 
 from __future__ import annotations
@@ -16,44 +16,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..kernels.kernel import address_of
 from ..kernels.memory import Doubles, Wholes, fields
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
 
-Spans = dict[str, tuple[slice, tuple[int, ...]]]
+SlabLayout = dict[str, tuple[slice, tuple[int, ...]]]
 
 
 def layout(**sizes: int) -> Any:
-    """Return the places, one attribute each, at which so many numbers begin one after the other, and their `size`."""
+    """Return the offsets, an attribute each, of so many numbers one after the other, and their `size`."""
     return SimpleNamespace(**dict(zip([*sizes, "size"], accumulate(sizes.values(), initial=0), strict=True)))
 
 
 def pack(row: NDArray[np.int64], where: Any, **values: Any) -> None:
-    """Write numbers, and addresses of arrays, to the places of these names; 0 for None."""
+    """Write numbers, and addresses of arrays, at the offsets of these names; 0 for None."""
     for name, x in values.items():
         row[getattr(where, name)] = address_of(x) if x is None or isinstance(x, np.ndarray) else x
 
 
-def address_of(array: NDArray[Any] | None) -> int:
-    """Return the address of an array, 0 for None."""
-    return 0 if array is None else array.__array_interface__["data"][0]
-
-
 def side_by_side(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
     """Return arrays of zeros that lie in one piece of memory, and their addresses; 0 for one without entries."""
-    parts = spans(shapes)
+    parts = slab_layout(shapes)
     memory = np.zeros(max(part.stop for part, _ in parts.values()))
     base = address_of(memory)
     found = {name: base + 8 * part.start if part.stop > part.start else 0 for name, (part, _) in parts.items()}
     return views(memory, parts), found
 
 
-def spans(shapes: dict[str, tuple[int, ...]]) -> Spans:
+def slab_layout(shapes: dict[str, tuple[int, ...]]) -> SlabLayout:
     """Return where arrays of these shapes lie in a slab."""
     ends = pairwise([0, *accumulate(map(prod, shapes.values()))])
     return {name: (slice(*end), shape) for (name, shape), end in zip(shapes.items(), ends, strict=True)}
 
 
-def views(memory: Array, parts: Spans) -> dict[str, Array]:
+def views(memory: Array, parts: SlabLayout) -> dict[str, Array]:
     """Return the arrays of a slab in its memory, or in a copy of it."""
     return {name: memory[part].reshape(shape) for name, (part, shape) in parts.items()}
 
@@ -64,17 +60,17 @@ FORCES = 18  # numbers of director forces at a node: in space, along the directo
 Quantities = Annotated[tuple[Any, ...], QUANTITIES]
 
 
-def places(record: Any) -> Any:
-    """Return where the fields of a record begin, an attribute each, and its `size`."""
+def offsets_of(record: Any) -> Any:
+    """Return the offsets of the fields of a record, an attribute each, and its `size`."""
     return layout(**{name: field.size for name, field in fields(record).items()})
 
 
 class Body(NamedTuple):
     """A body in its frame b and in its units."""
 
-    k: Vector  # 1/J_i, 0 in a held direction
+    k: Vector  # 1/J_i, 0 in a constrained direction
     off: Annotated[tuple[Any, ...], 2]  # J31, J32
-    free: float  # 1 or, where the third direction is held, 0
+    free: float  # 1 or, where the third direction is constrained, 0
     E: Vector  # E_ii
     basis: Matrix  # the frame as columns in body components, one after the other
     frame: Quaternion
@@ -112,7 +108,7 @@ class Body(NamedTuple):
         return None
 
     def momentum_of(self, W: Vector) -> Vector:
-        """Return the momentum of a velocity; in a held direction without what the others give."""
+        """Return the momentum of a velocity; in a constrained direction without what the others give."""
         return self.moments * W
 
     def velocity_of(self, P: Vector) -> Vector:
@@ -136,10 +132,10 @@ class Sums(NamedTuple):
     lam: Symmetric
     mu: float
     moment: Vector  # in space
-    dead: Vector  # moment of dead forces on held bodies, in space
+    dead: Vector  # moment of dead forces on constrained bodies, in space
     work: float
-    turned: Vector  # ∫ W dt, and with the time of the caller ∫ t W dt
-    late: Vector
+    velocity_integral: Vector  # ∫ W dt
+    velocity_moment: Vector  # ∫ t W dt, t the time of the caller
     twist: float
     iterations: float
 
@@ -168,7 +164,7 @@ class StateCall(NamedTuple):
 
     directors: Matrix
     w: Vector
-    called: Vector  # moment of a C function
+    c_moment: Vector  # moment of a C function
     t: float
     half: Vector  # half turn of the step in the body
     action: int
@@ -245,7 +241,7 @@ class Block(NamedTuple):
     rotor: Doubles  # (nodes, 6) momentum of the rotors and its rate
     spin: Doubles  # (nodes,) change of the prescribed spin in the step
     function: int  # address of a moment of the state
-    remembers: int  # address of what loads with memory give
+    memory_response: int  # address of what loads with memory give
     internal: int  # how many internal states they have
     internal_scales: Doubles  # of these
     forces: int  # address of (nodes, 18) on the directors: in space, along them; 0: none
@@ -260,7 +256,7 @@ class Block(NamedTuple):
 
 
 # Where their fields lie, for what is packed in Python.
-BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK = map(places, (Body, State, Sums, Observed, Failure, Work, Block))
+BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK = map(offsets_of, (Body, State, Sums, Observed, Failure, Work, Block))
 
 
 class Parts(NamedTuple):
@@ -277,7 +273,7 @@ class Parts(NamedTuple):
     damping: bool = False
     dead: bool = False
     rotor: bool = False
-    turns: bool = False  # whether W is summed: motors of wheels do work
+    integrates_velocity: bool = False  # whether W and t W are: motors of wheels do work
     spin: bool = False  # one that changes
     function: bool = False
     memory: int = 0  # internal states of loads with memory
@@ -316,7 +312,7 @@ class Parts(NamedTuple):
     @property
     def is_timed(self) -> bool:
         """Whether times of nodes are taken."""
-        return self.calls or self.turns
+        return self.calls or self.integrates_velocity
 
     @property
     def memory_size(self) -> int:

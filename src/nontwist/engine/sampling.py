@@ -22,8 +22,8 @@ from .workspace import internal, turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
-FOUND = fields(Work)["found"].place
-W, CALLED = (fields(StateCall)[name].place for name in ("w", "called"))
+FOUND = fields(Work)["found"].offset
+W, C_MOMENT = (fields(StateCall)[name].offset for name in ("w", "c_moment"))
 
 
 def mean(s: Any, a: Vector, x: Vector) -> Vector:
@@ -51,19 +51,19 @@ class Functions(NamedTuple):
             x.set_number(FOUND + k, y)
         for l in loop(parts.lanes):
             lane = x.lane(l)
-            for k in range(CALLED):
+            for k in range(C_MOMENT):
                 state.set_number(k, lane.number(FOUND + k))
-            state.called, state.t = (0.0, 0.0, 0.0), self.t
+            state.c_moment, state.t = (0.0, 0.0, 0.0), self.t
             if parts.function:
-                call(b.function, self.t, self.scratch, self.scratch.shifted(W), self.scratch.shifted(CALLED))
+                call(b.function, self.t, self.scratch, self.scratch.shifted(W), self.scratch.shifted(C_MOMENT))
             if parts.generalised:
                 state.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
                 state.action, state.terms, state.node = b.action, b.terms, self.forces
                 call(b.generalised, self.scratch.address)
-                of_potentials, load = state.of_potentials, state.called + state.load
+                of_potentials, load = state.of_potentials, state.c_moment + state.load
                 lane.found.write(Found(load + of_potentials, load, of_potentials, state.rest))
             else:
-                lane.found.total = state.called
+                lane.found.total = state.c_moment
 
     def found(self, name: str) -> Any:
         """Return what was found, in units of the body: numbers in space or, of `rest`, along the body."""
@@ -98,13 +98,13 @@ class Functions(NamedTuple):
         for j in loop(3):  # so that the call stands once
             w = Vector(*(x + select(j == k, e, 0.0) for k, x in enumerate(Om)))
             a = select(is_slow, here, f * w)
-            moved = self.moment(a, _shrunk(a, w) if is_shrinking else w)
-            column = (1.0 / e) * (moved - total)
+            changed = self.moment(a, _shrunk(a, w) if is_shrinking else w)
+            column = (1.0 / e) * (changed - total)
             v.S = v.S[1], v.S[2], column
             for _ in when(any_of(is_slow)):
                 a = Vector(*(x + select(j == k, LEAST_TURN, 0.0) for k, x in enumerate(here)))
-                turned = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
-                v.S = v.S[0], v.S[1], select(is_slow, turned, column)
+                column_of_turn = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
+                v.S = v.S[0], v.S[1], select(is_slow, column_of_turn, column)
         return v.S
 
 
@@ -154,7 +154,7 @@ def mean_moment_of_dead(F: Matrix, s: Any, a: Vector) -> Vector:
 
 
 ARRAYS = {"times": "is_timed", "moving": "moving", "space": "space", "rotor": "rotor", "spin": "spin"}  # for which part
-STATE_CALL = fields(Work)["state_call"].place
+STATE_CALL = fields(Work)["state_call"].offset
 
 
 class Loads(NamedTuple):

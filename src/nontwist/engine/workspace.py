@@ -21,7 +21,7 @@ from .records import NODAL, QUANTITIES, Block, Body, Failure, Observed, Parts, S
 
 NAN, ROUND_OFF = float("nan"), 2.0**-48
 OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status
-NOW, AUXILIARY = fields(Work)["now"].place, fields(State)["auxiliary"].place
+NOW, AUXILIARY = fields(Work)["now"].offset, fields(State)["auxiliary"].offset
 
 
 def member_fields(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
@@ -50,7 +50,7 @@ def copy(source: Any, target: Any, count: Any) -> None:
         target[k] = source[k]
 
 
-def remember(parts: Parts, z: Any) -> None:
+def advance_internal(parts: Parts, z: Any) -> None:
     """Add the change in a step to z."""
     k = parts.memory
     for c in loop(k) if k else ():
@@ -111,8 +111,18 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
             means, sums = View(Sums, b.intervals.shifted((row - i - 1) * size_of(Sums))), lane.sums
             for name in reported(parts):
                 y = getattr(sums, name)
-                mean = turned_into(B, y) if name == "lam" else B @ y if name in ("turned", "late") else y
-                setattr(means, name, mean if name in ("twist", "iterations", "turned", "late") else unit * mean)
+                mean = (
+                    turned_into(B, y)
+                    if name == "lam"
+                    else B @ y
+                    if name in ("velocity_integral", "velocity_moment")
+                    else y
+                )
+                setattr(
+                    means,
+                    name,
+                    mean if name in ("twist", "iterations", "velocity_integral", "velocity_moment") else unit * mean,
+                )
                 setattr(sums, name, (0.0,) * len(y) if isinstance(y, tuple) else 0.0)
 
 
@@ -122,8 +132,8 @@ def reported(parts: Parts) -> list[str]:
         "lam": parts.is_director_scheme,
         "mu": parts.is_constrained,
         "dead": parts.dead or parts.generalised,
-        "turned": parts.turns,
-        "late": parts.turns,
+        "velocity_integral": parts.integrates_velocity,
+        "velocity_moment": parts.integrates_velocity,
     }
     return [name for name in Sums._fields if is_made.get(name, True)]
 
@@ -134,7 +144,9 @@ def turned_into(B: Any, A: Symmetric) -> Symmetric:
 
 
 @part
-def note(parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any) -> None:
+def note_failure(
+    parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any
+) -> None:
     """Note why bodies cannot go on."""
     status = select(stalled, STALLED, select(far, TURN, BROKEN + 0.0 * x.scale))
     if parts.calls:
@@ -182,8 +194,8 @@ def enter(address: Any) -> None:
             put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), AUXILIARY)
 
 
-OF_OBSERVED = fields(Work)["observed"].place
-LEAST, MOST, INTEGRAL = (OF_OBSERVED + fields(Observed)[name].place for name in ("least", "most", "integral"))
+OF_OBSERVED = fields(Work)["observed"].offset
+LEAST, MOST, INTEGRAL = (OF_OBSERVED + fields(Observed)[name].offset for name in ("least", "most", "integral"))
 
 
 @part

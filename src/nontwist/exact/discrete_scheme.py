@@ -24,7 +24,7 @@ from ..geometry.stacks import norm, ratio
 from ..geometry.values import as_whole
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, planar
-from .free_bodies import turns
+from .free_bodies import rotations_about
 
 MOST = 10_000_000  # states, 1 GB
 
@@ -116,7 +116,7 @@ def discrete_free(
     rate = float(np.linalg.norm(W))
     axis = W / rate if rate > 0 else D3
     n = np.arange(count + 1, dtype=np.float64)
-    return turns(R, axis, n * discrete_angle(W, step)), np.broadcast_to(W, (len(n), 3)).copy()
+    return rotations_about(R, axis, n * discrete_angle(W, step)), np.broadcast_to(W, (len(n), 3)).copy()
 
 
 def discrete_second_quotient(angular_velocity: ArrayLike, step: float, times: ArrayLike) -> Array:

@@ -68,7 +68,9 @@ from .border import Motion, checked_attitude, checked_times, checked_velocity, p
 from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
 from .free_step import FreeMotion, free_motion, free_until, set_origin
 
-Moved = Callable[[Any], tuple[Any, Any, Any, Vector]]  # from the time to a status, W, and less and v of the turn
+Displacement = Callable[
+    [Any], tuple[Any, Any, Any, Vector]
+]  # from the time to a status, W, and cosm1 and v of the turn
 
 
 def _prepared(J: Matrix, W: Vector, c: View) -> tuple[Matrix, Vector, FreeMotion]:
@@ -85,30 +87,30 @@ def prepare(J: Any, W: Any, c: Any) -> None:
     _prepared(matrix_at(J), vector_at(W), view_in(Constants, c))
 
 
-def _free(J: Matrix, W: Vector) -> Moved:
+def _free(J: Matrix, W: Vector) -> Displacement:
     """Return what moves a free body."""
     c = View(Constants, scratch(CONSTANTS))
     V, I, motion = _prepared(J, W, c)
     D = Matrix(*(row / moment for row, moment in zip(V, I, strict=True)))  # ΔW = ΔP D
 
-    def moved(t: Any) -> tuple[Any, Any, Any, Vector]:
-        status, dP, less, v = free_until(motion, t, c)
-        return status, W + dP @ D, less, v @ V
+    def displacement(t: Any) -> tuple[Any, Any, Any, Vector]:
+        status, dP, cosm1, v = free_until(motion, t, c)
+        return status, W + dP @ D, cosm1, v @ V
 
-    return moved
+    return displacement
 
 
-def _steady(W: Vector) -> Moved:
+def _steady_rotation(W: Vector) -> Displacement:
     """Return what turns a body about the constant W."""
     rate = sqrt(W @ W)
 
-    def moved(t: Any) -> tuple[Any, Any, Any, Vector]:
+    def displacement(t: Any) -> tuple[Any, Any, Any, Vector]:
         half = 0.5 * rate * t
         quarter = sin(0.5 * half)
         turn = select(rate > 0.0, sin(half) / rate, 0.5 * t) * W
         return select(abs(t) * rate <= FARTHEST, OK, BAD_TIME), W, -2.0 * quarter * quarter, turn
 
-    return moved
+    return displacement
 
 
 @kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, f8[:, :, :], f8[:, :] -> i8")
@@ -117,22 +119,22 @@ def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes:
     W, R = vector_at(W), matrix_at(R)
     v, D = Variables(status=OK), to_orthonormal(R)
 
-    def follow(moved: Moved) -> None:
+    def follow(displacement: Displacement) -> None:
         for k in loop(times.shape[0], whilst=lambda: v.status == OK):
-            v.status, velocity, less, turn = moved(times[k])
+            v.status, velocity, cosm1, turn = displacement(times[k])
             put(velocities[k], velocity)
-            for i, (row, rest) in enumerate(zip(R, D, strict=True)):  # R (I + 2 (1 + less) v̂ + 2 v̂²), row by row
+            for i, (row, rest) in enumerate(zip(R, D, strict=True)):  # R (I + 2 (1 + cosm1) v̂ + 2 v̂²), row by row
                 a = cross(row, turn)
-                put(attitudes[k, i], row + (rest + 2.0 * (1.0 + less) * a + 2.0 * cross(a, turn)))
+                put(attitudes[k, i], row + (rest + 2.0 * (1.0 + cosm1) * a + 2.0 * cross(a, turn)))
 
     for _ in when(is_constrained == 0):
         follow(_free(matrix_at(J), W))
     for _ in when(is_constrained != 0):
-        follow(_steady(W))
+        follow(_steady_rotation(W))
     return v.status
 
 
-def turns(R: Array, axis: Array, angles: Array) -> Array:
+def rotations_about(R: Array, axis: Array, angles: Array) -> Array:
     """Return the attitudes ``R exp(angle hat(axis))``, (k, 3, 3), for a unit `axis` in the body (eq-rodrigues)."""
     once, twice = np.cross(R, axis), np.outer(R @ axis, axis) - R
     half = np.sin(0.5 * angles)
@@ -156,19 +158,19 @@ def free_members(
         p = Quaternion(row[3], row[0], row[1], row[2])
         p = p / sqrt(p[0] * p[0] + p.vector @ p.vector)
 
-        def follow(moved: Moved, i: Any = i, p: Quaternion = p) -> None:
+        def follow(displacement: Displacement, i: Any = i, p: Quaternion = p) -> None:
             s = Variables(p=p, status=OK)
             for k in loop(times.shape[0], whilst=lambda: s.status == OK):
-                s.status, velocity, less, turn = moved(times[k])
+                s.status, velocity, cosm1, turn = displacement(times[k])
                 u = p.vector
-                q = p + Quaternion(less * p[0] - u @ turn, *(less * u + p[0] * turn + cross(u, turn)))
+                q = p + Quaternion(cosm1 * p[0] - u @ turn, *(cosm1 * u + p[0] * turn + cross(u, turn)))
                 s.p = select(q[0] * s.p[0] + q.vector @ s.p.vector < 0.0, -q, q)  # no jump of sign
                 put(attitudes[i, place + k], (*s.p[1:], s.p[0]))
                 put(velocities[i, place + k], velocity)
             v.status = s.status
 
         for _ in when(is_constrained != 0):
-            follow(_steady(W))
+            follow(_steady_rotation(W))
         for _ in when(is_constrained == 0):
             follow(_free(matrix_at(J), W))
         for _ in when(v.status != OK):

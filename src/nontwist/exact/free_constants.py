@@ -44,7 +44,7 @@ class Constants(NamedTuple):
         As `free_bodies`.
     w : tuple
         Weights of the harmonics of the angle.
-    start, x0, y0, extra0 : Vector, float
+    start, x0, y0, angle0 : Vector, float
         The unit momentum and what `phase` gives at t = 0, for long increments.
     """
 
@@ -73,7 +73,7 @@ class Constants(NamedTuple):
     start: Vector
     x0: float
     y0: float
-    extra0: float
+    angle0: float
 
 
 CONSTANTS = size_of(Constants)
@@ -155,7 +155,7 @@ def _moduli(M: Vector, rx: Any, rz: Any) -> tuple[Any, Any, Any, Any]:
     return ax, az, select(is_round, 0.0, k * k), select(is_round, 1.0, larger(b, 0.0))
 
 
-def unit(M: Vector) -> tuple[Vector, Any]:
+def direction_and_norm(M: Vector) -> tuple[Vector, Any]:
     """Return the direction of a momentum, the third axis for none, and its size; no square vanishes or overflows."""
     size = larger(abs(M[0]), larger(abs(M[1]), abs(M[2])))
     is_moving = size > 0.0

@@ -41,7 +41,18 @@ from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, si
 from ..kernels.kernel import part
 from ..kernels.memory import View
 from ..kernels.vectors import Vector
-from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, harmonics, phase, set_constants, thetas, unit
+from .free_constants import (
+    BAD_TIME,
+    FARTHEST,
+    OK,
+    beginning,
+    circled,
+    direction_and_norm,
+    harmonics,
+    phase,
+    set_constants,
+    thetas,
+)
 
 SMALL, STEADY = 0.5, 1e-150
 
@@ -55,9 +66,9 @@ class FreeMotion(NamedTuple):
 
 
 def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
-    """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (less, v).
+    """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (cosm1, v).
 
-    It is (1 + less, v). Components along the principal axes, right-handed, of the ascending `moments`; `c` (Constants)
+    It is (1 + cosm1, v). Components along the principal axes, right-handed, of the ascending `moments`; `c` (Constants)
     is working space.
     """
     motion = free_motion(moments, P, c)
@@ -68,7 +79,7 @@ def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector,
 
 def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
     """Set the constants of a free motion from the momentum P on, those of `set_origin` left out."""
-    (I1, I2, I3), (M, m) = moments, unit(P)
+    (I1, I2, I3), (M, m) = moments, direction_and_norm(P)
     is_swapped, rx, rz = circled(I1, I2, I3, M[0], M[2])
     x, z = select(is_swapped, M[2], M[0]), select(is_swapped, M[0], M[2])
     sx, sz = copysign(1.0, x), copysign(1.0, z)
@@ -82,37 +93,37 @@ def free_motion(moments: Vector, P: Vector, c: View) -> FreeMotion:
 def set_origin(motion: FreeMotion, c: View) -> None:
     """Set the constants that long increments of a motion need beside the others."""
     c.u0 = beginning(motion.M, c)
-    c.start, c.x0, c.y0, c.extra0 = _at(0.0 * c.pace, c)
+    c.start, c.x0, c.y0, c.angle0 = _state_at(0.0 * c.pace, c)
 
 
 def free_until(motion: FreeMotion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
     """Return what `free_step` does."""
     m, zero = c.momentum, 0.0 * c.momentum
-    v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))
+    v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), cosm1=zero, v=Vector(zero, zero, zero))
     for _ in when(abs(h) * m / smaller(c.ix, c.iz) <= FARTHEST):
-        d, less, turn = increments(motion.M, h, c)
+        d, cosm1, turn = increments(motion.M, h, c)
         d, turn = motion.signs * (m * d), motion.signs * turn
         v.d, v.v = (select(motion.is_swapped, Vector(x[2], x[1], x[0]), x) for x in (d, turn))
-        v.status, v.less = OK, less
-    return v.status, v.d, v.less, v.v
+        v.status, v.cosm1 = OK, cosm1
+    return v.status, v.d, v.cosm1, v.v
 
 
 @part
 def increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
-    """Return the change of the unit momentum M in the time `h`; less and v as `free_step`, along x, y, z."""
+    """Return the change of the unit momentum M in the time `h`; cosm1 and v as `free_step`, along x, y, z."""
     zero = 0.0 * h
-    v = Variables(d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))
+    v = Variables(d=Vector(zero, zero, zero), cosm1=zero, v=Vector(zero, zero, zero))
     is_steady = abs(M[0]) + abs(M[1]) < STEADY
     for _ in when(is_steady):
         half = 0.5 * c.momentum * h / c.iz
         quarter = sin(0.5 * half)
-        v.less, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
+        v.cosm1, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
     for _ in when(logical_not(is_steady)):
-        v.d, v.less, v.v = _moved(M, h, c)
-    return v.d, v.less, v.v
+        v.d, v.cosm1, v.v = _increments(M, h, c)
+    return v.d, v.cosm1, v.v
 
 
-def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
+def _increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     """Return what `increments` does, for a momentum that is not steady."""
     near, is_x = abs(c.pace * h) <= SMALL, c.pole_x != 0.0
     v = Variables(found=(0.0 * h,) * 7)
@@ -120,7 +131,7 @@ def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
         v.found = _near(M, h, c)
     for _ in when(logical_not(near)):
         v.found = _far(h, c)
-    dx, dy, dz, g, X, Y, extra = v.found
+    dx, dy, dz, g, X, Y, angle = v.found
     d = Vector(dx, dy, dz)
     # The pole and the two axes across it.
     pole, e, f = select(is_x, (M[0], M[1], M[2]), (M[2], M[0], M[1]))
@@ -135,7 +146,7 @@ def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     A, B = a * a1 + b * b1, a * db - b * da  # the change of the azimuth
     X, Y = A * X + B * Y, A * Y - B * X
     e1, f1 = e + de, f + df
-    A, B = cos(c.rate * h + extra), sin(c.rate * h + extra)
+    A, B = cos(c.rate * h + angle), sin(c.rate * h + angle)
     X, Y = A * X - B * Y, A * Y + B * X
     r = sqrt(X * X + Y * Y)
     C, S = select(X >= 0.0, (r + X, Y), (Y, r - X))  # of half the angle, times 2 r (r + |X|) under a root
@@ -145,8 +156,8 @@ def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     one = over * (C * (w * df - dpole * f) + S * (w1 * e + w * e1))
     two = over * (C * (dpole * e - w * de) + S * (w1 * f + w * f1))
     along = over * (C * (f * de - e * df) + S * (w * w1 - e * e1 - f * f1))
-    less = select(q >= 0.0, -(one * one + two * two + along * along) / (1.0 + q), q - 1.0)
-    return d, less, Vector(*select(is_x, (along, one, two), (one, two, along)))
+    cosm1 = select(q >= 0.0, -(one * one + two * two + along * along) / (1.0 + q), q - 1.0)
+    return d, cosm1, Vector(*select(is_x, (along, one, two), (one, two, along)))
 
 
 def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
@@ -168,30 +179,30 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     dn = c.dn * select(is_hyperbolic, 0.5, 1.0) * theta3 * over
     s2 = sn * sn
     over = 2.0 * s2 / (1.0 - k2 * s2 * s2)
-    less_c, less_d = over * dn * dn, over * k2 * cn * cn
+    one_minus_c, one_minus_d = over * dn * dn, over * k2 * cn * cn
     ratio = select(v != 0.0, 2.0 * sn * cn * dn / (1.0 - k2 * s2 * s2) / v, 1.0)
     g = c.momentum * ((c.iz - c.ix) / c.ix / c.iz) * h * ratio
     part_of_square = rx * rz * y * g
     square = part_of_square * part_of_square
     over = 1.0 / (1.0 - square)
-    dx = over * (x * (square - less_c) - rx * rx * y * z * g * (1.0 - less_d))
-    dy = over * (y * (square - less_c - less_d + less_c * less_d) + x * z * g)
-    dz = over * (z * (square - less_d) - rz * rz * x * y * g * (1.0 - less_c))
+    dx = over * (x * (square - one_minus_c) - rx * rx * y * z * g * (1.0 - one_minus_d))
+    dy = over * (y * (square - one_minus_c - one_minus_d + one_minus_c * one_minus_d) + x * z * g)
+    dz = over * (z * (square - one_minus_d) - rz * rz * x * y * g * (1.0 - one_minus_c))
     S, C, t = 2.0 * S * C, 1.0 + 2.0 * t, 4.0 * t * (1.0 + t)  # at v
     X = C * (w[1] + w[3] * q2 * (1.0 + 4.0 * t) + w[5] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
     Y = S * (w[0] + w[2] * q2 * (3.0 + 4.0 * t) + w[4] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
     return dx, dy, dz, g, *select(is_hyperbolic, (X, Y), harmonics(w, S, C, t)), 0.0 * h
 
 
-def _at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
+def _state_at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
     """Return the unit momentum at the time `h` and the angle about it, less RATE h, as `phase` does."""
-    cn, sn, dn, X, Y, extra = phase(c, h)
+    cn, sn, dn, X, Y, angle = phase(c, h)
     M = Vector(c.ax * cn, c.ax / c.rx * sn, c.az * dn)
-    return M / sqrt(M[0] * M[0] + M[1] * M[1] + M[2] * M[2]), X, Y, extra
+    return M / sqrt(M[0] * M[0] + M[1] * M[1] + M[2] * M[2]), X, Y, angle
 
 
 def _far(h: Any, c: View) -> tuple[Any, ...]:
     """Return the change of the unit momentum, 0, and the turning about it, less RATE h: a complex number, an angle."""
-    M, X, Y, extra = _at(h, c)
+    M, X, Y, angle = _state_at(h, c)
     X, Y = X * c.x0 + Y * c.y0, Y * c.x0 - X * c.y0
-    return (*(M - c.start), 0.0 * h, X, Y, extra - c.extra0)
+    return (*(M - c.start), 0.0 * h, X, Y, angle - c.angle0)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array
-from ..geometry.stacks import principal_angle, unit
+from ..geometry.stacks import principal_angle, unit_vectors
 from ..models.system import checked_inertia
 from .border import checked_velocity
 from .free_bodies import prepare
@@ -167,7 +167,7 @@ def polygon_turn(vertices: ArrayLike) -> float:
     >>> round(np.degrees(exact.polygon_turn([[1, 0, 0], [0, 1, 0], [0, 0, 1]])).item(), 9)
     90.0
     """
-    u = unit(as_array(vertices, "vertices", (None, 3)), "vertices")
+    u = unit_vectors(as_array(vertices, "vertices", (None, 3)), "vertices")
     if len(u) < 2:
         raise ValueError(f"a polygon needs at least 2 vertices, got {len(u)}")
     normal = np.cross(u, np.roll(u, -1, axis=0))  # of the side from i to i + 1

@@ -109,7 +109,7 @@ class Gyrostat(NamedTuple):
     lattice: Lattice | None  # None: W is constant
 
 
-def number(x: Decimal, y: Decimal = ZERO) -> Any:
+def complex_number(x: Decimal, y: Decimal = ZERO) -> Any:
     """Return the complex number x + iy of many digits, as the matrix that multiplies by it: ``@`` is the product."""
     return np.array([[x, -y], [y, x]])
 
@@ -119,10 +119,10 @@ def _root(z: Any) -> Any:
     (x, _), (y, _) = z
     size = (x * x + y * y).sqrt()
     if not size:
-        return number(ZERO)
+        return complex_number(ZERO)
     a = ((size + abs(x)) / 2).sqrt()
     b = y / (2 * a)
-    return number(a, b) if x >= 0 else number(abs(b), a.copy_sign(y))
+    return complex_number(a, b) if x >= 0 else complex_number(abs(b), a.copy_sign(y))
 
 
 def _rounded(z: Any) -> complex:
@@ -161,12 +161,12 @@ def _frame(n: Vector) -> Vector:
 
 def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
     """Return the periods and poles from the `rates` Re m, -Im m and f - 2 b3, and from b and W."""
-    m, beta = number(rates[0], -rates[1]), number(W[0], -W[1])
-    gamma = -beta - 2 * number(b[0], -b[1])
+    m, beta = complex_number(rates[0], -rates[1]), complex_number(W[0], -W[1])
+    gamma = -beta - 2 * complex_number(b[0], -b[1])
     quartic = _quartic(m, beta, gamma, rates[2] + 2 * b[2], b[2])
     first, second, third = _roots(*_invariants(quartic))
     is_real = not second[1, 0]
-    slope, y, a2 = number(-W[1], W[0]) / 2, _root(quartic[4]), quartic[2] / 12
+    slope, y, a2 = complex_number(-W[1], W[0]) / 2, _root(quartic[4]), quartic[2] / 12
     poles = []
     for sign in (1, -1):
         p = a2 + sign * slope @ y / 2
@@ -176,8 +176,8 @@ def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
         e1, e2, e3 = sorted((first[0, 0], second[0, 0], third[0, 0]), reverse=True)
         span, upper, lower = e1 - e3, e1 - e2, e2 - e3
     else:
-        real_root, apart = first[0, 0], second[1, 0]
-        span = ((3 * real_root / 2) ** 2 + apart**2).sqrt()
+        real_root, imaginary_part = first[0, 0], second[1, 0]
+        span = ((3 * real_root / 2) ** 2 + imaginary_part**2).sqrt()
         upper, lower = (span / 2 + sign * 3 * real_root / 4 for sign in (1, -1))
     real, imaginary = _half_period(float(span), float(upper)), _half_period(float(span), float(lower))
     ratio = max(real, imaginary) / min(real, imaginary)
@@ -187,11 +187,15 @@ def _lattice(rates: Vector, b: Vector, W: Vector) -> Lattice:
 
 def _quartic(m: Any, beta: Any, gamma: Any, f: Decimal, b3: Decimal) -> Any:
     """Return the coefficients of -(B² - 4AC)/4, B = β* + f z + γ z², A = m* + γ* z + 2 b3 z², C = β z + m z²."""
-    A, B, C = (m.T, gamma.T, number(2 * b3)), (beta.T, number(f), gamma), (number(ZERO), beta, m)
-    return [ac - bb / 4 for ac, bb in zip(_product(A, C), _product(B, B), strict=True)]
+    A, B, C = (
+        (m.T, gamma.T, complex_number(2 * b3)),
+        (beta.T, complex_number(f), gamma),
+        (complex_number(ZERO), beta, m),
+    )
+    return [ac - bb / 4 for ac, bb in zip(_polynomial_product(A, C), _polynomial_product(B, B), strict=True)]
 
 
-def _product(p: Any, q: Any) -> Any:
+def _polynomial_product(p: Any, q: Any) -> Any:
     """Return the coefficients of the product of two polynomials of degree two."""
     return [sum(p[i] @ q[k - i] for i in range(3) if 0 <= k - i < 3) for k in range(5)]
 
@@ -221,9 +225,9 @@ def _roots(g2: Decimal, g3: Decimal) -> tuple[Any, Any, Any]:
     x = x.copy_sign(g3)
     rest = g2 - 3 * x * x
     half = abs(rest).sqrt() / 2
-    apart = number(half) if rest >= 0 else number(ZERO, half)
-    middle = number(-x / 2)
-    return number(x), middle + apart, middle - apart
+    half_difference = complex_number(half) if rest >= 0 else complex_number(ZERO, half)
+    middle = complex_number(-x / 2)
+    return complex_number(x), middle + half_difference, middle - half_difference
 
 
 def _half_period(span: float, part: float) -> float:
@@ -233,12 +237,12 @@ def _half_period(span: float, part: float) -> float:
     return float(ellipkm1(max(part, 0.0) / span)) / math.sqrt(span)
 
 
-def _pole(apart: list[complex], slope: complex) -> complex:
-    """Return a with ℘(a) - e_i = `apart` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut."""
+def _pole(differences: list[complex], slope: complex) -> complex:
+    """Return a with ℘(a) - e_i = `differences` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut."""
     from scipy.special import elliprf
 
-    most = max(abs(x) for x in apart)
-    x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in apart)
+    most = max(abs(x) for x in differences)
+    x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in differences)
     a, b, c = map(cmath.sqrt, (x, y, z))
     sign, shift = (-1.0 if abs(slope - 2 * a * b * c) < abs(slope + 2 * a * b * c) else 1.0), a * b + b * c + c * a
     return complex(sign * elliprf(*((u + shift) / 4 for u in (x, y, z))))
@@ -328,17 +332,17 @@ def gyrostat_motion(J: Array, c: Array, W: Array, times: Array) -> tuple[Array, 
     if not body.pace * abs(times).max(initial=0.0) <= FARTHEST:
         raise ValueError(TOO_FAR)
     if body.lattice is None:
-        return _steady(W, times)
+        return _steady_rotation(W, times)
     first, second = _spinor(body.lattice, body.W, times * body.unit)
-    less = np.conj(first) * second
-    turned = body.length * np.stack([2 * less.real, 2 * less.imag, -2 * abs(second) ** 2], axis=1)
+    product = np.conj(first) * second
+    turned = body.length * np.stack([2 * product.real, 2 * product.imag, -2 * abs(second) ** 2], axis=1)
     axis = np.stack([second.imag, -second.real, first.imag], axis=1)
     p = np.concatenate([axis @ body.frame, first.real[:, None]], axis=1)
     velocity: Array = W + turned @ body.frame @ body.inverse
     return p, velocity
 
 
-def _steady(W: Array, times: Array) -> tuple[Array, Array]:
+def _steady_rotation(W: Array, times: Array) -> tuple[Array, Array]:
     rate = math.hypot(*W)
     axis = W / rate if rate > 0 else W
     half = 0.5 * rate * times

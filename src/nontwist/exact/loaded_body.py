@@ -23,7 +23,7 @@ from ..geometry.arrays import Array, as_number
 from ..loads import Load, Term, as_load
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, planar
-from .free_bodies import turns
+from .free_bodies import rotations_about
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
 MOST = 1_000_000  # pieces that come from halving
@@ -39,7 +39,7 @@ class Pieces(NamedTuple):
     moment: Array  # (p, NODES, 3)
 
 
-class Turning(NamedTuple):
+class AxialRotation(NamedTuple):
     """Rotation about one axis of the body at the ends (p+1,) and the nodes (p, NODES) of pieces."""
 
     axis: Array  # (3,)
@@ -72,7 +72,7 @@ def unrefined(load: Load, a: Array, b: Array) -> Pieces:
     return Pieces(a, b, times, load.sample(times.ravel(), "body").reshape(*times.shape, 3))
 
 
-def halved_pieces(load: Load, start: float, end: float) -> float:
+def expected_pieces(load: Load, start: float, end: float) -> float:
     """Return the approximate number of pieces after halving; 0 for a load of unknown time scale."""
     smooth = [term for term in load.terms if term.kind == "body" and not term.breakpoints]
     return A_PERIOD / 20 * (end - start) / min((term.resolution for term in smooth), default=np.inf)
@@ -81,7 +81,7 @@ def halved_pieces(load: Load, start: float, end: float) -> float:
 def too_many(load: Load, limits: Array) -> str | None:
     """Return the message for more than `MOST` expected pieces between `limits`, None for fewer."""
     start, end = float(limits[0]), float(limits[-1])
-    if (pieces := halved_pieces(load, start, end)) <= MOST + len(limits):
+    if (pieces := expected_pieces(load, start, end)) <= MOST + len(limits):
         return None
     return (
         f"the closed-form solution needs about {pieces:.2g} pieces of the load, at most {MOST:.0e} are allowed; "
@@ -128,7 +128,7 @@ def pieces_of(load: Load, limits: Array) -> Pieces:
     return Pieces(a[order], b[order], times[order], moment[order])
 
 
-def summed(start: Array, parts: Array) -> Array:
+def cumulative(start: Array, parts: Array) -> Array:
     """Values at the ends of pieces, the first `start`, from the increment of each piece."""
     return np.concatenate([start[None], start + np.cumsum(parts, axis=0)])
 
@@ -137,11 +137,11 @@ def momenta(Pi: Array, pieces: Pieces) -> tuple[Array, Array]:
     """Return Π_⊥ at the ends (p+1, 3) and at the nodes (p, NODES, 3) of `pieces`, from `Pi` (3,) at the first end."""
     _, w, integral, _ = gauss()
     half, M = (pieces.b - pieces.a)[:, None] / 2, pieces.moment * [1, 1, 0]
-    ends = summed(Pi, half * np.einsum("n,pnc->pc", w, M))
+    ends = cumulative(Pi, half * np.einsum("n,pnc->pc", w, M))
     return ends, ends[:-1, None] + half[:, None] * np.einsum("mn,pnc->pmc", integral, M)
 
 
-def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
+def axial_rotation(J: Array, Pi: Array, pieces: Pieces) -> AxialRotation | None:
     """Rotation from the momentum `Pi` on; None where the axis does not stay fixed in the body."""
     _, w, integral, _ = gauss()
     inverse = np.zeros((3, 3))
@@ -154,8 +154,8 @@ def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
     if abs(every @ np.cross(D3, axis)).max() > FIXED * size:
         return None
     half, s, s_in = (pieces.b - pieces.a) / 2, W @ axis, inside @ axis
-    angle = summed(np.zeros(()), half * (s_in @ w))
-    return Turning(axis, s, angle, s_in, angle[:-1, None] + half[:, None] * (s_in @ integral.T))
+    angle = cumulative(np.zeros(()), half * (s_in @ w))
+    return AxialRotation(axis, s, angle, s_in, angle[:-1, None] + half[:, None] * (s_in @ integral.T))
 
 
 def loaded_momentum(
@@ -248,13 +248,13 @@ def loaded_nontwisting(
     J, W = planar(inertia, material_angular_velocity, physical)
     R = checked_attitude(rotation)
     pieces, place = _pieces(load, times, t_start)
-    motion = turning(J, J @ W, pieces)
+    motion = axial_rotation(J, J @ W, pieces)
     if motion is None:
         raise ValueError(
             "the axis of rotation moves in the body: only the momentum has a closed form (loaded_momentum)"
         )
     at = place(pieces)
-    return turns(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
+    return rotations_about(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
 
 
 def _pieces(load: Load | Term, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:

@@ -202,8 +202,8 @@ def _velocity(B: Matrix, y: Any) -> Any:
 def _turn(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
     """Return the quaternion of a Magnus step from the middle with ``W = B[0]/cosh y + B[1] tanh y``."""
     reach = select(is_steady, 0.0, A * math.sqrt(0.15) * h)
-    less, v = exponential(magnus(h, [_velocity(B, y + k * reach) for k in (-1.0, 0.0, 1.0)]))
-    return Quaternion(1.0 + less, *v)
+    cosm1, v = exponential(magnus(h, [_velocity(B, y + k * reach) for k in (-1.0, 0.0, 1.0)]))
+    return Quaternion(1.0 + cosm1, *v)
 
 
 @kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")

@@ -40,7 +40,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_array, as_axis, as_direction, as_floats, as_number, as_positive
 from ..geometry.tensors import BASIS, ENTRIES
-from ..geometry.values import among, nearest, shown
+from ..geometry.values import among, nearest, short_repr
 
 G = 9.81
 PIVOT = ("mass", "centre", "distance", "g")
@@ -308,7 +308,7 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any, physical: 
         return model
     if isinstance(damping, str):
         if not among(damping, COUNTS):
-            raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {shown(damping)}")
+            raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {short_repr(damping)}")
         return replace(model, damping=COUNTS[damping])
     C = as_floats(damping, "damping")
     C = np.full(3, as_number(damping, "damping")) if C.ndim == 0 else as_array(damping, "damping", (3,))
@@ -316,8 +316,8 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any, physical: 
         raise ValueError(f"damping must not be negative, got {C.min():g} N m s")
     if not model.has_scale:
         raise ValueError(
-            f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia; use 'one' or 'three' to "
-            "fit the damping"
+            f"damping is {short_repr(damping)} N m s, but nothing gives the scale of the inertia; use 'one' or "
+            "'three' to fit the damping"
         )
     return replace(model, damped=C)
 
@@ -328,7 +328,7 @@ def as_pivot(gravity: Any) -> Pivot:
         return Pivot(None, 1.0, None, G)
     if not isinstance(gravity, Mapping):
         raise ValueError(
-            f"gravity must be a mapping with mass and centre or distance, or 'unknown'; got {shown(gravity)}"
+            f"gravity must be a mapping with mass and centre or distance, or 'unknown'; got {short_repr(gravity)}"
         )
     given = of_keys(gravity, PIVOT, "gravity")
     g = float(as_positive(given.get("g", G), "gravity: g", (), "m/s²"))
@@ -348,7 +348,7 @@ def as_pivot(gravity: Any) -> Pivot:
 def as_wheel(rotor: Any) -> Wheel:
     """Return a rotor, without its speed."""
     if not isinstance(rotor, Mapping):
-        raise ValueError(f"rotor must be a mapping with axis, inertia and speed; got {shown(rotor)}")
+        raise ValueError(f"rotor must be a mapping with axis, inertia and speed; got {short_repr(rotor)}")
     given = of_keys(rotor, WHEEL, "rotor")
     for key in ("axis", "inertia", "speed"):
         if key not in given:
@@ -368,11 +368,13 @@ def as_orientation(orientation: Any) -> tuple[str, dict[str, Any]]:
         return "", {}
     given = {"use": orientation} if isinstance(orientation, str) else orientation
     if not isinstance(given, Mapping):
-        raise ValueError(f"orientation must be 'only', 'both', or a mapping with how to read it; got {shown(given)}")
+        raise ValueError(
+            f"orientation must be 'only', 'both', or a mapping with how to read it; got {short_repr(given)}"
+        )
     given = of_keys(given, ATTITUDES, "orientation")
     use = given.pop("use", "only")
     if not among(use, ("only", "both")):
-        raise ValueError(f"orientation must be 'only', or 'both' with the angular velocity; got {shown(use)}")
+        raise ValueError(f"orientation must be 'only', or 'both' with the angular velocity; got {short_repr(use)}")
     words = {"true": True, "false": False}  # of a command
     return use, {key: words.get(value, value) if isinstance(value, str) else value for key, value in given.items()}
 
@@ -381,7 +383,7 @@ def of_keys(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[
     """Return a mapping of known keys."""
     for key in given:
         if not among(key, keys):
-            raise ValueError(f"{name} has an unknown key {shown(key)}: {nearest(key, keys)}")
+            raise ValueError(f"{name} has an unknown key {short_repr(key)}: {nearest(key, keys)}")
     return dict(given)
 
 

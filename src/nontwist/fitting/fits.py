@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputWarning
 from ..geometry.arrays import Array, as_array, as_flag, as_positive
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..recordings.options import ReadOptions
 from ..recordings.reading import Rates
 from ..spec import takes
@@ -174,7 +174,7 @@ def fit_inertia(
     plain = plain_gyroscope(*(max(float(one), KNOWN) for one in deviations))
     sigma = 0.0 if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
-        raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
+        raise ValueError(f"loss must be 'linear' or 'soft_l1', got {short_repr(loss)}")
     ReadOptions(columns=columns, **reading)  # refuses what it does not know
     reading |= {"columns": columns, "unit": unit}
     spin = None if rotor is None else rotor["speed"]
@@ -273,7 +273,7 @@ class Task:
                 return 0, len(one.time), "all"
             if interval == "free":
                 return self.searched(one, model)
-            raise ValueError(f"interval must be two times, 'free' or 'all'; got {shown(interval)}")
+            raise ValueError(f"interval must be two times, 'free' or 'all'; got {short_repr(interval)}")
         first, last = as_array(interval, "interval", (2,))
         if not first < last:
             raise ValueError(f"interval must be two times, the first before the last; got {first:g} s and {last:g} s")

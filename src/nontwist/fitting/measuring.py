@@ -50,7 +50,7 @@ from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.attitudes import without_jumps
 from ..geometry.rotations import dexp, exp
 from ..geometry.tensors import hats
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from .bodies import Model, of_keys
 from .motions import Line
 
@@ -147,7 +147,7 @@ def as_gyroscope(
         if isinstance(value, str):
             if value != "fit":
                 raise ValueError(
-                    f"{name} must be numbers, 'fit', or a mapping with value and error; got {shown(value)}"
+                    f"{name} must be numbers, 'fit', or a mapping with value and error; got {short_repr(value)}"
                 )
             _require_told(name, model, has_speeds)
             deviation[place] = WIDE[name]
@@ -162,7 +162,7 @@ def as_gyroscope(
             value = value.get("value", IDEAL[place] if shape else 0.0)
         mean[place], deviation[place] = as_array(value, name, shape), error
     if not (mean[PLACES["axis_scales"]] > 0).all():
-        raise ValueError(f"axis_scales must be positive, got {shown(mean[PLACES['axis_scales']].tolist())}")
+        raise ValueError(f"axis_scales must be positive, got {short_repr(mean[PLACES['axis_scales']].tolist())}")
     return Gyroscope(mean, deviation)
 
 

@@ -193,7 +193,7 @@ class Run(NamedTuple):
 
 
 @lru_cache
-def kernel_of(kind: Kind) -> Kernel:
+def motion_kernel(kind: Kind) -> Kernel:
     """Return the kernel that follows a motion, for all bodies of a kind."""
 
     def kernel(address: Any) -> None:
@@ -314,7 +314,7 @@ def _piece(motion: Motion, start: Array, times: Array) -> tuple[Array, Array]:
     by[d + 6 :, d + 6 : d + p] = vectors_by.reshape(9, -1)
     run.start, run.by, run.times, run.out = start, by, sorted_times, out
     run.samples, run.most_steps = len(times), MOST_STEPS[0] + MOST_STEPS[1] * len(times)
-    kernel_of(kind)(run.address)
+    motion_kernel(kind)(run.address)
     if run.failed or not np.isfinite(out).all():
         raise RunawayError("the motion is not finite, or needs too many steps")
     values, slopes = np.empty((len(times), d)), np.empty((len(times), d, d + p))

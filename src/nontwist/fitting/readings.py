@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.reading import Rates, of_run, read_motion, read_rates
@@ -242,7 +242,7 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
                 raise ValueError(f"{what} must have the shape {shape} as there are {n} times, got {array.shape}")
         speed = arrays[2] if len(arrays) == 3 else None
         return Rates(time, arrays[1], name, ("rates: as given",), None, speed, quaternions).cleaned()
-    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
+    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {short_repr(one)}")
 
 
 def speed_of(one: Rates, spin: Any, rows: slice | NDArray[np.intp], sense: float = 1.0) -> Speed:

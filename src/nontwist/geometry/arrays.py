@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .values import shown
+from .values import short_repr
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def aligned(*shape: int, empty: bool = False) -> Array:
 def as_flag(value: Any, name: str) -> bool:
     """Return `value` as a bool; a ValueError where it is neither True nor False."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f"{name} must be True or False, got {shown(value)}")
+        raise ValueError(f"{name} must be True or False, got {short_repr(value)}")
     return bool(value)
 
 
@@ -72,7 +72,7 @@ def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
     if kind in _REFUSED and (kind != "O" or getattr(value, "dtype", None) is array.dtype):
         raise ValueError(f"{name} {_REFUSED[kind].format(name=name)}")
     if kind not in "fiubO":
-        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}")
+        raise ValueError(f"{name} must be an array of numbers, got {short_repr(value)}")
     if kind == "O":
         array = _of_objects(array, name)
     if array.dtype.itemsize > 8:  # extended precision: overflow gives infinity
@@ -87,7 +87,7 @@ def as_plain(value: Any, name: str) -> NDArray[Any]:
         masked = _masked(value)
         array = np.asarray(0.0 if masked else value)
     except Exception as error:  # conversions of foreign objects raise exceptions of any kind
-        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}") from error
+        raise ValueError(f"{name} must be an array of numbers, got {short_repr(value)}") from error
     if masked:
         raise ValueError(f"{name} has masked values; np.ma.filled({name}, number) puts a number in their place")
     return array
@@ -131,7 +131,7 @@ def as_tensor(value: ArrayLike, name: str, accepted: str) -> Array:
     A wrong shape is refused with what is `accepted`, in words.
     """
     if callable(value):
-        raise ValueError(f"{name} must be {accepted}, got {shown(value)}")
+        raise ValueError(f"{name} must be {accepted}, got {short_repr(value)}")
     array = as_floats(value, name)
     if array.shape == (3,):
         return np.diag(as_array(array, name, (3,)))
@@ -148,7 +148,7 @@ def as_axis(value: Any, name: str) -> Array:
     if not isinstance(value, str):
         return as_array(value, name, (3,))
     if value.lower() not in AXES:
-        raise ValueError(f"{name} must be x, y or z, with a minus or without, or 3 numbers; got {shown(value)}")
+        raise ValueError(f"{name} must be x, y or z, with a minus or without, or 3 numbers; got {short_repr(value)}")
     return np.array(AXES[value.lower()])
 
 
@@ -232,7 +232,7 @@ def _of_objects(array: NDArray[Any], name: str) -> Array:
     numbers_found = np.empty(array.shape)
     for index, entry in np.ndenumerate(array):
         if not isinstance(entry, (numbers.Real, Decimal)) or isinstance(entry, np.timedelta64):
-            raise ValueError(f"{name}{_place(index)} must be a number, got {shown(entry)}")
+            raise ValueError(f"{name}{_place(index)} must be a number, got {short_repr(entry)}")
         try:
             numbers_found[index] = float(entry)
         except (OverflowError, ValueError) as error:

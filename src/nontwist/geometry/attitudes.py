@@ -56,12 +56,12 @@ def entries(quaternion: Array) -> Array:
     x, y, z, w = np.moveaxis(quaternion, -1, 0).copy()
     f = 2 / (x * x + y * y + z * z + w * w)
     products = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = (f * product for product in products)
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = (f * quaternion_product for quaternion_product in products)
     rows = (1 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1 - (xx + yy))
     return np.array(rows)
 
 
-def product(p: Array, q: Array) -> Array:
+def quaternion_product(p: Array, q: Array) -> Array:
     """Return the products of quaternions (..., 4), scalar last: q turns first."""
     v = p[..., 3:] * q[..., :3] + q[..., 3:] * p[..., :3] + cross(p[..., :3], q[..., :3])
     return np.concatenate([v, p[..., 3:] * q[..., 3:] - (p[..., :3] * q[..., :3]).sum(axis=-1, keepdims=True)], axis=-1)

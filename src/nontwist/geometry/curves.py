@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array, as_floats, as_positive, require_finite
-from .frames import TOLERANCE, first_d1, in_range, places, transported, unit_directors, vectors
+from .frames import TOLERANCE, first_d1, frames_along, in_range, indices_of, unit_directors, vectors
 from .values import as_function
 
 _PIECES = 32  # at least, at the start
@@ -102,7 +102,7 @@ def frame_along(
     knots = np.append(grid[:, 0], t[-1])
     chain = np.concatenate([u[:, 0], last])[None]
     roll = np.append(0.0, angle)[None]
-    frames = transported(chain, (), d1, (roll, np.ones(roll.shape, dtype=np.int64)), roll.size)
+    frames = frames_along(chain, (), d1, (roll, np.ones(roll.shape, dtype=np.int64)), roll.size)
     found: Array = frames[0, np.searchsorted(knots, t)]
     return found
 
@@ -217,6 +217,6 @@ def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None 
     frames = np.empty((*u.shape, 3))
     k, i = double_reflection(in_range(x.reshape(u.shape)), u, first_d1(d1, u[:, 0], lead), frames)
     if k >= 0:
-        one, other = places(lead, k, i - 1, i)
+        one, other = indices_of(lead, k, i - 1, i)
         raise ValueError(f"from tangents{one} to tangents{other} the chord of the points reverses the direction")
     return frames.reshape(*x.shape, 3)

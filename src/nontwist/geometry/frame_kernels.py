@@ -67,15 +67,15 @@ def inner_roll(l: Any, lm: Any, lp: Any, kl: Any, kr: Any) -> Any:
 
     Of these the one that comes from a much shorter neighbour is not used.
     """
-    is_left, is_right = lm >= SHORT * l, lp >= SHORT * l
+    has_left, has_right = lm >= SHORT * l, lp >= SHORT * l
     both = kl + (lm + 0.5 * l) / (lm + l + lp) * (kr - kl)
-    return select(is_left & is_right, both, select(is_right, kr, select(is_left, kl, 0.0))) * l * l * l / 12.0
+    return select(has_left & has_right, both, select(has_right, kr, select(has_left, kl, 0.0))) * l * l * l / 12.0
 
 
 def outer_roll(l: Any, near: Any, far: Any, k: Any, next_k: Any) -> Any:
     """Return the roll of a segment of length l at an end, extrapolated; `far` is 0 where there is no third segment."""
-    is_bent = (far > 0.0) & (far >= SHORT * near)
-    middle = k - select(is_bent, (near + 0.5 * l) / (l + near + far) * (next_k - k), 0.0)
+    has_slope = (far > 0.0) & (far >= SHORT * near)
+    middle = k - select(has_slope, (near + 0.5 * l) / (l + near + far) * (next_k - k), 0.0)
     return select(near >= SHORT * l, middle, 0.0) * l * l * l / 12.0
 
 
@@ -162,7 +162,7 @@ def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[An
     Returns the member and the two samples of the first antipodal pair (-1 if there is none), and the member and the
     second sample of the first pair more than a right angle apart.
     """
-    found = Variables(member=-1, one=-1, other=-1, wide_member=-1, wide=-1)
+    found = Variables(member=-1, one=-1, other=-1, far_member=-1, far=-1)
     for k in loop(u.shape[0], whilst=lambda: found.member < 0):
         v = Variables(last=0, a=vector_at(u[k, 0]), d1=vector_at(start[k]))
         for i in loop(u.shape[1], whilst=lambda: found.member < 0):
@@ -170,8 +170,8 @@ def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[An
             s = v.a + b
             square = s @ s
             for _ in when(square < _RIGHT):
-                for _ in when((square >= ANTIPODAL) & (found.wide < 0)):
-                    found.wide_member, found.wide = k, i
+                for _ in when((square >= ANTIPODAL) & (found.far < 0)):
+                    found.far_member, found.far = k, i
                 for _ in when(square < ANTIPODAL):
                     found.member, found.one, found.other = k, v.last, i
             for _ in when(found.member < 0):
@@ -179,7 +179,7 @@ def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[An
                 _set_frame(frames[k, i], d1, b)
                 for _ in when(node[k, i] != 0):
                     v.last, v.a, v.d1 = i, b, d1
-    return found.member, found.one, found.other, found.wide_member, found.wide
+    return found.member, found.one, found.other, found.far_member, found.far
 
 
 @kernel("f8[:, :, :], f8[:] -> i8, i8")

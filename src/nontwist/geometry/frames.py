@@ -82,7 +82,7 @@ def in_range(points: Array) -> Array:
     return found
 
 
-def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
+def indices_of(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
     """Index of `samples` in the argument of the caller, ``[member indices, sample]``."""
     front = [str(int(i)) for i in np.unravel_index(member, lead)] if lead else []
     return ["[" + ", ".join([*front, str(int(i))]) + "]" for i in samples]
@@ -110,7 +110,7 @@ def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE
     if is_wrong.any():
         k, i = np.argwhere(is_wrong)[0].tolist()
         require_finite(array, name)
-        (at,) = places(lead, k, i)
+        (at,) = indices_of(lead, k, i)
         raise ValueError(f"{name}{at} must be a unit vector, its length is {math.hypot(*u[k, i]):.12g}")
     u /= size[..., None]
     return u, lead
@@ -153,7 +153,7 @@ def triad_about(n: Array) -> Array:
     return np.stack([e1, np.cross(n, e1), n])
 
 
-def transported(
+def frames_along(
     u: Array, lead: tuple[int, ...], d1: ArrayLike | None, rolls: tuple[Array, NDArray[np.int64]], period: int
 ) -> Array:
     """Frames (m, n, 3, 3) along the unit directors `u` (m, n, 3); warn of wide steps, refuse antipodal ones.
@@ -163,12 +163,12 @@ def transported(
     from .frame_kernels import transport
 
     frames = np.empty((*u.shape, 3))
-    k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
+    k, a, b, far_k, far = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
     if k >= 0:
-        one, other = places(lead, k, a % period, b % period)
+        one, other = indices_of(lead, k, a % period, b % period)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
-    if wide >= 0:
-        (at,) = places(lead, wide_k, wide % period)
+    if far >= 0:
+        (at,) = indices_of(lead, far_k, far % period)
         message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"
         warnings.warn(message, stacklevel=3)
     return frames
@@ -229,7 +229,7 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
     -1.0
     """
     u, lead = unit_directors(d3)
-    frames = transported(u, lead, d1, rolls(u, order, closed=False), u.shape[1])
+    frames = frames_along(u, lead, d1, rolls(u, order, closed=False), u.shape[1])
     return frames.reshape(*lead, *frames.shape[1:])
 
 
@@ -296,7 +296,7 @@ def closed_frame(
         require_finite(along, "points")
         along = in_range(along.reshape(u.shape))
     u, along = (np.concatenate([x, x[:, :1]], axis=1) for x in (u, along))
-    frames = transported(u, lead, d1, rolls(u, order, closed=True), n)
+    frames = frames_along(u, lead, d1, rolls(u, order, closed=True), n)
     angle = _close(frames, along, 2 * np.pi * turns)
     return frames[:, :n].reshape(*lead, n, 3, 3), shaped(angle, lead)
 
@@ -431,7 +431,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
     area = np.empty(len(u))
     k, i = solid_angles(u, area)
     if k >= 0:
-        one, other = places(lead, k, (i - 1) % n, i)
+        one, other = indices_of(lead, k, (i - 1) % n, i)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if pole is not None:
         axis = as_array(pole, "pole", (3,))
@@ -444,7 +444,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
         is_through = (np.abs(det) <= ANTIPODAL) & (rest <= ANTIPODAL)
         if is_through.any():
             k, i = np.argwhere(is_through)[0].tolist()
-            one, other = places(lead, k, i, (i + 1) % n)
+            one, other = indices_of(lead, k, i, (i + 1) % n)
             raise ValueError(f"the side from d3{one} to d3{other} runs through -pole: choose another pole")
         total = 2.0 * np.arctan2(det, rest).sum(axis=-1)
         area += 4 * np.pi * np.round((total - area) / (4 * np.pi))

@@ -90,7 +90,7 @@ def writhe(points: ArrayLike, *, closed: bool = True) -> float:
     >>> round(writhe(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1)), 2)
     3.52
     """
-    (x,) = scaled(polygon(points, "points", closed))
+    (x,) = normalised(polygon(points, "points", closed))
     return writhe_and_crossings(x, closed)[0]
 
 
@@ -124,7 +124,7 @@ def link(a: ArrayLike, b: ArrayLike) -> int:
     given = polygon(a, "a", True), polygon(b, "b", True)
     if met := _coincident(np.concatenate(given)):
         raise ValueError(f"a[{met[0]}] and b[{met[1] - len(given[0])}] coincide: the curves meet")
-    x, y = scaled(*given)
+    x, y = normalised(*given)
     total = integrals(x, y, closed=True)[0]
     if abs(total - round(total)) > _WHOLE:
         raise ValueError(f"a and b meet: their Gauss integral is {total:.9g}, and no whole number")
@@ -168,7 +168,7 @@ def ribbon_twist(points: ArrayLike, d1: ArrayLike, *, closed: bool = True) -> fl
     >>> round(ribbon_twist(out, d1), 9), round(writhe(out), 9), link(out, out + 0.1 * d1)
     (-3.0, 0.0, -3)
     """
-    (x,) = scaled(polygon(points, "points", closed))
+    (x,) = normalised(polygon(points, "points", closed))
     edges, tangents = directions(x, closed)
     v = as_array(d1, "d1", (None, 3), np.inf)
     if len(v) == len(x) + 1 and closed:  # the first point was repeated
@@ -208,7 +208,7 @@ def _coincident(x: Array) -> tuple[int, int] | None:
     return None if not same.size else (int(order[same[0]]), int(order[same[0] + 1]))  # the sort is stable
 
 
-def scaled(*curves: Array) -> list[Array]:
+def normalised(*curves: Array) -> list[Array]:
     """Return curves near the origin and of size 1, all shifted and divided alike."""
     first = curves[0][0]
     size = max(float(np.abs(x - first).max()) for x in curves)
@@ -277,7 +277,7 @@ def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
     return float(total.sum()), float(sizes.sum())
 
 
-def _series(t: Any) -> Any:
+def _arctan_series(t: Any) -> Any:
     """Return the arc tangent of a small number."""
     s = t * t
     rest = 1 / 13 - s * (1 / 15 - s * (1 / 17))
@@ -315,7 +315,7 @@ def row_integrals(
             number = load(numbers, j)
             is_pair = (number >= 1.0 * begin) & (number < 1.0 * end)
             is_small = (along > 0.0) & (abs(up) < _SMALL * along)
-            v.angle = _series(select(is_small, up / along, 0.0))
+            v.angle = _arctan_series(select(is_small, up / along, 0.0))
             for _ in when(any_of(logical_not(is_small) & is_pair)):
                 v.angle = select(is_small, v.angle, arctan2(up, along))
             angle = select(is_pair, v.angle, 0.0)

@@ -72,7 +72,7 @@ SIZE = size_of(Path)
 ANTIPODAL_DISTANCE = math.sqrt(ANTIPODAL)
 _EPS = 2.0**-52
 MOST = 0.125  # of the square of an arc: half the square over its half, which no path as short leaves
-_BENT = 5  # nodes from which the curvature has a second derivative
+_RESOLVED = 5  # nodes from which the curvature has a second derivative
 
 
 def begin(s: View, u: Vector, d1: Vector) -> None:
@@ -87,7 +87,7 @@ def is_antipodal(s: View, u: Vector) -> Any:
     return (length(u + s.last) < ANTIPODAL_DISTANCE) | (length(u + s.n3) < ANTIPODAL_DISTANCE)
 
 
-def advance(s: View, u: Vector) -> Any:
+def add_sample(s: View, u: Vector) -> Any:
     """Take the path to its next sample, no antipode of the last one or of the last node; whether it is a node."""
     v = Variables(here=0.0, is_node=False)
     step, whole = length(u - s.last), s.whole
@@ -106,7 +106,7 @@ def advance(s: View, u: Vector) -> Any:
             for _ in when(s.nodes > 2.0):
                 s.kappas = (*s.kappas[1:], curvature(s.n1, s.n2, s.n3, s.chords[2], s.chords[3]))
             _settle(s)
-            for _ in when(s.nodes >= _BENT):
+            for _ in when(s.nodes >= _RESOLVED):
                 _settle_errors(s)
     return v.is_node
 
@@ -143,7 +143,7 @@ def _arc(chord: Any) -> Any:
     return chord + chord * chord * chord / 24.0
 
 
-def _plain(k: Any, a: Any, b: Any) -> Any:
+def _without_cube(k: Any, a: Any, b: Any) -> Any:
     """Return the curvature of three points with the arcs a and b, less what comes from the cube of the curvature."""
     return k + a * b / 8.0 * (k * k * k + k)
 
@@ -157,7 +157,7 @@ def _second_derivative(s: View) -> Any:
     """Return the second derivative of the curvature at the last node but two, from five nodes."""
     (g0, g1, g2, g3), (k0, k1, k2) = map(_arc, s.chords), s.kappas
     before, after = (g0 + g1 + g2) / 3.0, (g1 + g2 + g3) / 3.0  # distances of the centroids
-    k0, k1, k2 = _plain(k0, g0, g1), _plain(k1, g1, g2), _plain(k2, g2, g3)
+    k0, k1, k2 = _without_cube(k0, g0, g1), _without_cube(k1, g1, g2), _without_cube(k2, g2, g3)
     z0, z1, z2 = _bend(-g1, g0, g1), _bend(0.0, g1, g2), _bend(g2, g2, g3)
     return ((k2 - k1) / after - (k1 - k0) / before) / ((z2 - z1) / after - (z1 - z0) / before)
 
@@ -177,7 +177,7 @@ def _error(h: Any, a: Any, ka: Any, xa: Any, lead: Any, kb: Any, xb: Any, b: Any
     is_used = (larger(a, b) >= SHORT * h) & (lead >= SHORT * h)
     used = select(is_used, select(b < a, ka, kb), 0.0)
     bend = wa * _bend(xa, a, lead) + wb * _bend(xb, lead, b)
-    k = wa * _plain(ka, a, lead) + wb * _plain(kb, lead, b) - second * bend
+    k = wa * _without_cube(ka, a, lead) + wb * _without_cube(kb, lead, b) - second * bend
     cube = k * k * k + k
     full = h3 / 12.0 * (second * bend - cube * (wa * a * lead + wb * lead * b) / 8.0)
     full = full + h3 * h * h * ((2.0 * (cube - 3.0 * k) - second) / 480.0 - cube / 96.0)
@@ -193,7 +193,7 @@ def _add_error(s: View, error: Any) -> None:
 def _settle_errors(s: View) -> None:
     """Add the error of the last segment but two, which has second derivatives at both ends now."""
     second, (g0, g1, g2, _), (k0, k1, _) = _second_derivative(s), map(_arc, s.chords), s.kappas
-    is_first = s.nodes == _BENT
+    is_first = s.nodes == _RESOLVED
     for _ in when(is_first):
         _add_error(s, _error(g0, g0, k0, 0.5 * g0, g1, k1, 0.5 * g0 + g1, g2, second))
     both = select(logical_not(is_first) & (abs(s.second) < abs(second)), s.second, second)
@@ -203,9 +203,9 @@ def _settle_errors(s: View) -> None:
 
 def estimate(s: View, order: Any) -> Any:
     """Return the estimated largest error angle so far of the frames of this order."""
-    rolls, is_bent = s.rolls + s.roll, s.nodes >= _BENT
+    rolls, has_errors = s.rolls + s.roll, s.nodes >= _RESOLVED
     v = Variables(squares=s.roll_squares + s.roll * s.roll, most=larger(s.roll_most, abs(rolls)))
-    for _ in when(is_bent):  # else the rolls stand for their errors
+    for _ in when(has_errors):  # else the rolls stand for their errors
         (_, g1, g2, g3), (_, k1, k2), second = map(_arc, s.chords), s.kappas, s.second
         inner = _error(g2, g1, k1, -0.5 * g2, g2, k2, 0.5 * g2, g3, second)
         outer = _error(g3, g1, k1, -0.5 * g3 - g2, g2, k2, -0.5 * g3, g3, second)
@@ -232,6 +232,6 @@ def error_angles(u: Any, order: Any, state: Any, bound: Any) -> None:
             x = vector_at(u[k, i])
             for _ in when(i > 0):
                 for _ in when(logical_not(is_antipodal(s, x))):
-                    advance(s, x)
-            is_known = (s.nodes >= _BENT) | (i == u.shape[1] - 1)
+                    add_sample(s, x)
+            is_known = (s.nodes >= _RESOLVED) | (i == u.shape[1] - 1)
             bound[k, i] = select(is_known, estimate(s, order), math.inf)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_number, refuse
 from .attitudes import quaternion_column
-from .stacks import EPS, TOLERANCE, dot, norm, ratio, stack, unit
+from .stacks import EPS, TOLERANCE, dot, norm, ratio, stack, unit_vectors
 
 # |B_2|, |B_4|, ..., |B_22|
 _BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513])
@@ -207,7 +207,7 @@ def dexp(theta: ArrayLike) -> Array:
     """
     angle, half, axis = _polar(theta)
     first = np.sin(half) * ratio(np.sin(half), half, 1.0)
-    second = np.where(angle < 1.0, _series(_DEXP_SERIES, angle), 1.0 - ratio(np.sin(angle), angle, 1.0))
+    second = np.where(angle < 1.0, _even_series(_DEXP_SERIES, angle), 1.0 - ratio(np.sin(angle), angle, 1.0))
     return np.eye(3) + first[..., None, None] * axis + second[..., None, None] * (axis @ axis)
 
 
@@ -236,7 +236,9 @@ def dexp_inverse(theta: ArrayLike) -> Array:
     """
     angle, half, axis = _polar(theta)
     refuse((angle > 1.0) & (np.abs(np.sin(half)) <= 8 * EPS * half), "theta", "is a whole turn, where dexp is singular")
-    second = np.where(angle < 1.0, _series(_INVERSE_SERIES, angle), 1.0 - np.cos(half) * ratio(half, np.sin(half), 1.0))
+    second = np.where(
+        angle < 1.0, _even_series(_INVERSE_SERIES, angle), 1.0 - np.cos(half) * ratio(half, np.sin(half), 1.0)
+    )
     return np.eye(3) - half[..., None, None] * axis + second[..., None, None] * (axis @ axis)
 
 
@@ -322,7 +324,7 @@ def darboux_vector(d3: ArrayLike, d3_dot: ArrayLike, psi_dot: ArrayLike = 0.0) -
     >>> rotations.darboux_vector(d3=[0, 0, 1], d3_dot=[1, 0, 0], psi_dot=3)
     array([0., 1., 3.])
     """
-    d3, d3_dot = unit(d3, "d3"), stack(d3_dot, "d3_dot", (3,))
+    d3, d3_dot = unit_vectors(d3, "d3"), stack(d3_dot, "d3_dot", (3,))
     return np.cross(d3, d3_dot) + stack(psi_dot, "psi_dot", ())[..., None] * d3
 
 
@@ -477,7 +479,7 @@ def _polar(theta: ArrayLike) -> tuple[Array, Array, Array]:
     return angle, angle / 2, hat(ratio(theta, angle[..., None], 0.0))
 
 
-def _series(coefficients: Array, angle: Array) -> Array:
+def _even_series(coefficients: Array, angle: Array) -> Array:
     """Sum of coefficients[k] angle^(2k + 2), for angles below 1."""
     x = np.minimum(angle, 1.0) ** 2
     return np.asarray(x * np.polynomial.polynomial.polyval(x, coefficients))

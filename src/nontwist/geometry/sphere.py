@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array, as_number, refuse
-from .stacks import EPS, TINY, TOLERANCE, dot, norm, ratio, stack, unit
+from .stacks import EPS, TINY, TOLERANCE, dot, norm, ratio, stack, unit_vectors
 from .values import as_function
 
 # Central difference of order 8
@@ -111,7 +111,7 @@ def project(d: ArrayLike, v: ArrayLike) -> Array:
     >>> sphere.project([0, 0, 1], [1, 2, 3])
     array([1., 2., 0.])
     """
-    d, v = unit(d, "d"), stack(v, "v", (3,))
+    d, v = unit_vectors(d, "d"), stack(v, "v", (3,))
     w = v - dot(v, d)[..., None] * d
     return w - dot(w, d)[..., None] * d  # twice is enough: the first pass leaves round-off of v along d
 
@@ -151,7 +151,7 @@ def covariant_derivative(d: ArrayLike, v: ArrayLike, time: ArrayLike) -> Array:
     >>> np.linalg.norm(sphere.covariant_derivative(d, v, t), axis=1)[[0, 50]].round(6)
     array([0.433013, 0.433013])
     """
-    d, v, t = unit(d, "d"), stack(v, "v", (3,)), as_array(time, "time", (None,))
+    d, v, t = unit_vectors(d, "d"), stack(v, "v", (3,)), as_array(time, "time", (None,))
     n = t.size
     if n < 2 or d.shape[-2:] != (n, 3) or v.shape[-2:] != (n, 3):
         raise ValueError(f"d and v must have the shape (..., n, 3) of {n} >= 2 times, got {d.shape} and {v.shape}")
@@ -305,7 +305,7 @@ def distance(d0: ArrayLike, d: ArrayLike) -> Array:
     >>> round(float(np.degrees(sphere.distance([0, 0, 1], [0, 0.6, 0.8]))), 6)  # acos 0.8
     36.869898
     """
-    n, c = _cross_and_dot(unit(d0, "d0"), unit(d, "d"))
+    n, c = _cross_and_dot(unit_vectors(d0, "d0"), unit_vectors(d, "d"))
     return np.asarray(np.arctan2(norm(n), c))
 
 
@@ -333,7 +333,7 @@ def log(d0: ArrayLike, d: ArrayLike) -> Array:
     >>> sphere.log([0, 0, 1], [1, 0, 0])[:2].round(6)  # from the pole a quarter of a great circle along x
     array([1.570796, 0.      ])
     """
-    d0, d = unit(d0, "d0"), unit(d, "d")
+    d0, d = unit_vectors(d0, "d0"), unit_vectors(d, "d")
     n, s, c = _checked_cross_and_dot(d0, d)
     return ratio(np.arctan2(s, c), s * norm(d0), 1.0)[..., None] * np.cross(n, d0)
 
@@ -365,7 +365,7 @@ def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
     array([0., 0., 1.])
     """
     d0, w = _tangent(d0, w, "w")
-    n, s, c = _checked_cross_and_dot(d0, unit(d, "d"))
+    n, s, c = _checked_cross_and_dot(d0, unit_vectors(d, "d"))
     n, length = ratio(n, s[..., None], 0.0), np.hypot(s, c)
     s, c = (s / length)[..., None], (c / length)[..., None]
     return c * w + s * np.cross(n, w) + (1.0 - c) * dot(n, w)[..., None] * n
@@ -402,7 +402,7 @@ def splits(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> NDArray[np.bool_]:
     """
     T = stack(T, "T", (3, 3))
     T = ratio(T, np.abs(T).max(axis=(-2, -1), keepdims=True), 0.0)
-    perp, parallel = _parts(T, unit(d, "d"), unit(d_tilde, "d_tilde"))
+    perp, parallel = _parts(T, unit_vectors(d, "d"), unit_vectors(d_tilde, "d_tilde"))
     mixed = np.abs(T - perp - parallel).max(axis=(-2, -1))
     least = np.minimum(np.linalg.norm(parallel, axis=(-2, -1)), np.linalg.svd(perp, compute_uv=False)[..., 1])
     return np.asarray((mixed <= TOLERANCE) & (least > 8 * EPS))
@@ -449,7 +449,7 @@ def _parts(T: Array, d: Array, d_tilde: Array) -> tuple[Array, Array]:
 
 
 def _tangent(d: ArrayLike, v: ArrayLike, name: str, point: str = "d0") -> tuple[Array, Array]:
-    d, v = unit(d, point), stack(v, name, (3,))
+    d, v = unit_vectors(d, point), stack(v, name, (3,))
     refuse(_is_not_tangent(d, v, TOLERANCE), name, f"is not tangent to the sphere at {point}")
     return d, v
 

@@ -17,7 +17,7 @@ def stack(value: ArrayLike, name: str, tail: tuple[int, ...]) -> Array:
     return as_array(value, name, (..., *tail), np.inf)
 
 
-def unit(value: ArrayLike, name: str) -> Array:
+def unit_vectors(value: ArrayLike, name: str) -> Array:
     """Return `value` (..., 3) as floats; ValueError where it is not a unit vector."""
     d = stack(value, name, (3,))
     refuse(np.abs(norm(d) - 1.0) > TOLERANCE, name, "is not a unit vector")

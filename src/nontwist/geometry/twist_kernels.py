@@ -17,7 +17,7 @@ from ..kernels.memory import View, matrix_at, put, size_of, vector_at, view_in
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from .arrays import Array
 from .frame_kernels import length, transported
-from .path_kernels import Path, advance, begin, estimate, is_antipodal
+from .path_kernels import Path, add_sample, begin, estimate, is_antipodal
 
 
 class Stream(NamedTuple):
@@ -60,13 +60,13 @@ _HALF_TURN = math.pi * (1.0 - 1e-9)
 _TURN = 2.0 * math.pi
 
 
-def _axes(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
+def _first_and_third(q: Any, sign: Any, triad: Matrix) -> tuple[Vector, Vector]:
     """Return the first and the third vector of a triad in the body; `sign` is -1 for the inverse of the attitude."""
     x, y, z, w = q
     size = sqrt(x * x + y * y + z * z + w * w)
     turn = Quaternion(w / size, sign * x / size, sign * y / size, sign * z / size)
-    d3 = turn.turned(triad[2])
-    return turn.turned(triad[0]), d3 / length(d3)
+    d3 = turn.rotate(triad[2])
+    return turn.rotate(triad[0]), d3 / length(d3)
 
 
 def _angle(t: Vector, d: Vector, v: Vector) -> Any:
@@ -81,7 +81,7 @@ def _nearest(angle: Any, last: Any) -> Any:
 
 def body_axes(quaternions: Array, sign: float, triad: Array) -> tuple[Array, Array]:
     """Return the first and the third vector of a triad that is fixed in the body, for quaternions, scalar last."""
-    first, d3 = _axes(tuple(quaternions.T), sign, matrix_at(triad))
+    first, d3 = _first_and_third(tuple(quaternions.T), sign, matrix_at(triad))
     return np.stack(first, axis=-1), np.stack(d3, axis=-1)
 
 
@@ -128,7 +128,7 @@ def count(
         s, at = view_in(Stream, state[k]), select(time.shape[0] == 1, 0, k)
         for _ in when(_is_given(given[k])):
             q = Quaternion(*(given[k, j] for j in range(4)))
-            d1, d3 = _axes(q, sign, matrix_at(triad))
+            d1, d3 = _first_and_third(q, sign, matrix_at(triad))
             is_first = s.path.samples == 0.0
             for _ in when(is_first):
                 _start(s, d1, d3)
@@ -169,7 +169,7 @@ def _move(s: View, order: Any, d1: Vector, d3: Vector) -> None:
     for _ in when(logical_not(is_opposite)):
         none = 0.0 * d3[0]
         s.great = transported(s.great, s.path.last, d3, none)
-        is_node = advance(s.path, d3)
+        is_node = add_sample(s.path, d3)
         v = Variables(d1=s.great)
         s.before = s.twist
         for _ in when(is_node & (order == 4)):

@@ -10,7 +10,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
 
-_SHOWN = 80  # characters of a value in a message
+_LONGEST_REPR = 80  # characters of a value in a message
 T = TypeVar("T", bound=type)
 
 
@@ -54,13 +54,13 @@ def _defined_again(old: type, new: type) -> bool:
     return old.__module__ == new.__module__ or [*old.__annotations__] == [*new.__annotations__]
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """Return `value` for a message, in at most 80 characters, whatever it is."""
     try:
         text = repr(value)
     except Exception:  # as for whole numbers with more than 4300 digits
         text = f"a value of type {type(value).__name__}"
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+    return text if len(text) <= _LONGEST_REPR else f"{text[: _LONGEST_REPR - 3]}..."
 
 
 def number_text(x: float, spec: str) -> str:
@@ -126,9 +126,9 @@ def _is_whole(value: Any) -> bool:
 def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
     """Return `value` as an int; a ValueError where it is no whole number from `least` to `most`."""
     if isinstance(value, bool) or not _is_whole(value) or value < least:
-        raise ValueError(f"{name} must be a whole number >= {least}, got {shown(value)}")
+        raise ValueError(f"{name} must be a whole number >= {least}, got {short_repr(value)}")
     if most is not None and value > most:
-        raise ValueError(f"{name} must be at most {most}, got {shown(value)}")
+        raise ValueError(f"{name} must be at most {most}, got {short_repr(value)}")
     return int(value)
 
 
@@ -139,19 +139,19 @@ def as_list(value: Any, name: str) -> list[Any]:
             raise TypeError
         return list(value)
     except TypeError as error:
-        raise ValueError(f"{name} must be a list, got {shown(value)}") from error
+        raise ValueError(f"{name} must be a list, got {short_repr(value)}") from error
 
 
 def as_path(value: Any, name: str) -> Path:
     """Return `value` as a path; a ValueError where it is neither a string nor a path."""
     if not isinstance(value, (str, os.PathLike)) or not isinstance(os.fspath(value), str):
-        raise ValueError(f"{name} must be a path, a string or an os.PathLike; got {shown(value)}")
+        raise ValueError(f"{name} must be a path, a string or an os.PathLike; got {short_repr(value)}")
     return Path(value)
 
 
 def as_function(value: Any, name: str) -> Callable[..., Any]:
     """Return `value`; a ValueError where it cannot be called."""
     if not callable(value):
-        raise ValueError(f"{name} must be a function, got {shown(value)}")
+        raise ValueError(f"{name} must be a function, got {short_repr(value)}")
     found: Callable[..., Any] = value
     return found

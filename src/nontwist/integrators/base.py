@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Protocol, Self
 from ..errors import SimulationError, SimulationInterrupt, Status
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..loads import Load
 from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
@@ -94,7 +94,7 @@ class Integrator:
                 raise ValueError(reason)
             known = ", ".join(map(str, self.orders))
             why = f": {self.removed[order]}" if among(order, self.removed) else ""
-            raise ValueError(f"{self.name} has the order {known}; got order = {shown(order)}{why}")
+            raise ValueError(f"{self.name} has the order {known}; got order = {short_repr(order)}{why}")
 
     @classmethod
     def variants(cls) -> list[Self]:
@@ -212,7 +212,7 @@ class Integrator:
 def unregistrable(name: str, cls: type[Integrator]) -> str | None:
     """Return why a class cannot be an integrator of this name, and what to do; None if it can."""
     if not (isinstance(cls, type) and issubclass(cls, Integrator)):
-        return f"INTEGRATORS[{name!r}] must be a subclass of Integrator, got {shown(cls)}"
+        return f"INTEGRATORS[{name!r}] must be a subclass of Integrator, got {short_repr(cls)}"
     own = getattr(cls, "name", None)
     if own is None:
         return f"{cls.__name__} has no name: add name = {name!r} to it"

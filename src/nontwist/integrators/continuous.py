@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from ..geometry.arrays import Array, as_number
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..loads import Load
 from ..loads.base import forces_at, moment_at
 from ..loads.forces import DirectorForces
@@ -102,12 +102,12 @@ class Continuous(Integrator):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not among(self.method, tuple(TURNS)):
-            raise ValueError(f"method must be one of {', '.join(TURNS)}; got {shown(self.method)}")
+            raise ValueError(f"method must be one of {', '.join(TURNS)}; got {short_repr(self.method)}")
         if not among(self.form, ("split", "director")):
-            raise ValueError(f"form must be 'split' or 'director', got {shown(self.form)}")
+            raise ValueError(f"form must be 'split' or 'director', got {short_repr(self.form)}")
         for name in ("rtol", "atol"):
             if not 0 < as_number(getattr(self, name), name) < 1:
-                raise ValueError(f"{name} must be between 0 and 1, got {shown(getattr(self, name))}")
+                raise ValueError(f"{name} must be between 0 and 1, got {short_repr(getattr(self, name))}")
 
     @classmethod
     def variants(cls) -> list[Self]:
@@ -332,8 +332,10 @@ def _sizes(problem: IVP, form: Any) -> Array:
     if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
     moving = [momentum] * 4 if type(form) is _Split else [speed] * (form.size - 9)
-    turned = ([1.0] * 3 + [max(abs(problem.t_start), abs(problem.t_end))] * 3) * problem.load.drives
-    return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + turned)
+    velocity_integrals = ([1.0] * 3 + [max(abs(problem.t_start), abs(problem.t_end))] * 3) * problem.load.drives
+    return np.array(
+        [1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers + velocity_integrals
+    )
 
 
 def _limits(problem: IVP) -> Array:
@@ -348,5 +350,5 @@ def _march(problem: IVP, form: Any, y: Array, size: int, failure: Failure | None
     pairs = [form.velocities(row) for row in y]
     q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
     sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.stored_times[: len(y)])[:, None]
-    ends, turned = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
-    return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, turned)
+    ends, velocity_integrals = 4 + form.multipliers, sums[:, 4 + form.multipliers :] if problem.load.drives else None
+    return March(q, v, sums[:, 4:ends] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure, velocity_integrals)

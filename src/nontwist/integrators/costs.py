@@ -80,11 +80,11 @@ def unresolved(problem: IVP, order: int) -> str | None:
         return None
     h, kinks = np.array(grid.sizes), np.sort([grid.borders[0], *problem.load.breakpoints])
     since = grid.borders[:-1] - kinks[np.searchsorted(kinks, grid.borders[:-1], side="right") - 1]
-    lost = h[(h * rate > order) & (order * since < GONE * h)]
-    if not lost.size:
+    coarse = h[(h * rate > order) & (order * since < GONE * h)]
+    if not coarse.size:
         return None
     return (
-        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {lost.max():.6g} s does not "
+        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {coarse.max():.6g} s does not "
         f"resolve: energy does not rise, but those modes are wrong; try step <= {order / rate:.1g}, or none: a "
         "tolerance begins with steps as short"
     )
@@ -113,7 +113,7 @@ def slowest_damping(systems: SystemStack, load: Load, scale: Array = ONE) -> Arr
     """
     if not load.damping.any():
         return np.zeros(len(systems))
-    (basis, moments), turning = _axes(systems), _turning(systems)
+    (basis, moments), turning = _body_axes(systems), _free_axes(systems)
     basis, root = basis[:, :, turning], np.sqrt(moments[:, turning])
     C = basis.mT @ ((load.damping + load.damping.T) / 2) @ basis / (root[:, :, None] * root[:, None, :])
     return np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
@@ -159,8 +159,8 @@ def largest_velocity(
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
-    basis, moments = axes = _axes(systems)
-    smallest = moments[:, _turning(systems)].min(axis=1)
+    basis, moments = axes = _body_axes(systems)
+    smallest = moments[:, _free_axes(systems)].min(axis=1)
     impulse, largest = 0.0, 0.0
     if load.terms:
         span, samples = t_end - t_start, 2000
@@ -183,7 +183,7 @@ def largest_velocity(
     energy = root**2 + 4 * _pull(systems, load, scale)
     slowest = slowest_damping(systems, load, scale)
     if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
-        driven = np.linalg.norm((_pulls(systems, basis) / np.sqrt(moments))[:, _turning(systems)], axis=1)
+        driven = np.linalg.norm((_pulls(systems, basis) / np.sqrt(moments))[:, _free_axes(systems)], axis=1)
         driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
@@ -218,9 +218,9 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
 
     Damped at the rate ρ > 2ω, ``x'' + ρ x' + ω² x = 0`` does not swing but creeps, at ω²/(ρ/2 + sqrt(ρ²/4 - ω²)).
     """
-    basis, moments = _axes(systems)
+    basis, moments = _body_axes(systems)
     pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
-    turning = _turning(systems)
+    turning = _free_axes(systems)
     squares = pulls[:, turning] / moments[:, turning]
     half = slowest_damping(systems, load, scale)[:, None] / 2
     rates = np.where(half**2 > squares, half + np.sqrt(np.maximum(half**2 - squares, 0.0)), np.sqrt(squares))
@@ -244,7 +244,7 @@ def gyration_rate(systems: SystemStack, load: Load, t_start: float, t_end: float
     return float(abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(across, J.shape)))).max())
 
 
-def _axes(systems: SystemStack) -> tuple[Array, Array]:
+def _body_axes(systems: SystemStack) -> tuple[Array, Array]:
     """Return the axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
     return _axes_of_one(systems) if len(systems) == 1 else _axes_of(systems)
 
@@ -258,7 +258,7 @@ def _axes_of(systems: SystemStack) -> tuple[Array, Array]:
 _axes_of_one = lru_cache(maxsize=64)(_axes_of)
 
 
-def _turning(systems: SystemStack) -> slice:
+def _free_axes(systems: SystemStack) -> slice:
     """Return which axes the bodies can turn about: a constrained one is the last."""
     return slice(None if systems.axis is None else 2)
 

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.records import BODY, SUMS, Parts, pack, side_by_side, spans, views
+from ..engine.records import BODY, SUMS, Parts, pack, side_by_side, slab_layout, views
 from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
-from ..loads.base import with_moments
+from ..loads.base import tables_as_moments
 from ..loads.potentials import Potential
 from ..loads.terms import Damping, Momentum
 from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
-from .expansion import APART, RUN, kernel_of
+from .expansion import LARGEST_MISMATCH, RUN, output_kernel
 from .marching import PreparedMarch, intervals_in, states_in
 from .members import PerThread
 from .problem import IVP
@@ -75,7 +75,7 @@ class Dense:
             "lengths": length / unit,
             "times": np.stack([self._steps[0], self._steps[0] + length], axis=1),
             "outputs": np.append(first, len(number)),
-            "places": np.flatnonzero(is_inside)[first],
+            "first_rows": np.flatnonzero(is_inside)[first],
             "parts": np.append(t / length[np.searchsorted(step, number)], np.ones(machine_code.lanes())),
             "rows": np.searchsorted(nodes, node),
             "inside": is_inside.astype(np.int64),
@@ -83,7 +83,7 @@ class Dense:
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
         self._counts = {"nodes": len(nodes), "output_count": len(node), "last": m, **strides}
-        self._kernel = kernel_of(parts_between(march))
+        self._kernel = output_kernel(parts_between(march))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
         """Return the arrays of outputs and how many are good, given how many nodes are; None where these are apart.
@@ -116,23 +116,29 @@ class Between:
     def __init__(
         self, dense: Dense, nodes: dict[str, Array], found: NDArray[np.int64], good: NDArray[np.int64], **changes: Array
     ) -> None:
-        self._kernel, self._apart = dense._kernel, np.zeros(len(good))
-        self.arrays, places = side_by_side(**dense.shapes)
+        self._kernel, self._mismatch = dense._kernel, np.zeros(len(good))
+        self.arrays, array_addresses = side_by_side(**dense.shapes)
         known = dense._arrays | changes
         steps_taken = np.searchsorted(known["begin"] + 1, found)
         march, (begin, length), n = dense.march, dense._steps, int(steps_taken.max())
         loads, degree = polynomials(march.load, march.parts, begin[:n], length[:n], march.unit)
         row, self._keepalive = np.zeros(RUN.size, dtype=np.int64), (known, steps_taken, good, nodes, loads)
-        pack(row, RUN, **dense._counts, **known, steps_taken=steps_taken, good=good, apart=self._apart)
+        pack(row, RUN, **dense._counts, **known, steps_taken=steps_taken, good=good, mismatch=self._mismatch)
         pack(row, RUN, polynomials=loads, degree=degree)
         pack(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
-        pack(row, RUN, quaternions=places["quaternions"], velocities=places["velocities"], sums=places["intervals"])
+        pack(
+            row,
+            RUN,
+            quaternions=array_addresses["quaternions"],
+            velocities=array_addresses["velocities"],
+            sums=array_addresses["intervals"],
+        )
         self._row, self._address = row, row.ctypes.data
 
     def find(self) -> bool:
         """Find them; return whether the nodes lie on one trajectory."""
         self._kernel(self._address)
-        return not (self._apart > APART).any()
+        return not (self._mismatch > LARGEST_MISMATCH).any()
 
 
 def between(scheme: Compiled, problem: IVP, states: States) -> States | None:
@@ -155,7 +161,7 @@ class PreparedDense:
 
     def __init__(self, problem: IVP, dense: Dense) -> None:
         self._problem, self._dense, self._march = problem, dense, PreparedMarch(dense.march)
-        self._unit, self._spans = float(dense.march.bodies[0, BODY.unit]), spans(dense.shapes)
+        self._unit, self._slab = float(dense.march.bodies[0, BODY.unit]), slab_layout(dense.shapes)
         self._threads = PerThread(self._workspace)
 
     @cached_property
@@ -184,15 +190,15 @@ class PreparedDense:
         nodes, memory, start = found
         if memory is None:
             return self._substeps.read(nodes)
-        states = states_in(views(memory, self._spans), self._dense.skipped).part(0)
+        states = states_in(views(memory, self._slab), self._dense.skipped).part(0)
         return {"states": states, "_read": lambda: self._summing.sums(self._summing(*start)[0])}
 
     def sums(self, found: Any) -> dict[str, Any]:
         """Return what a call has found beside the states."""
         nodes, memory, _ = found
         march = self._dense.march
-        means = intervals_in(march, views(memory, self._spans), self._dense.skipped).of_one
-        return means | {"memory": nodes[march.spans["states"][0]] * march.factors[0]}
+        means = intervals_in(march, views(memory, self._slab), self._dense.skipped).of_one
+        return means | {"memory": nodes[march.slab["states"][0]] * march.factors[0]}
 
     def _workspace(self) -> tuple[Array, Array, Array, Between]:
         """Return memory for one thread: states at nodes, the factor of the load, outputs, what finds them."""
@@ -234,5 +240,5 @@ def can_expand(systems: SystemStack, load: Load) -> bool:
         or isinstance(term, Damping | Momentum)
         or (isinstance(term, Wheel) and term.is_driven)
         or (isinstance(term, Potential) and term.dead_force is not None)
-        for term in with_moments(load).terms
+        for term in tables_as_moments(load).terms
     )

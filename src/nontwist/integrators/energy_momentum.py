@@ -94,7 +94,7 @@ from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
@@ -159,7 +159,7 @@ class EnergyMomentum(Dissipative):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not among(self.moments, MOMENTS):
-            raise ValueError(f"moments must be 'paper' or 'exact', got {shown(self.moments)}")
+            raise ValueError(f"moments must be 'paper' or 'exact', got {short_repr(self.moments)}")
 
     def refusal(self, problem: IVP) -> str | None:
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
@@ -222,10 +222,10 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     Om = W + y
     a = f * Om
     s = shrinking(a)
-    Y = rows_of(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
+    Y = velocity_rows(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
     if parts.dissipates:
         gammas = gammas_at(start, Om, next_lengths(*plain((f, chi, W, N, Om))))
-        Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
+        Y = Y + Matrix(*(g * row for g, row in zip(gammas, velocity_rows(Om), strict=True)))
     Mt = twice_mean_transposed(s, a)
     X = Matrix(*(Mt @ row for row in Y))
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
@@ -241,7 +241,7 @@ def shrinking(a: Vector) -> Any:
     return 1.0 / (1.0 + a @ a)
 
 
-def rows_of(W: Vector) -> Matrix:
+def velocity_rows(W: Vector) -> Matrix:
     """Return the rows W × e_i."""
     return Matrix((0.0, W[2], -W[1]), (-W[2], 0.0, W[0]), (W[1], -W[0], 0.0))
 
@@ -252,7 +252,7 @@ def symmetric_part(X: Matrix) -> Symmetric:
     return Symmetric(X[0][0], X[1][1], X[2][2], yz, xz, xy)
 
 
-def combined(body: Body, X: Matrix) -> Matrix:
+def apply_euler_inertia(body: Body, X: Matrix) -> Matrix:
     """Return the rows Σ E_ij X_j."""
     (b0, b1), (e0, e1, e2), c = body.off, body.E, body.coupling
     rows = Matrix(fma(e0, X[0], -b0 * X[2]), fma(e1, X[1], -b1 * X[2]), fma(e2, X[2], -fma(b0, X[0], b1 * X[1])))
@@ -265,7 +265,7 @@ def combined(body: Body, X: Matrix) -> Matrix:
 def without_loads(start: Start) -> tuple[Matrix, Vector]:
     """Return K and k of ``r(y) = K y + k`` without loads and dissipation."""
     f, body, W, N, _ = start
-    EN, J = combined(body, N), body.inertia
+    EN, J = apply_euler_inertia(body, N), body.inertia
     turned = Matrix(*(cross(W, column) for column in body.euler_inertia)).T  # Ŵ E, E symmetric
     rate, tau = -(turned + EN.T), EN.trace
     rate = Matrix(*(Vector(*(x + tau if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rate)))
@@ -281,7 +281,7 @@ def residual(
     if loads.damping is not None:
         own = sum_of(own, -(shrinking(a) * (loads.damping @ Om)))
     if own is not None or m is not None:
-        r = r - f * moments(a, own, m, is_exact)
+        r = r - f * moment_terms(a, own, m, is_exact)
     if loads.dead is not None:
         F = loads.dead
         r = r - f * (first_moment(F) - (F.trace * a - a @ F))
@@ -302,7 +302,7 @@ def affine(K: Matrix, y: Vector, k: Vector) -> Vector:
     return k
 
 
-def moments(a: Vector, own: Any, m: Any, is_exact: bool) -> Vector:
+def moment_terms(a: Vector, own: Any, m: Any, is_exact: bool) -> Vector:
     """Return what moments give to G: `own` along the mean directors, m at the beginning of the step."""
     total, acts = sum_of(own, m), sum_of(own, None if m is None else m - cross(a, m))
     if is_exact:
@@ -330,8 +330,8 @@ def multipliers(
 ) -> Step:
     """Return the step with multipliers, moments and work: λ and μ of the rows L_i."""
     parts, body, f, Om, moment = nodes.parts, start.body, start.f, (1.0 / start.f) * a, None
-    V = rows_of(start.W) + start.N
-    L = (-1.0 / f) * combined(body, Y + Matrix(*(cross(a, v) for v in V)))
+    V = velocity_rows(start.W) + start.N
+    L = (-1.0 / f) * apply_euler_inertia(body, Y + Matrix(*(cross(a, v) for v in V)))
     m = of_load = loads.space
     if parts.calls:
         state_moment = loads.functions.moment(a, s * Om)
@@ -368,8 +368,8 @@ def pair(s: Any, a: Vector, m: Vector) -> Vector:
 def directors_of(f: Any, W: Vector, N: Matrix, Om: Vector) -> list[tuple[Vector, Any, Vector]]:
     """Return for each director V, |V| and M (Ω × e_i)."""
     a = f * Om
-    V, s = rows_of(W) + N, shrinking(a)
-    return [(v, sqrt(v @ v), s * (u + cross(a, u))) for u, v in zip(rows_of(Om), V, strict=True)]
+    V, s = velocity_rows(W) + N, shrinking(a)
+    return [(v, sqrt(v @ v), s * (u + cross(a, u))) for u, v in zip(velocity_rows(Om), V, strict=True)]
 
 
 def gain(chi: Any, v: Any, p: Any) -> tuple[Any, Any]:

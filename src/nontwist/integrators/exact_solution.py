@@ -22,19 +22,19 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
 from ..exact import loaded_body
-from ..exact.free_bodies import TOO_FAR, free_members, turns
+from ..exact.free_bodies import TOO_FAR, free_members, rotations_about
 from ..exact.free_constants import OK
 from ..exact.gyrostats import gyrostat_motion
 from ..geometry.arrays import Array, cross, sum_of_squares
-from ..geometry.attitudes import States, attitudes, director_velocities, product, without_jumps
+from ..geometry.attitudes import States, attitudes, director_velocities, quaternion_product, without_jumps
 from ..loads import Load
-from ..loads.base import with_moments as moments_of
+from ..loads.base import tables_as_moments
 from ..models.stack import SystemStack, is_principal
 from ..models.system import DirectorSystem
 from .base import Integrator
 from .costs import Cost
 from .members import PerThread, in_threads, one_by_one, outcome_of, progress
-from .problem import IVP, Intervals, March, Outcome, scratch
+from .problem import IVP, Intervals, March, Outcome, empty_outcome
 
 BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal
@@ -76,7 +76,7 @@ class Exact(Integrator):
         """Evaluate the solutions at the output times; under a load, one body after the other."""
         if (m := len(problem)) == 1:
             problem = problem.member(0)
-        problem = with_moments(problem)
+        problem = with_tables_as_moments(problem)
         self.require(problem)
         systems, load, times = problem.systems, problem.load, problem.stored_times
         is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
@@ -84,7 +84,7 @@ class Exact(Integrator):
             if m > 1:
                 return one_by_one(self.march, problem, threads)
             return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
-        out, since = scratch(problem), times - problem.t_start
+        out, since = empty_outcome(problem), times - problem.t_start
         place = int(since[0] == 0.0)  # the start is there already
         since = since[place:].copy()
 
@@ -109,7 +109,7 @@ class Exact(Integrator):
 
     def refusal(self, problem: IVP) -> str | None:
         """Return why there is no closed-form solution, as far as that is quick to decide."""
-        systems, load = problem.systems, with_moments(problem).load
+        systems, load = problem.systems, with_tables_as_moments(problem).load
         if load.rotors and not _is_gyrostat(problem):
             return _no_solution(ROTORS)
         if systems.spin is not None:
@@ -130,22 +130,22 @@ class Exact(Integrator):
             return None
         if reason := _unsolved(systems[0], load):
             return reason
-        motion = _turning(systems[0], problem.velocity[0], loaded_body.unrefined(load, edges[:-1], edges[1:]))[-1]
+        motion = _in_axis_frame(systems[0], problem.velocity[0], loaded_body.unrefined(load, edges[:-1], edges[1:]))[-1]
         return _no_solution(MOVING) if motion is None else loaded_body.too_many(load, problem.stored_times)
 
     def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`."""
-        load, pieces = with_moments(problem).load, 0
+        load, pieces = with_tables_as_moments(problem).load, 0
         if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
-            waves = loaded_body.halved_pieces(load, problem.t_start, problem.t_end)
+            waves = loaded_body.expected_pieces(load, problem.t_start, problem.t_end)
             pieces = states + len(load.breakpoints) + int(min(waves, loaded_body.MOST))
         own = GYROSTAT_NS if load.rotors else 0
         return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
 
-def with_moments(problem: IVP) -> IVP:
+def with_tables_as_moments(problem: IVP) -> IVP:
     """Return a problem with the moments of tables of forces along the directors in their place."""
-    load = moments_of(problem.load)
+    load = tables_as_moments(problem.load)
     return problem if load == problem.load else replace(problem, load=load)
 
 
@@ -240,15 +240,15 @@ def _acts(load: Load, edges: Array) -> bool:
     return False
 
 
-def _turning(
+def _in_axis_frame(
     system: DirectorSystem, W: Array, pieces: loaded_body.Pieces
-) -> tuple[Array, Array, loaded_body.Pieces, loaded_body.Turning | None]:
+) -> tuple[Array, Array, loaded_body.Pieces, loaded_body.AxialRotation | None]:
     """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
     assert system.axis is not None
     V = bases_of(system.axis[None])[0].T
     J = V @ system.convected_inertia @ V.T
     pieces = pieces._replace(moment=pieces.moment @ V.T)
-    return V, J, pieces, loaded_body.turning(J, J @ (V @ W), pieces)
+    return V, J, pieces, loaded_body.axial_rotation(J, J @ (V @ W), pieces)
 
 
 def _loaded(problem: IVP) -> March:
@@ -259,24 +259,24 @@ def _loaded(problem: IVP) -> March:
     R, W = attitudes(problem.quaternion[0]), problem.velocity[0]
     W = W - (system.axis @ W) * system.axis
     pieces = loaded_body.pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
-    V, J, pieces, motion = _turning(system, W, pieces)
+    V, J, pieces, motion = _in_axis_frame(system, W, pieces)
     if motion is None:
         raise ValueError(_no_solution(MOVING))
     at = np.searchsorted(np.append(pieces.a, pieces.b[-1]), times)
-    q = turns(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
+    q = rotations_about(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
     v = director_velocities(q, np.outer(motion.rate[at], motion.axis @ V), None)
     return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
 
 
 def _gyrostat(problem: IVP) -> Outcome:
     """Return the motion of a standard body with rotors of constant momentum; they act with -(Λ c)'."""
-    out, times = scratch(problem), problem.stored_times
+    out, times = empty_outcome(problem), problem.stored_times
     place = int(times[0] == problem.t_start)
     c = problem.load.rotor_momentum(times[:1])[0]
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
     start = problem.quaternion
     p, velocity, *_ = out.states
-    p[0, place:], velocity[0, place:] = product(start, turn), W
+    p[0, place:], velocity[0, place:] = quaternion_product(start, turn), W
     p[0] = without_jumps(np.concatenate([start, p[0]]))[1:]
     if not problem.intervals:
         return out
@@ -287,12 +287,17 @@ def _gyrostat(problem: IVP) -> Outcome:
 
 
 def _means(
-    J: Array, R: Array, pieces: loaded_body.Pieces, motion: loaded_body.Turning, at: NDArray[np.intp], times: Array
+    J: Array,
+    R: Array,
+    pieces: loaded_body.Pieces,
+    motion: loaded_body.AxialRotation,
+    at: NDArray[np.intp],
+    times: Array,
 ) -> tuple[Array, Array, Array]:
     """Return the means of μ and of the spatial moment and the work, between the output times."""
     half, weights = (pieces.b - pieces.a) / 2, loaded_body.gauss()[1]
     shape = motion.angle_inside.shape
-    inside = turns(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
+    inside = rotations_about(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
     m = np.einsum("pnab,pnb->pna", inside, pieces.moment)
     mu = motion.rate_inside**2 * np.cross(J @ motion.axis, motion.axis)[2] + pieces.moment[..., 2]
     power = motion.rate_inside * (pieces.moment @ motion.axis)

@@ -8,9 +8,9 @@ error of the step itself puts them apart, by d in its middle. In between the sta
     x(τ) = a(τ) + w(τ) (b(1 - τ) - a(τ)),        w = τ⁴ (35 - 84 τ + 70 τ² - 20 τ³),
 
 with three continuous derivatives. An invariant is the same along a and b, so along x it is off by d² times its second
-derivative; d up to `APART` is taken, otherwise the integrator takes substeps. The quaternion is normalised. The sums
-over a whole step are those that the scheme has found, so the balances of a run hold between outputs as they do between
-nodes. As ``1 - w`` is small where a(τ) converges last, coefficients of the size `LAST` are left out.
+derivative; d up to `LARGEST_MISMATCH` is taken, otherwise the integrator takes substeps. The quaternion is normalised.
+The sums over a whole step are those that the scheme has found, so the balances of a run hold between outputs as they do
+between nodes. As ``1 - w`` is small where a(τ) converges last, coefficients of the size `LAST` are left out.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from functools import lru_cache, reduce
 from math import inf
 from typing import Any, NamedTuple
 
-from ..engine.records import SUMS, Body, Parts, Sums, places
+from ..engine.records import SUMS, Body, Parts, Sums, offsets_of
 from ..engine.sampling import Nodes
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
@@ -33,7 +33,7 @@ from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_o
 from .gauss_stages import VECTORS, Equations, Now, StageLoads
 
 FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
-LAST, APART, TINY = 2e-12, 1e-7, 1e-300
+LAST, LARGEST_MISMATCH, TINY = 2e-12, 1e-7, 1e-300
 STATE = 7  # numbers of P and p
 UNTIMED = tuple(range(SUMS.work, SUMS.iterations))  # of which a sum is no mean
 
@@ -56,7 +56,7 @@ class Run(NamedTuple):
     begin: Wholes  # (steps,) the node at which each step begins
     lengths: Doubles  # (steps,) in units of time
     outputs: Wholes  # (steps + 1,) number of the first output inside
-    places: Wholes  # (steps,) its row
+    first_rows: Wholes  # (steps,) its row
     parts: Doubles  # τ of the outputs inside
     polynomials: Doubles  # (steps, 2, vectors, 3, degree) loads as polynomials from both ends
     degree: int
@@ -70,10 +70,10 @@ class Run(NamedTuple):
     quaternions: Doubles  # (m, outputs, 4)
     velocities: Doubles  # (m, outputs, 3)
     sums: Doubles  # (m, outputs - 1, `Sums`)
-    apart: Doubles  # (m,) the largest d
+    mismatch: Doubles  # (m,) the largest d
 
 
-RUN = places(Run)
+RUN = offsets_of(Run)
 
 
 class AtEnds(Nodes):
@@ -88,7 +88,7 @@ def vectors_of(parts: Parts) -> int:
     return parts.moving + parts.space + 2 * parts.rotor
 
 
-def summed(parts: Parts) -> list[str]:
+def summed_fields(parts: Parts) -> list[str]:
     """Return what is summed, and is not 0."""
     has_moment = parts.moving or parts.space or parts.rotor or parts.damping
     is_made = {
@@ -96,8 +96,8 @@ def summed(parts: Parts) -> list[str]:
         "moment": has_moment,
         "dead": parts.is_constrained and parts.dead,
         "work": has_moment,
-        "turned": parts.turns,
-        "late": parts.turns,
+        "velocity_integral": parts.integrates_velocity,
+        "velocity_moment": parts.integrates_velocity,
         "twist": True,
     }
     return [name for name, is_there in is_made.items() if is_there and parts.reports]
@@ -105,19 +105,19 @@ def summed(parts: Parts) -> list[str]:
 
 def sums_of(parts: Parts) -> list[int]:
     """Return the places in `Sums` of what is summed."""
-    return [fields(Sums)[name].place + k for name in summed(parts) for k in range(fields(Sums)[name].size)]
+    return [fields(Sums)[name].offset + k for name in summed_fields(parts) for k in range(fields(Sums)[name].size)]
 
 
 @lru_cache
-def kernel_of(parts: Parts) -> Kernel:
+def output_kernel(parts: Parts) -> Kernel:
     """Return the kernel that finds the outputs of members."""
 
     def kernel(address: Any) -> None:
         run = View(Run, doubles(address))
         for i in loop(run.first, run.last):
-            run.apart[i] = 0.0
+            run.mismatch[i] = 0.0
             for first in loop(0, run.steps_taken[i], lanes_of_text()):
-                fill(parts, run, i, first)
+                find_outputs(parts, run, i, first)
             join(parts, run, i)
 
     return Kernel(kernel, "i8")
@@ -166,13 +166,13 @@ class Expansion:
         self.unknowns = [self.recurrence.unknown() for _ in range(STATE + len(sums_of(parts)))]
         self.rows = [self.recurrence.unknown() for _ in range(3 * VECTORS[parts.motion])]
         self.polynomials = [allocate(MOST * lanes) for _ in range(3 * vectors_of(parts))]
-        self.clock = allocate(MOST * lanes if parts.turns else 0)
+        self.clock = allocate(MOST * lanes if parts.integrates_velocity else 0)
         self.length, self._start = allocate(lanes), allocate(len(self.unknowns) * lanes)
 
     def read_ends(self, first: Any) -> None:
         """Take what is known at the ends of steps, as many as there are lanes; the last one again and again."""
         run, i, lanes, body, start = self.run, self.i, self.lanes, self.body, self._start
-        for memory in (*self.polynomials, *[self.clock][: self.parts.turns]):
+        for memory in (*self.polynomials, *[self.clock][: self.parts.integrates_velocity]):
             for k in loop(MOST * lanes):
                 memory[k] = 0.0
         for l in loop(lanes):
@@ -185,7 +185,7 @@ class Expansion:
             for c, x in enumerate([*numbers, *(select(self.side == 0, 0.0, x) for x in sums)]):
                 start[c * lanes + l] = x
             self.length[l] = select(self.side == 0, length, -length)
-            if self.parts.turns:
+            if self.parts.integrates_velocity:
                 second = self.length[l] / run.rate[0]
                 self.clock[l], self.clock[lanes + l] = run.times[2 * step + self.side], second
             for c, memory in enumerate(self.polynomials):
@@ -195,8 +195,8 @@ class Expansion:
         x, y, z, w, *more = (start.load(c * lanes, lanes) for c in range(len(self.unknowns)))
         q = Quaternion(w, x, y, z) @ body.frame
         P = body.momentum_of((1.0 / run.rate[0]) * (Vector(*more[:3]) @ body.basis))
-        held = select(body.k[2] == 0.0, 0.0, P[2])
-        for one, at in zip(self.unknowns, (P[0], P[1], held, *q, *more[3:]), strict=True):
+        third = select(body.k[2] == 0.0, 0.0, P[2])
+        for one, at in zip(self.unknowns, (P[0], P[1], third, *q, *more[3:]), strict=True):
             one.set_coefficient(0, at)
         for one, at in zip(self.rows, (x for v in self.equations().start for x in v), strict=True):
             one.set_coefficient(0, at + 0.0 * w)
@@ -238,27 +238,27 @@ class Expansion:
 
     def sum_rates(self, now: Now, p: Quaternion, space: Any) -> list[Any]:
         """Return the rates of the sums: μ, the moment and that of dead forces in space, work, W, t W and twist."""
-        body, parts, found, names = self.body, self.parts, list[Any](), summed(self.parts)
+        body, parts, found, names = self.body, self.parts, list[Any](), summed_fields(self.parts)
         (b0, b1), k = body.off, body.k
         if "mu" in names:
             found.append(now.torque[2] - (b0 * k[0]) * now.rate[0] - (b1 * k[1]) * now.rate[1])
         if "moment" in names:
-            found += sum_of(None if now.own is None else p.turned(now.own), space)
+            found += sum_of(None if now.own is None else p.rotate(now.own), space)
         if "dead" in names:
-            found += p.turned(now.still)
+            found += p.rotate(now.still)
         if "work" in names:
             found.append(sum_of(*(None if x is None else now.W @ x for x in (now.own, now.push))))
         if not parts.reports:
             return []
-        turning = body.basis @ now.W if parts.turns else ()
-        late = [Stored(self.recurrence, self.clock) * x for x in turning]
-        return [*(body.unit * x for x in found), *turning, *late, body.axis @ now.W]
+        turning = body.basis @ now.W if parts.integrates_velocity else ()
+        velocity_moment = [Stored(self.recurrence, self.clock) * x for x in turning]
+        return [*(body.unit * x for x in found), *turning, *velocity_moment, body.axis @ now.W]
 
 
-def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
+def find_outputs(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
-    arena, own, (signs, apart, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    arena, own, (signs, mismatch, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
     enough = enough.shifted(0, True)
     for _ in range(count):
         arena(MOST * lanes)
@@ -288,9 +288,9 @@ def fill(parts: Parts, run: View, i: Any, first: Any) -> None:
     d = [x - y for x, y in zip(a, (*b[:3], *(sign * y for y in b[3:])), strict=True)]
     off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
     signs.store(0, sign, lanes)
-    apart.store(0, select(off <= inf, off, inf), lanes)
+    mismatch.store(0, select(off <= inf, off, inf), lanes)
     for l in loop(smaller(run.steps_taken[i] - first, lanes)):
-        run.apart[i] = larger(run.apart[i], select(enough[l] == 0, inf, apart[l]))
+        run.mismatch[i] = larger(run.mismatch[i], select(enough[l] == 0, inf, mismatch[l]))
         for c, each in enumerate([*series[0], *series[1]]):
             for n in loop(enough[l]):
                 own[c * MOST + n] = each[n * lanes + l]
@@ -340,7 +340,7 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         for c, y in enumerate((*q.vector, q[0], *W, *x[STATE:])):
             out.store(c * lanes, y, lanes)
         for l in loop(smaller(end - number, lanes)):
-            row = i * run.output_count + run.places[step] + (number - begin) + l
+            row = i * run.output_count + run.first_rows[step] + (number - begin) + l
             target, found = run.sums.shifted((row - i - 1) * SUMS.size), tuple(out[c * lanes + l] for c in range(count))
             put(run.quaternions, found[:4], 4 * row)
             put(run.velocities, found[4:STATE], 3 * row)

@@ -64,7 +64,7 @@ steps have let them decay before, as those of a tolerance do.
 
 Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
 iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
-(`turned_on`). Energy and momentum change like the root of the number of steps.
+(`turned_and_normalised`). Energy and momentum change like the root of the number of steps.
 The first guess extrapolates the last step; its increments belong to the state that a run leaves, so that a run that
 resumes has the same bits.
 """
@@ -81,7 +81,7 @@ import numpy as np
 
 from ..engine.generalised import STAGE
 from ..engine.known_steps import Wanted
-from ..engine.marching import PI, Step, Text, turned_on
+from ..engine.marching import PI, Step, Text, turned_and_normalised
 from ..engine.records import Parts, State
 from ..engine.sampling import Nodes
 from ..engine.workspace import integrate, observe_at
@@ -98,7 +98,7 @@ from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, iterated, rows_of
+from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, axes_at, iterated
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -207,10 +207,10 @@ class Gauss(Compiled):
     @property
     def needs(self) -> Needs:
         """What a march has to have: increments of the last step, memory of stages and of systems of equations."""
-        return Needs(STAGE, table(self.order), COMPONENTS * self.nodes, scratch_of)
+        return Needs(STAGE, table(self.order), COMPONENTS * self.nodes, scratch_sizes)
 
 
-def scratch_of(internal: int) -> tuple[int, int]:
+def scratch_sizes(internal: int) -> tuple[int, int]:
     """Return the numbers of stages of a body with so many internal states, and of Newton's iteration."""
     side, m = 3 * WIDTH, unknowns(internal) * WIDTH
     newton = side * (2 * side + 3) + 2 * m * (m + 1) + WIDTH + (7 + internal) * (9 + internal)
@@ -267,16 +267,16 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_compensation = compensated(P, state.compensation, dP)
     if e.has_rows:
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
+        cosm1, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
     elif motion == "moved":
-        turned = rows_of_turn(y, nodes, alive)
-        less, w = quaternion_of(Matrix(*(y.total(name) for name in turned.names)))
+        turn_equations = rows_of_turn(y, nodes, alive)
+        cosm1, w = quaternion_of(Matrix(*(y.total(name) for name in turn_equations.names)))
     elif motion == "heavy":
-        less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
+        cosm1, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:
         f = select(P @ P > FAINT, 1.0 / (sqrt(P @ P) + TINY), 0.0)
-        less, w = about_a_line(y, h, "P", P, next_P, f)
-    p, c, gap = turned_on(state.p, state.c, less, w)
+        cosm1, w = about_a_line(y, h, "P", P, next_P, f)
+    p, c, gap = turned_and_normalised(state.p, state.c, cosm1, w)
     if e.orbit is not None:
         n, o = nodes.orbit
         half = 0.5 * n * h
@@ -296,9 +296,9 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     if parts.spin:
         mu = mu - dP[2]
     found = found._replace(mu=mu / h, twist=body.axis @ turn)
-    if parts.turns:
-        late = sum_of(*(nodes.time(j) * y.one(j).angle for j in range(s)))
-        found = found._replace(turned=turn, late=late)
+    if parts.integrates_velocity:
+        velocity_moment = sum_of(*(nodes.time(j) * y.one(j).angle for j in range(s)))
+        found = found._replace(velocity_integral=turn, velocity_moment=velocity_moment)
     return with_means(e, y, alive, motion, found, work)
 
 
@@ -315,14 +315,14 @@ def with_means(e: Equations, y: Stages, alive: Any, motion: str, found: Step, wo
         total = Variables(m=0.0 * e.P)
         for j in loop(y.number):
             stage = y.one(j)
-            total.m = total.m + y.table[TABLE.weights + j] * moment(stage, rows_of(stage))
+            total.m = total.m + y.table[TABLE.weights + j] * moment(stage, axes_at(stage))
         return R @ total.m
 
     if has_own or has_push:
 
         def moment(stage: View, C: Matrix) -> Vector:
             own, space = C @ stage.own if has_own else None, stage.space if has_push and parts.space else None
-            return sum_of(own, space, stage.called if has_push and parts.calls else None)
+            return sum_of(own, space, stage.of_functions if has_push and parts.calls else None)
 
         found = found._replace(moment=mean(moment), work=work)
     if has_dead:
@@ -353,7 +353,7 @@ def observe_stages(nodes: Nodes, y: Stages) -> None:
         for j in range(y.number):
             work = work + table[TABLE.mu + WIDTH * j + i] * y.one(j).sum[1]
         x.observed.work, x.velocity = work, y.one(i).W
-        observe_at(x, False, nodes.R @ rows_of(y.one(i)))
+        observe_at(x, False, nodes.R @ axes_at(y.one(i)))
         integrate(x, nodes.h * table[TABLE.weights + i])
     x.observed.work = before
 
@@ -411,8 +411,8 @@ def arc(angle: Vector, g: Vector, r: Vector) -> Any:
 
 def turned_about(r: Vector, psi: Any, g0: Vector, g1: Vector) -> Quaternion:
     """Return the quaternion of C, of any length."""
-    less, sine = half_angle(psi)
-    return smallest(g0, r, -1.0) @ Quaternion(1.0 + less, *(sine * r)) @ smallest(g1, r, 1.0)
+    cosm1, sine = half_angle(psi)
+    return smallest(g0, r, -1.0) @ Quaternion(1.0 + cosm1, *(sine * r)) @ smallest(g1, r, 1.0)
 
 
 def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
@@ -424,15 +424,15 @@ def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
 def about(turn: Vector) -> tuple[Any, Vector]:
     """Return (c - 1, v) of the quaternion (c, v) that turns by a rotation vector."""
     angle = sqrt(turn @ turn)
-    less, sine = half_angle(angle)
-    return less, select(angle > SLIGHT, sine / (angle + TINY), 0.5) * turn
+    cosm1, sine = half_angle(angle)
+    return cosm1, select(angle > SLIGHT, sine / (angle + TINY), 0.5) * turn
 
 
 def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
     """Take a step of a body whose momentum stands still."""
     h, P, W = nodes.h, state.s, nodes.body.k * state.s
     zero, turn, far_turn = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
-    p, c, gap = turned_on(state.p, state.c, *about(turn))
+    p, c, gap = turned_and_normalised(state.p, state.c, *about(turn))
     never, far = zero > 1.0, far_turn > 0.5 * PI * (y.number + 1.0)
     after = state._replace(p=p, c=c, auxiliary=(zero,))
     found = Step(after, never, far, select(far_turn <= OVERFLOW, gap, far_turn), zero, zero, turn=far_turn)
@@ -440,9 +440,9 @@ def steady_step(nodes: Nodes, state: State, y: Stages) -> Step:
         return found
     if nodes.parts.observes:
         for j in loop(y.number):
-            less, v = about(h * y.table[TABLE.nodes + j] * W)
+            cosm1, v = about(h * y.table[TABLE.nodes + j] * W)
             stage = y.one(j)
-            stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + less, *v))
+            stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + cosm1, *v))
             stage.W, stage.sum = W, 0.0 * W
         observe_stages(nodes, y)
     return found._replace(mu=cross(P, W)[2], twist=nodes.body.axis @ turn)

@@ -27,7 +27,17 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from ..engine.known_steps import LANES, NODAL, Calls, Directions, Known, Step, Steps, Wanted, columns_of
+from ..engine.known_steps import (
+    LANES,
+    NODAL,
+    Directions,
+    FunctionCalls,
+    Known,
+    KnownStep,
+    Steps,
+    Wanted,
+    column_offsets,
+)
 from ..engine.linearised import read_ends, read_loads
 from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Body, Parts
@@ -65,9 +75,9 @@ def scratches(s: int, columns: int) -> dict[str, int]:
     }
 
 
-def scratch_of(s: int, columns: int, slopes: int) -> int:
+def scratch_size(s: int, columns: int, slopes: int) -> int:
     """Return how many numbers of a lane a kernel needs; `slopes`: those of functions of the state at a node."""
-    return s * (size_of(Step) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
+    return s * (size_of(KnownStep) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
 
 
 @lru_cache
@@ -94,10 +104,10 @@ class Collocation:
 
     def __init__(self, s: int, motion: str, parts: Parts, wanted: Wanted, b: View, body: Body) -> None:
         self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, dict(wanted), b, body
-        self.columns, n, self.table = columns_of(6, wanted, s), parts.lanes, b.table
-        self.calls = Calls(parts, b, self.wanted)
+        self.columns, n, self.table = column_offsets(6, wanted, s), parts.lanes, b.table
+        self.calls = FunctionCalls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
-        self._node_size = (size_of(Step) + self.calls.size) * n
+        self._node_size = (size_of(KnownStep) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size
         self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
         scratch = Scratch(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
@@ -110,7 +120,7 @@ class Collocation:
 
     def node(self, j: Any) -> View:
         """Return what is known of a node; all but what acts there stands in the first one."""
-        return View(Step, self._nodes.shifted(j * self._node_size), self.parts.lanes)
+        return View(KnownStep, self._nodes.shifted(j * self._node_size), self.parts.lanes)
 
     def read_steps(self, first: Any) -> None:
         """Fill the nodes with steps; lanes beyond the last repeat it."""
@@ -121,9 +131,9 @@ class Collocation:
             for j in loop(s):
                 read_loads(self.parts, b, self.node(j).lane(l), s * i + j)
 
-    def equations(self, places: dict[str, int], count: int) -> StageEquations:
+    def equations(self, offsets: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
-        known = KnownStages(self.calls, self.body, self.node, self.scale, Directions(places, count))
+        known = KnownStages(self.calls, self.body, self.node, self.scale, Directions(offsets, count))
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
@@ -145,8 +155,8 @@ class Collocation:
         """Return these axes, where those that the vectors g turn about are in an orbit."""
         if not self.parts.orbit:
             return self.rows(i)
-        less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
+        cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
+        found: Matrix = attitude(Quaternion(1.0 + cosm1, *v)) @ self.rows(i)
         return found
 
     def matrix(self, name: str, k: Any) -> Matrix:
@@ -182,8 +192,8 @@ class Collocation:
         p, q = at.p, at.q
         if self.parts.orbit:
             n, o = e.nodes.orbit
-            less, v = about((n * self.h) * o)
-            p = Quaternion(1.0 + less, *v) @ p
+            cosm1, v = about((n * self.h) * o)
+            p = Quaternion(1.0 + cosm1, *v) @ p
             self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
         self.turn = B.T @ attitude(Quaternion(p[0], -p[1], -p[2], -p[3]) @ q) @ B  # C at the end
         self.V = self.W[0] - self.ends[0], self.W[1] - self.ends[1]
@@ -365,16 +375,16 @@ class Collocation:
     def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
         b, h, adjoint = self.b, self.h, self.scratches["adjoint"]
-        places, outs = dict[str, int](), list[int]()
+        offsets, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
                 is_force = name == "dead" and (self.motion != "rows" or self.parts.orbit)
-                places["force" if is_force else name] = len(outs)
+                offsets["force" if is_force else name] = len(outs)
                 outs += range(self.columns[name], self.columns[name] + (STATE | self.wanted)[name])
         nodal, width = [name for name in inputs if name in NODAL], (count := len(outs))
         for name in nodal:
-            places[name], width = width, width + self.wanted[name]
-        e = self.equations(places, width)
+            offsets[name], width = width, width + self.wanted[name]
+        e = self.equations(offsets, width)
         ends, direct = self.scratches["ends"], self.matrix("direct", 0)
         W = e.nodes.velocity(self.W[0])
         V = W - e.orbital(AXES) if self.parts.orbit else W
@@ -394,14 +404,14 @@ class Collocation:
             both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
             for name in nodal:
                 for c in range(self.wanted[name]):
-                    found = [row @ tangent(F, places[name] + c) for row in both]
+                    found = [row @ tangent(F, offsets[name] + c) for row in both]
                     for r, x in enumerate(found):
                         store(r, self.columns[name] + self.wanted[name] * i + c, x)
             for j in range(count):
                 for rows, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
                     for r in range(0 if is_nothing(dx) else 6):
                         ends[6 * j + r] = ends[6 * j + r] + rows[r] @ dx
-            turn.note(i, stage, g)
+            turn.add_changes(i, stage, g)
         for j, change in enumerate(turn.changes(V)):
             theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
             for r, x in enumerate(self.at_end(e.nodes, theta + change, dV, j)):
@@ -453,10 +463,10 @@ def in_direction(x: Any, j: int) -> Any:
 class KnownStages(Known):
     """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
 
-    def __init__(self, calls: Calls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
+    def __init__(self, calls: FunctionCalls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
         super().__init__(calls, body, nodes(0), scale, directions)
         self._nodes, self._steps = nodes, calls.block
-        self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.places else None
+        self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.offsets else None
 
     @property
     def orbit(self) -> tuple[Any, Vector]:
@@ -491,7 +501,7 @@ class StageEquations(Equations):
             at = nodes.known(i)
             load = nodes.factor * (at.load @ nodes.R) if parts.function else None
             of_potentials = nodes.factor * (at.of_potentials @ nodes.basis) if parts.generalised else None
-            loads = loads._replace(called=load, of_potentials=of_potentials)
+            loads = loads._replace(of_functions=load, of_potentials=of_potentials)
         return P, g, self.now(loads, P, g)
 
     def orbital(self, g: Any) -> Vector:
@@ -503,7 +513,7 @@ class StageEquations(Equations):
         nodes, W = self.nodes, V if self.orbit is None else V + self.orbital(g)
         body = nodes.body
         load, of_potentials = nodes.functions(i).torque(g, W) if self.parts.calls else (None, None)
-        loads = self.sampled(i)._replace(called=load, of_potentials=of_potentials)
+        loads = self.sampled_loads(i)._replace(of_functions=load, of_potentials=of_potentials)
         x, y, z = self.now(loads, body.momentum_of(W), g).rate
         if nodes.force is not None:
             more = ZEROS

@@ -45,7 +45,7 @@ class Memory:
 
     def __init__(self, nodes: Nodes, stages: Stages) -> None:
         self.nodes, self.stages, self.count, block = nodes, stages, nodes.parts.memory, nodes.block
-        self.start, self.scales, self.function = nodes.internal, block.internal_scales, block.remembers
+        self.start, self.scales, self.function = nodes.internal, block.internal_scales, block.memory_response
         self.h, first = nodes.h / nodes.rate, size_of(Stage)
         self._increment, self._z, self._rate = (first + k * self.count for k in range(3))
 
@@ -84,7 +84,7 @@ class Memory:
             for c in loop(self.count):
                 self.set_increment(stage, c, 0.0 * stage.axial)
 
-    def place(self, matrix: Any = TABLE.mu) -> None:
+    def update_states(self, matrix: Any = TABLE.mu) -> None:
         """Set z at all stages from the increments."""
         stages = self.stages
         for i, stage in stages.each():

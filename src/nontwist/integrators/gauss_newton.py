@@ -36,12 +36,12 @@ from ..kernels.memory import View, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, pulled_back, rows_of
+from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, axes_at, pulled_back
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
 
-def turned(v: Vector) -> Vector:
+def spatial_dual(v: Vector) -> Vector:
     """Return a vector of space as dual numbers: behind three directions that leave it alone the turns of the body."""
     x, y, z = v
     tangents = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
@@ -51,7 +51,7 @@ def turned(v: Vector) -> Vector:
 def pulled_back_duals(C: Any, f: Vector) -> Vector:
     """Return ``C⁻¹ f`` of rows that turn with the body, which therefore turns like a vector of space."""
     C = plain(Matrix(*C))
-    v = turned(pulled_back(C, plain(f)))
+    v = spatial_dual(pulled_back(C, plain(f)))
     if not isinstance(f[0], Dual):
         return v
     changes = [pulled_back(C, tangent(f, j)) for j in range(6)]
@@ -156,16 +156,16 @@ class Residuals:
             for q in loop(square):
                 self.slopes[q] = 0.0
 
-    def place(self) -> None:
+    def update_stages(self) -> None:
         """Set P, W and the vectors of the stages from the increments of P."""
         e, stages = self.equations, self.stages
         for i in loop(stages.number):
             stage = stages.one(i)
             P = stages.collocated("dp", e.P, i)
             stage.P, stage.W = P, e.k * P
-            stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
+            stage.V = e.turning(stage.W, axes_at(stage)) if e.has_rows else stage.W
         if e.memory:
-            e.memory.place()
+            e.memory.update_states()
         if e.start:
             vectors_of_space(stages, Scratch(self.turns, 1), self.h, e.start, "V", e.names[1:], e.k)
 
@@ -175,21 +175,23 @@ class Residuals:
         for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            loads = e.stored_loads(stage)._replace(**self.called(v, i, stage, rows_of(stage)) if e.parts.calls else {})
+            loads = e.stored_loads(stage)._replace(
+                **self.differentiate_functions(v, i, stage, axes_at(stage)) if e.parts.calls else {}
+            )
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(loads, P, [turned(c) for c in g], pulled_back_duals).rate
+                rate = e.now(loads, P, [spatial_dual(c) for c in g], pulled_back_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.axial)
                 rest, stiff = dP - stage.dp, 0.0 * b
                 for c in range(3):
-                    H = b * tangents(rate[c], 3)
-                    row = self.row(i, c, H if g else None, b * tangents(rate[c], 0))
+                    H = b * three_tangents(rate[c], 3)
+                    row = self.row(i, c, H if g else None, b * three_tangents(rate[c], 0))
                     row[m], stiff = rest[c], stiff + taxicab(H)
                 self.stiffness[i] = stiff
                 if e.memory:
-                    self.remember(i, stage, b)
+                    self.set_memory_slopes(i, stage, b)
 
     def row(self, i: Any, c: Any, H: Any, B: Vector) -> Any:
         """Set a row of the slopes to derivatives by turns and by the momenta of a stage; return it."""
@@ -203,9 +205,9 @@ class Residuals:
             row[n * i + d] = row[n * i + d] + x
         return row
 
-    def remember(self, i: Any, stage: View, b: Any) -> None:
+    def set_memory_slopes(self, i: Any, stage: View, b: Any) -> None:
         """Set the slopes by z, and those of z, at a stage."""
-        e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, rows_of(stage)
+        e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, axes_at(stage)
         memory, h, speed = e.memory, b / e.nodes.rate, self.change(stage.W)
         for c in loop(self.k):
             f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)
@@ -228,7 +230,7 @@ class Residuals:
         change = DIFFERENCE * taxicab(W)
         return select(change > 0.0, change, DIFFERENCE)
 
-    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
+    def differentiate_functions(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
         """Return what functions give, with their derivatives as differences; one call stands in the code."""
         e, W, found, width, k = self.equations, stage.W, self.found, 9 + self.k, self.k
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
@@ -238,7 +240,7 @@ class Residuals:
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
             with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
-                results = [x or ZEROS for x in e.called(i, rows, w)[3:]]
+                results = [x or ZEROS for x in e.evaluate_functions(i, rows, w)[3:]]
             for j, x in enumerate(y for vector in results for y in vector):
                 found[width * q + j] = x
             for c in loop(k) if k else ():
@@ -252,7 +254,11 @@ class Residuals:
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
-        kinds = ("called", True, True), ("of_potentials", e.parts.generalised, False), ("remembered", e.memory, True)
+        kinds = (
+            ("of_functions", True, True),
+            ("of_potentials", e.parts.generalised, False),
+            ("of_memory", e.memory, True),
+        )
         loads = dict[str, Vector]()
         for k, (name, is_there, by_velocity) in enumerate(kinds):
             if is_there:
@@ -313,7 +319,7 @@ class Residuals:
         return self.momenta[q * (self.m + 1) + self.m]
 
 
-def tangents(x: Dual, first: int) -> Vector:
+def three_tangents(x: Dual, first: int) -> Vector:
     """Return three derivatives."""
     found = [*x.tangents[first : first + 3], 0.0, 0.0, 0.0]
     return Vector(*found[:3])
@@ -339,7 +345,7 @@ def newton(
     v.before = zero + OVERFLOW
     if e.parts.calls and not e.memory:  # with memory it begins anew
         for i in loop(stages.number):
-            v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= OVERFLOW)
+            v.is_fine = v.is_fine & (taxicab(stages.one(i).of_functions) <= OVERFLOW)
         note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:
@@ -348,7 +354,7 @@ def newton(
         e.memory.clear()
     level = FAR + e.stiffness
     for _ in whilst(lambda: v.goes):
-        r.place()
+        r.update_stages()
         v.goes = False
         for _ in when(logical_not(v.is_found)):
             v.count = v.count + 1

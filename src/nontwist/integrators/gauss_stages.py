@@ -67,11 +67,11 @@ class Stage(NamedTuple):
     turn2: Vector
     moving: Vector  # moments along the frame, in space, of functions of the state; torques of potentials
     space: Vector
-    called: Vector
+    of_functions: Vector
     of_potentials: Vector
-    remembered: Vector  # along the frame, of loads with memory
+    of_memory: Vector  # along the frame, of loads with memory
     rotor: Vector
-    axial: float  # increment of a held momentum
+    axial: float  # increment of a constrained momentum
     P: Vector
     W: Vector
     V: Vector  # what the vectors turn with
@@ -153,7 +153,7 @@ class Stages(NamedTuple):
                     setattr(stage, name, select(mask, getattr(stage, ahead(name)), getattr(stage, name)))
 
 
-def rows_of(stage: View) -> Matrix:
+def axes_at(stage: View) -> Matrix:
     """Return the axes of b at the beginning of the step, as seen from the body at stages."""
     return Matrix(stage.g0, stage.g1, stage.g2)
 
@@ -182,9 +182,9 @@ class StageLoads(NamedTuple):
     moving: Any = None  # less the rate of the rotors
     space: Any = None
     rotor: Any = None
-    called: Any = None
+    of_functions: Any = None
     of_potentials: Any = None
-    remembered: Any = None
+    of_memory: Any = None
 
     def store(self, stage: View) -> None:
         """Keep it in memory."""
@@ -217,7 +217,7 @@ class Equations:
             self.stages.fill(self.names[1:], [ZEROS] * 3)
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
-            self.sampled(j).store(stage)
+            self.sampled_loads(j).store(stage)
             if self.parts.spin:
                 J3 = self.nodes.body.spin * (1.0 / self.k[2])
                 stage.axial = (self.nodes.spin(j) * self.stages.table[TABLE.weights + j]) * J3
@@ -237,7 +237,7 @@ class Equations:
         """Whether the first iterations of a step are not looked at."""
         return self.stages.number > DITHERED and not self.has_rows
 
-    def sampled(self, j: Any) -> StageLoads:
+    def sampled_loads(self, j: Any) -> StageLoads:
         """Return what acts at a node of the step."""
         nodes, parts = self.nodes, self.parts
         rotor, rate = nodes.rotor(j) if parts.rotor else (None, None)
@@ -264,11 +264,11 @@ class Equations:
         if parts.is_constrained and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
         drag = -(body.damping @ W) if parts.damping else None
-        own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.remembered)
+        own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.of_memory)
         still = None
         for force, v in reversed(list(zip(self.forces, g, strict=False))):
             still = sum_of(cross(force, v), still)
-        push = sum_of(loads.space, loads.called)
+        push = sum_of(loads.space, loads.of_functions)
         push = None if push is None else inverse(g, push)
         torque = sum_of(cross(whole, W), own, sum_of(still, loads.of_potentials), push)
         third = body.free * torque[2] if parts.is_constrained else torque[2]
@@ -283,25 +283,25 @@ class Equations:
             fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
             for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
                 one = self.stages.one(j)
-                self.called(j, rows_of(one), self.k * one.P).store(one)
+                self.evaluate_functions(j, axes_at(one), self.k * one.P).store(one)
                 if fine is not None:
-                    v.is_fine = taxicab(one.called) <= OVERFLOW
+                    v.is_fine = taxicab(one.of_functions) <= OVERFLOW
         return P, g, self.now(self.stored_loads(stage), P, g)
 
-    def called(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
+    def evaluate_functions(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
         """Return what functions of the state give at a stage."""
         nodes, functions, w = self.nodes, self.nodes.functions(j), rows @ W
         if self.orbit is not None:  # the frame of the rows is that of the beginning of the step
             length = nodes.h / nodes.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
         functions.evaluate(nodes.R @ rows, w, 0.0 * w)
-        found = StageLoads(remembered=self.remembered(j, functions.t, rows, W) if self.memory else None)
+        found = StageLoads(of_memory=self.evaluate_memory(j, functions.t, rows, W) if self.memory else None)
         if not self.parts.generalised:
-            return found._replace(called=functions.found("total") @ nodes.R)
+            return found._replace(of_functions=functions.found("total") @ nodes.R)
         torque = functions.found("of_potentials") @ nodes.body.basis
-        return found._replace(called=functions.found("load") @ nodes.R, of_potentials=torque)
+        return found._replace(of_functions=functions.found("load") @ nodes.R, of_potentials=torque)
 
-    def remembered(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
+    def evaluate_memory(self, j: Any, t: Any, rows: Matrix, W: Vector) -> Vector:
         """Return the moment along the frame of loads with memory; add the one in space to what was found."""
         nodes, basis = self.nodes, self.nodes.body.basis
         d, w = Matrix(*(basis @ row for row in nodes.R @ rows)).T, nodes.R @ (rows @ W)
@@ -337,7 +337,7 @@ class Equations:
         """
         v, stages, memory = Variables(least=0.0 * self.P[0] - 1.0), self.stages, self.memory
         if memory:
-            memory.place()
+            memory.update_states()
         for i, stage in stages.each():
             b = self.nodes.h * stages.coefficient(TABLE.weights, i)
             stage.P, g, now = self.evaluated(i, stage)
@@ -415,7 +415,7 @@ def iterated(
         count, v.change, v.reach, v.turn = v.count, zero, zero, zero
         is_checked = True if soonest is None else count >= soonest
         if memory:
-            memory.place(v.matrix)
+            memory.update_states(v.matrix)
         for i, stage in stages.each():
             new = equations.follow(i, stage, v.matrix)
             d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
@@ -437,7 +437,7 @@ def iterated(
             now = v.turn * (1.0 / EPS)
             if k is not None:
                 now = larger(v.change / (EPS * (speed + v.reach) + TINY), now)
-            progress(v, stages.number, zero + count, count - unchecked, now, level)
+            check_convergence(v, stages.number, zero + count, count - unchecked, now, level)
         if not stages.are_together:
             stages.take(names, v.takes)
         if k is not None:
@@ -465,7 +465,7 @@ def largest_change(stages: Stages, *vectors: Vector) -> Any:
     return stages.largest(select(d <= OVERFLOW, d, INFINITE))
 
 
-def progress(v: Variables, s: int, count: Any, checked: Any, now: Any, level: Any) -> None:
+def check_convergence(v: Variables, s: int, count: Any, checked: Any, now: Any, level: Any) -> None:
     """Deactivate bodies that are done, and those that do not contract.
 
     `checked` is how many iterations before this one were looked at, less than 0 where this one is not. `now` is the

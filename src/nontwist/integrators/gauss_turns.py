@@ -60,7 +60,7 @@ class Turn:
         """Begin with the equations in the directions of columns, and W at the beginning."""
         self.equations, self.known, self.W, self.count = e, e.nodes, W, count
 
-    def note(self, i: Any, stage: View, g: Any) -> None:
+    def add_changes(self, i: Any, stage: View, g: Any) -> None:
         """Take up what does not change V at a stage."""
 
     def changes(self, V: Vector) -> list[Vector]:
@@ -76,16 +76,16 @@ class Steady(Turn):
         steps, v = self.steps, Variables(total=0.0 * self.steps.turn)
         steps.set_matrix("direct", 0, 0.0 * steps.turn)
         for i, _ in steps.each():
-            less, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
-            theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + less, *x))
+            cosm1, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
+            theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + cosm1, *x))
             v.total = v.total + theta
             steps.set_matrix("theta", i, theta)
         self.total = v.total
 
     def changes(self, V: Vector) -> list[Vector]:
         """Return that of the exponential, less what the stages make of it."""
-        less, x = about(self.known.h * V)
-        found = turns(Quaternion(1.0 + less, *x), self.count)
+        cosm1, x = about(self.known.h * V)
+        found = rotation_tangents(Quaternion(1.0 + cosm1, *x), self.count)
         return [theta - self.total @ tangent(V, j) for j, theta in enumerate(found)]
 
 
@@ -107,11 +107,11 @@ class Line(Turn):
         self.r, lines = line(w, g0, g1), line(seeded(w), g0, g1)
         for i, stage in steps.each():
             psi = arc((h * steps.weight(i)) * stage.V, self.direction(stage.V, steps.vectors(stage)), lines)
-            v.psi, v.by_line = v.psi + plain(psi), v.by_line + tangents(psi, 3)
+            v.psi, v.by_line = v.psi + plain(psi), v.by_line + first_tangents(psi, 3)
         self.by_line, self.w = v.by_line, w
         x = seeded((*w, v.psi, *g0, *g1))
         w, g0, g1 = (Vector(*x[k : k + 3]) for k in (0, 4, 7))
-        self.by = turns(turned_about(line(w, g0, g1), x[3], g0, g1), 10)
+        self.by = rotation_tangents(turned_about(line(w, g0, g1), x[3], g0, g1), 10)
         direct = Matrix(*(0.0 * y for y in self.by[7:]))
         if self.is_momentum:
             direct = Matrix(*(self.f * body.momentum_of(a)[c] * self.by[7 + c] for c, a in enumerate(AXES))).T
@@ -145,7 +145,7 @@ class Line(Turn):
             x = seeded((*stage.V, *[y for v in g for y in v]))
             V, vertical = Vector(*x[:3]), [Vector(*x[3:])] if g else []
             psi = arc(b * V, self.direction(V, vertical), self.r)
-            by_velocity = tangents(psi, 3) + b * self.by_line
+            by_velocity = first_tangents(psi, 3) + b * self.by_line
             theta = Matrix(*(b * by[c] + by_velocity[c] * by[3] for c in range(3))).T
             if self.is_momentum:
                 theta = theta + direct @ steps.matrix("Z", i)
@@ -171,7 +171,7 @@ class Line(Turn):
         for k in range(4 * count):
             self.steps.scratches["along"][k] = 0.0 * self.steps.h
 
-    def note(self, i: Any, stage: View, g: Any) -> None:
+    def add_changes(self, i: Any, stage: View, g: Any) -> None:
         """Take up changes of ψ, and of the vertical at the end."""
         sums, b = self.steps.scratches["along"], self.known.h * self.steps.weight(i)
         direction = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]
@@ -200,12 +200,12 @@ class Line(Turn):
         return found
 
 
-def tangents(x: Any, count: int) -> Vector:
+def first_tangents(x: Any, count: int) -> Vector:
     """Return the derivatives in the first directions."""
     return Vector(*(tangent(x, j) for j in range(count)))
 
 
-def turns(q: Quaternion, count: int) -> list[Vector]:
+def rotation_tangents(q: Quaternion, count: int) -> list[Vector]:
     """Return the rotation vectors by which the turn of a quaternion of any length changes, in each direction."""
     p = plain(q)
     back = (2.0 / (p[0] * p[0] + p.vector @ p.vector)) * Quaternion(p[0], *(-p.vector))

@@ -65,15 +65,19 @@ class GpuMarch(StackMarch):
         """Carry out a list of calls for some members."""
         text, parts = self.made_for(todo.parts, 1)
         run = member(text, parts, todo.has_outputs, self.workspace_size(1), self.shapes["states"][1])
-        code = gpu.code_of(run, {(1, self.called.generalised): generalised.text} | texts_of(self.called.keepalive))
-        block, head, (rows, alive) = self.block.copy(), todo.head.copy(), todo.arrays
+        code = gpu.code_of(
+            run, {(1, self.functions.generalised): generalised.text} | texts_of(self.functions.keepalive)
+        )
+        block, head, (rows, keepalive) = self.block.copy(), todo.head.copy(), todo.arrays
         rows, results = rows.copy(), self.arrays["quaternions"].base  # in which all arrays of the march are
         assert results is not None
         device = gpu.gpu()
         device.use()
         with Copies(device) as copies:
             own = [getattr(self, name) for name in ARRAYS]
-            copies.add(results, *arrays_in((own, self.called.keepalive, self.loads, self.stages[todo.parts][0], alive)))
+            copies.add(
+                results, *arrays_in((own, self.functions.keepalive, self.loads, self.stages[todo.parts][0], keepalive))
+            )
             rows[:, IN_CALL], block[POINTERS] = copies.of(rows[:, IN_CALL]), copies.of(block[POINTERS])
             head[CALLS.rates : CALLS.rates + 1] = copies.of(head[CALLS.rates : CALLS.rates + 1])
             head[CALLS.rows] = copies.add(rows)

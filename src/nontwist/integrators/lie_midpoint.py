@@ -181,7 +181,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     Om = velocity_in_step(nodes, loads, P + z)
     solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
     found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
-    return means(nodes, loads, found, P, z, Om, axial) if parts.needs_means else found
+    return with_means(nodes, loads, found, P, z, Om, axial) if parts.needs_means else found
 
 
 def velocity_in_step(nodes: Nodes, loads: Loads, Q: Vector) -> Vector:
@@ -220,7 +220,7 @@ def dead_moment(F: Matrix, a: Vector) -> Vector:
     return k - ((a @ k) / (1.0 + a @ a)) * a
 
 
-def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
+def with_means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, axial: Any) -> Step:
     """Return the step with the multiplier, moments and work."""
     parts, body, f = nodes.parts, nodes.body, 0.5 * nodes.h
     a, m, of_load = f * Om, loads.space, loads.space
@@ -236,9 +236,9 @@ def means(nodes: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vec
     return midpoint_means(nodes, loads.dead, found, a, moment, mu=mu)
 
 
-def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
+def first_guess(h: Any, P: Vector, ahead: Vector) -> Any:
     """Return the rates of a step whose end is known, for the first guess."""
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, auxiliary=9, remembered=remembered)
+TEXT = Text(step, auxiliary=9, first_guess=first_guess)

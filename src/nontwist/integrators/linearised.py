@@ -13,18 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import rows_of
-from ..engine.functions import Varied
+from ..engine.bodies import body_rows
+from ..engine.functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
-from ..engine.known_steps import INPUTS, LANES, STEPS, Step, columns_of, places_of_directions
-from ..engine.linearised import CHAIN, forward_run, linearised
-from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import BODY, address_of, pack
+from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
+from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
+from ..engine.records import BODY, pack
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
-from ..kernels.kernel import Kernel
+from ..kernels.kernel import Kernel, address_of
 from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.base import is_called
@@ -34,8 +33,8 @@ from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
-from .gauss_derivatives import scratch_of
-from .load_samples import WIDTHS, as_marched, orbit_of, parts_of, sampled
+from .gauss_derivatives import scratch_size
+from .load_samples import WIDTHS, as_marched, march_parts, orbit_of, sampled
 from .problem import IVP
 from .wheels import as_gyrostat
 
@@ -49,17 +48,17 @@ class Entries(NamedTuple):
     value: Array
     step: NDArray[np.int64] | None = None  # None: at every step
 
-    def turned(self, T: Array | None) -> Entries:
+    def transformed(self, T: Array | None) -> Entries:
         """Return what they do to the input times a matrix, node by node; None: to the input itself."""
         if T is None:
             return self
         if not (T - T[0, 0] * np.eye(len(T))).any():
             return self._replace(value=T[0, 0] * self.value)
-        places = self.component % len(T)
-        rows, which = np.nonzero(T[:, places])
+        columns = self.component % len(T)
+        rows, which = np.nonzero(T[:, columns])
         step = None if self.step is None else self.step[which]
-        component = self.component[which] - places[which] + rows
-        return Entries(self.name, component, self.parameter[which], T[rows, places[which]] * self.value[which], step)
+        component = self.component[which] - columns[which] + rows
+        return Entries(self.name, component, self.parameter[which], T[rows, columns[which]] * self.value[which], step)
 
     def without_zeros(self) -> Entries:
         """Return the entries that are not 0."""
@@ -68,11 +67,11 @@ class Entries(NamedTuple):
         return Entries(self.name, self.component[which], self.parameter[which], self.value[which], step)
 
 
-Sampled = Callable[["Nodes"], Iterable[Entries]]
+EntriesOf = Callable[["StepNodes"], Iterable[Entries]]
 StepMask = NDArray[np.int64]
 
 
-class Nodes(NamedTuple):
+class StepNodes(NamedTuple):
     """Some steps and the nodes of the load in them."""
 
     first: int
@@ -154,7 +153,7 @@ class Linearised:
         self.problem = problem
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         order, scale = scheme.order, float(problem.load_scale[0])
-        bodies = rows_of(systems, self.load, 1.0, problem.load_scale)
+        bodies = body_rows(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         wanted, self._factor, self._order = set(wanted), np.array([scale]), order
@@ -168,26 +167,26 @@ class Linearised:
         is_parted = scheme.linear is not None
         known = {"function": not all(has_potential) if is_parted else bool(called)}
         known["generalised"] = is_parted and any(has_potential)
-        (found,), _ = parts_of(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
+        (found,), _ = march_parts(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
         _, self.middles = scheme.stages(found)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
         parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
         self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
-        self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
-        self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
-        self.offsets = columns_of(self.rows, sizes, s)
+        self.rows, self.input_maps = tangent_size(parts), input_maps_of(self._fixed)
+        self.frame = self.input_maps["axis"].T if np.any(self.input_maps["axis"] != np.eye(3)) else None
+        self.offsets = column_offsets(self.rows, sizes, s)
         self.width = self.offsets[""]
         table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
         if scheme.linear is None:
             self.make: Any = linearised(scheme.text(parts.motion), parts, sizes)
-            self._scratch = LANES * (size_of(Step) + 3 * seeds.shape[1])
+            self._scratch = LANES * (size_of(KnownStep) + 3 * seeds.shape[1])
             if not called:
                 self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
         else:
             self.make = scheme.linear(parts, sizes)
-            self._scratch = LANES * scratch_of(s, self.width, 6 * seeds.shape[1])
+            self._scratch = LANES * scratch_size(s, self.width, 6 * seeds.shape[1])
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
         pack(block, STEPS, stages=s, width=self.width)
@@ -195,12 +194,14 @@ class Linearised:
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
-            self._varied = varied = Varied(functions, scheme.needs.action, not wanted.isdisjoint(("time", "step")))
+            self._varied = varied = DifferentiableFunctions(
+                functions, scheme.needs.action, not wanted.isdisjoint(("time", "step"))
+            )
             self._seeds = seeds
             pack(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
             pack(block, STEPS, sloped=sloped.address, seeds=seeds)
 
-    def turned(self, x: Array, back: bool = False) -> Array:
+    def in_frame(self, x: Array, back: bool = False) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
         if self.frame is None:
             return x
@@ -212,16 +213,16 @@ class Linearised:
         """Return the first and last steps of all chunks."""
         return ranged(0, self.problem.steps, LONGEST, back)
 
-    def nodes(self, first: int, last: int) -> Nodes:
+    def nodes(self, first: int, last: int) -> StepNodes:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
         sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
         times, middles = (problem.times(k), problem.times(k + 1)), self.middles
         if self._orbit is not None:  # seen from there, no time passes in a step
             middles = np.zeros(len(middles))
-        return Nodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
+        return StepNodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
 
-    def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
+    def sampled_loads(self, nodes: StepNodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
         systems, ends = self.problem.systems, (nodes.begin, nodes.end, nodes.sizes)
         arrays = sampled(systems, self.load, 1.0, lambda: nodes.times, lambda: ends, nodes.middles)
@@ -241,7 +242,11 @@ class Linearised:
             self._varied.require_no_error()
 
     def chunks(
-        self, count: int = 0, entries: Sampled = lambda nodes: (), is_stored: StepMask | None = None, back: bool = False
+        self,
+        count: int = 0,
+        entries: EntriesOf = lambda nodes: (),
+        is_stored: StepMask | None = None,
+        back: bool = False,
     ) -> Iterator[Chunk]:
         """Yield all steps, some at a time: what acts on them, and what so many parameters do to them.
 
@@ -254,7 +259,7 @@ class Linearised:
                 part = is_stored[nodes.first : nodes.last]
                 pack(chunk.chain, CHAIN, is_stored=part)
                 chunk = chunk._replace(
-                    alive=chunk.alive | {"is_stored": part}, place=int(is_stored[: nodes.first].sum())
+                    arrays=chunk.arrays | {"is_stored": part}, first_stored=int(is_stored[: nodes.first].sum())
                 )
             yield chunk
 
@@ -286,19 +291,19 @@ Changes = list[tuple[Term, Array]]
 
 def seeds_of(wanted: dict[str, int], called: Sequence[Term], changes: Sequence[Changes]) -> Array:
     """Return the directions in which functions of the state are differentiated, (numbers, directions)."""
-    terms, places = [term for term in called if not isinstance(term, ForceTable)], places_of_directions(wanted)
-    found = aligned(OF_TERMS + TERM.size * len(terms), places[""])
+    terms, offsets = [term for term in called if not isinstance(term, ForceTable)], offsets_of_directions(wanted)
+    found = aligned(OF_TERMS + TERM.size * len(terms), offsets[""])
     found[STATE, range(len(STATE))] = 1.0
     if "forces" in wanted:
-        found[OF_TABLE:OF_TERMS, places["forces"] : places["terms"]] = np.eye(OF_TERMS - OF_TABLE)
+        found[OF_TABLE:OF_TERMS, offsets["forces"] : offsets["terms"]] = np.eye(OF_TERMS - OF_TABLE)
     for k, parts in enumerate(changes):
         for term, change in parts:
             first = OF_TERMS + TERM.size * terms.index(term)
-            found[first : first + TERM.size, places["terms"] + k] += change
+            found[first : first + TERM.size, offsets["terms"] + k] += change
     return found
 
 
-def turns_of(body: Array) -> dict[str, Array]:
+def input_maps_of(body: Array) -> dict[str, Array]:
     """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
     B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
     dJ = np.stack([np.array([(B.T @ dJ @ B)[e] for e in ENTRIES]) for dJ in BASIS], axis=1)
@@ -329,8 +334,8 @@ class Chunk(NamedTuple):
     last: int
     loads: dict[str, Array | None]
     chain: NDArray[np.int64]
-    alive: dict[str, Any]
-    place: int = 0  # how many states are stored before
+    arrays: dict[str, Any]
+    first_stored: int = 0  # how many states are stored before
 
     def fill_block(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""
@@ -347,11 +352,11 @@ class Chunk(NamedTuple):
         return address_of(self.chain)
 
 
-def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
+def chunk_of(steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
-    every = [entry.turned(steps.turns.get(entry.name)).without_zeros() for entry in entries]
-    columns, parameters, values = _joined(steps, [entry for entry in every if entry.step is None])
+    every = [entry.transformed(steps.input_maps.get(entry.name)).without_zeros() for entry in entries]
+    columns, parameters, values = _concatenated(steps, [entry for entry in every if entry.step is None])
     block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
     arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}
     block[CHAIN.fixed] = len(values)
@@ -362,16 +367,16 @@ def chunk_of(steps: Linearised, nodes: Nodes, count: int, entries: Iterable[Entr
         arrays = {"used": used, "changes": changes}
     if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
         step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
-        columns, parameters, values = _joined(steps, own)
+        columns, parameters, values = _concatenated(steps, own)
         order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
         arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
         arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
     pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
     pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Chunk(first, last, steps.sampled(nodes), block, arrays)
+    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays)
 
 
-def _joined(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+def _concatenated(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Return columns of inputs, parameters and values of entries."""
     none: Any = np.zeros(0, dtype=np.int64)
     columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in entries)])

@@ -33,10 +33,11 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from ..engine.generalised import EXACT
-from ..engine.records import BODY, FORCES, Parts, address_of
+from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array
+from ..kernels.kernel import address_of
 from ..loads import Load
-from ..loads.base import forces_sampled, with_moments
+from ..loads.base import forces_sampled, tables_as_moments
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
@@ -87,7 +88,7 @@ def has_table(load: Load) -> bool:
     return any(isinstance(term, ForceTable) for term in load.terms)
 
 
-def parts_of(
+def march_parts(
     systems: SystemStack, load: Load, bodies: Array, scheme: Compiled, **known: Any
 ) -> tuple[list[Parts], NDArray[np.int64]]:
     """Return what there is in marches of bodies under a load, as they are marched, and in which one each body is."""
@@ -131,7 +132,7 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     """
     load, systems = problem.load, problem.systems
     if not is_director_scheme:
-        load = with_moments(load)
+        load = tables_as_moments(load)
     linear = [term for term in load.potentials if term.dead_force is not None]
     if not linear:
         return systems, load

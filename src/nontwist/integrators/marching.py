@@ -37,7 +37,7 @@ from .load_samples import WIDTHS, beside_chord
 from .members import PerThread
 from .problem import IVP, Failure, Intervals, Outcome, Status
 from .stack_march import SAME, StackMarch, listed, march_of
-from .wheels import COMMANDED, carrier, commanded, places, work_of
+from .wheels import COMMANDED, carrier, commanded, wheel_columns, work_of
 
 NONE = np.zeros(0)
 
@@ -57,13 +57,13 @@ def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
 def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
-        problem = tangent(problem)
+        problem = on_constraint(problem)
     dense = dense_of(problem, scheme) if can_be_dense else None
     todo = march_of(problem, scheme) if dense is None else dense.march
     common, end = None, None
     if todo is not problem.marched:
         if problem.memory is not None:
-            todo.remember(problem.memory)
+            todo.resume(problem.memory)
         common, end = todo.run(threads)
     arrays, reasons, k = todo.arrays, dict[int, str | Exception](), len(todo.stack.stored_times)
     failures = arrays["failures"]
@@ -79,13 +79,15 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
-        if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
+        if failures[i, 0] == Status.STALLED and isinstance(
+            todo.functions.error, Exception
+        ):  # nearby the load has a value
             failures[i, 0] = Status.LOAD if is_one else alone(i).failures[0, 0]
         is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
         if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
+            reasons[i] = todo.functions.reason(todo.last_call) if is_one else alone(i).reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
         if (outputs := dense.outputs(good, end)) is None:
@@ -96,7 +98,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, march_state, end, todo)
 
 
-def tangent(problem: IVP) -> IVP:
+def on_constraint(problem: IVP) -> IVP:
     """Return the problem with tangent velocities and the spin that the constraint prescribes, round-off of it apart."""
     W, axis, systems = problem.velocity, problem.systems.axis, problem.systems
     if axis is not None and systems.spin is not None:
@@ -119,17 +121,17 @@ def states_in(arrays: dict[str, Array], first: int) -> States:
 def intervals_in(todo: StackMarch, arrays: dict[str, Array], first: int) -> Intervals:
     """Return the means in the arrays of a march, or in those of one member, from interval `first` on.
 
-    The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
-    is not held is not counted where it moves exactly.
+    The moment of all forces of a potential is not summed where it is needed, on constrained bodies. The twist of a body
+    that is not constrained is not counted where it moves exactly.
     """
     sums, is_constrained = arrays["intervals"][..., first:, :], todo.stack.systems.axis is not None
     begin = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
     means = sums[..., begin : SUMS.moment if is_constrained else SUMS.mu], sums[..., SUMS.moment : SUMS.dead]
     dead = None if is_constrained and todo.load.potentials else sums[..., SUMS.dead : SUMS.work]
     twist = sums[..., SUMS.twist] if is_constrained or not todo.scheme.is_exact_without_load else None
-    turned = sums[..., SUMS.turned : SUMS.twist] if todo.parts.turns else None
+    velocity_integrals = sums[..., SUMS.velocity_integral : SUMS.twist] if todo.parts.integrates_velocity else None
     iterations = sums[..., SUMS.iterations].astype(np.int64)
-    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, turned=turned)
+    return Intervals(*means, sums[..., SUMS.work], iterations, dead, twist, velocity_integrals=velocity_integrals)
 
 
 def _observed(todo: StackMarch) -> Array:
@@ -157,7 +159,7 @@ class PreparedMarch:
         self._todo = listed(march, parts, 1, 0, steps)
         self._unit, self._run = float(march.bodies[0, BODY.unit]), run_prepared.function
         self._factors = march.factors[0]
-        self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}
+        self._slab = {name: (part, shape[1:] or shape) for name, (part, shape) in march.slab.items() if name in READ}
         self._threads = PerThread(self._workspace)
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
@@ -173,12 +175,12 @@ class PreparedMarch:
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return the states of a run from the numbers found; its `_read` returns the rest."""
-        arrays = views(found, self._spans)
+        arrays = views(found, self._slab)
         return {"states": states_in(arrays, self._march.skipped), "_read": partial(self._rest, arrays)}
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
         means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
-        del means["turned"]  # of motors, which are not prepared
+        del means["velocity_integrals"]  # of motors, which are not prepared
         return means | {"memory": arrays["states"] * self._factors}
 
     @property
@@ -189,15 +191,15 @@ class PreparedMarch:
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, the start and what comes back, the address of the head, all of it."""
-        march, (arrays, places) = self._march, side_by_side(**self._march.shapes)
+        march, (arrays, wheel_columns) = self._march, side_by_side(**self._march.shapes)
         memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
         assert memory is not None
-        block, *alive = march.laid(self._todo)
-        pack(block, BLOCK, **places, scales=call[HEAD.size + PREPARED.factor :])
+        block, *keepalive = march.laid(self._todo)
+        pack(block, BLOCK, **wheel_columns, scales=call[HEAD.size + PREPARED.factor :])
         pack(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
         pack(call, HEAD, run=march.driver(self._todo).address)
         start = call[HEAD.size :].data.cast("B")
-        return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, alive)
+        return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, keepalive)
 
 
 Numbers = tuple[float, ...]
@@ -226,11 +228,11 @@ class SingleStep:
         self.stack = IVP(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         scheme.require(self.stack)
         has_rotors = bool(self.load.rotors or self._driven)
-        known = {"turns": True} if self._driven else {}
+        known = {"integrates_velocity": True} if self._driven else {}
         march = self._march = StackMarch(self.stack, scheme, moving=True, space=True, rotor=has_rotors, **known)
         (parts,) = march.groups
         march.sample(parts, 0, 1)
-        self._middles, self._called = march.stages[parts][1], march.called
+        self._middles, self._functions = march.stages[parts][1], march.functions
         count = self._count = march.count
         nodes = np.zeros((2, count, 3))  # moments in the body and in space
         varies = march.parts.spin
@@ -239,32 +241,32 @@ class SingleStep:
         own |= {"rotor": np.zeros((count, 6)) if has_rotors else None, "spin": np.zeros(count) if varies else None}
         march.loads = tuple(own.values())
         todo = listed(march, parts, 1, 0, 1)
-        block, self._workspace, alive = march.laid(todo)
-        self._alive = block, alive
+        block, self._workspace, keepalive = march.laid(todo)
+        self._alive = block, keepalive
         self._run, self._address = march.driver(todo).function, block.ctypes.data
         owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
         self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
         self._constant = Struct(f"{6 * self._count}d")
-        at = {name: part.start for name, (part, _) in march.spans.items()}
+        at = {name: part.start for name, (part, _) in march.slab.items()}
         means, march_state = at["intervals"], (at["states"], march.shapes["states"][1])
         rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), march_state, (at["failures"], 1)
-        self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
-        self._turned = slice(means + SUMS.turned, means + SUMS.twist)
+        self._read = _struct_of((4, 4), (at["velocities"] + 3, 3), *rest)
+        self._velocity_integrals = slice(means + SUMS.velocity_integral, means + SUMS.twist)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
         # between is the kernel's to write, or zeros.
-        self._written = _places((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
+        self._written = _struct_of((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
 
     def begin(self, problem: IVP) -> Numbers:
         """Return the numbers at the start of a problem; nothing but its body, start and memory is looked at."""
         march, director = self._march, self.scheme.is_director_scheme
         if problem.internal is not None and self.load.wheels:
             z, size = problem.internal[0].tolist(), sum(one.count for one in self.load.wheels)
-            starts = [place for one, place in places(self.load) if not one.is_driven]
+            starts = [place for one, place in wheel_columns(self.load) if not one.is_driven]
             own = [x for place in starts for x in (*z[place : place + 3], 0.0)] + z[size:]
             problem = replace(problem, internal=np.array([own]) if own else None)
-        march.begin(problem if director else tangent(problem))
+        march.begin(problem if director else on_constraint(problem))
         if problem.memory is not None:
-            march.remember(problem.memory)
+            march.resume(problem.memory)
         p, W, march_state = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))
         return (*p[:4], *W[:3], 0.0, 0.0, *march_state, 0.0)
 
@@ -294,7 +296,7 @@ class SingleStep:
                 begin, end = start + np.array([[number], [number + 1]]) * h
                 return begin, end, np.array([h])
 
-            found = march.sampled_at(lambda: start + (number + middles) * h, ends, middles)
+            found = march.samples_at(lambda: start + (number + middles) * h, ends, middles)
             for name, array, more in zip(WIDTHS, march.loads, found, strict=True):
                 if array is not None and more is not None:
                     array[...] = array + more if name in ("moving", "space") else more
@@ -333,7 +335,7 @@ class SingleStep:
             ends[k] = ended[states + COMMANDED * i :][:3]
         if own:
             slope = np.array([one.scale * one.slope_of_torque(times) for one in own])
-            along = self._axes @ march.arrays["quaternions"].base[self._turned].reshape(2, 3).T  # type: ignore[index]
+            along = self._axes @ march.arrays["quaternions"].base[self._velocity_integrals].reshape(2, 3).T  # type: ignore[index]
             reached = np.stack([momenta, momenta + impulse], axis=1)
             works = work_of(self._inertia, times, reached, slope, impulse[:, None], along[:, :1], along[:, 1:])
             for k, momentum, work in zip(self._driven, reached[:, 1].tolist(), works[:, 0].tolist(), strict=True):
@@ -349,18 +351,18 @@ class SingleStep:
             What interrupted a load in Python.
         """
         status, _, residual, turn = self._march.arrays["failures"][0].tolist()
-        called = self._called
+        functions = self._functions
         try:
-            called.require_no_interrupt()
-            if status == Status.LOAD or called.error is not None:
-                reason = called.reason(self._workspace[WORK.state_call :])
+            functions.require_no_interrupt()
+            if status == Status.LOAD or functions.error is not None:
+                reason = functions.reason(self._workspace[WORK.state_call :])
                 return Failure(Status.LOAD, number, residual, turn, reason)
             return Failure(Status(int(status)), number, residual, turn) if status else None
         finally:
-            called.error = None
+            functions.error = None
 
 
-def _places(*spans: tuple[int, int]) -> Struct:
+def _struct_of(*spans: tuple[int, int]) -> Struct:
     """Return the layout of spans of doubles, each a place and a count, in the order of their places."""
     text, end = "=", 0
     for place, count in spans:

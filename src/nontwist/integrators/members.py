@@ -82,11 +82,11 @@ def one_by_one(march: Callable[[IVP], Outcome], problem: IVP, threads: int) -> O
 
     in_threads(block, (0, m), BLOCK, threads, progress(problem))
     members = [found[i] for i in range(m)]
-    states = States(*map(_joined, zip(*(one.states for one in members), strict=True)))
+    states = States(*map(_concatenated, zip(*(one.states for one in members), strict=True)))
     good, failures = (np.concatenate([getattr(one, name) for one in members]) for name in ("good", "failures"))
     reasons = {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons}
     means = zip(*(one.intervals for one in members if one.intervals), strict=True)
-    intervals = Intervals(*map(_joined, means)) if problem.intervals else None
+    intervals = Intervals(*map(_concatenated, means)) if problem.intervals else None
     return Outcome(states, good, failures, reasons, intervals)
 
 
@@ -98,11 +98,11 @@ def outcome_of(problem: IVP, march: March) -> Outcome:
     carried = np.stack([march.directors, march.velocities], axis=1)
     states = States(*(_padded(array, k, np.nan) for array in (p, W, N, carried)))
     multipliers, moment, work = (_padded(array, k - 1, 0) for array in march[2:5])
-    turned = None if march.turned is None else _padded(march.turned, k - 1, 0)
+    velocity_integrals = None if march.velocity_integrals is None else _padded(march.velocity_integrals, k - 1, 0)
     iterations = None if march.newton_iterations is None else _padded(march.newton_iterations, k - 1, 0)
     is_known = problem.systems.axis is None or not (problem.load.potentials or problem.systems.has_dead_force)
     dead = np.zeros(moment.shape) if is_known else None
-    intervals = Intervals(multipliers, moment, work, iterations, dead, turned=turned)
+    intervals = Intervals(multipliers, moment, work, iterations, dead, velocity_integrals=velocity_integrals)
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}
     return Outcome(states, np.array([n]), failures, reasons, intervals)
@@ -114,5 +114,5 @@ def _padded(array: Any, length: int, value: float) -> NDArray[Any]:
     return np.concatenate([array, missing])[None]
 
 
-def _joined(arrays: tuple[NDArray[Any] | None, ...]) -> Any:
+def _concatenated(arrays: tuple[NDArray[Any] | None, ...]) -> Any:
     return None if any(array is None for array in arrays) else np.concatenate(arrays)  # type: ignore[arg-type]

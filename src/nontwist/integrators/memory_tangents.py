@@ -29,7 +29,7 @@ from ..geometry.attitudes import States, attitudes
 from ..kernels.dual import Dual, plain
 from ..kernels.vectors import Vector, cross
 from ..loads import Load
-from ..loads.base import with_moments
+from ..loads.base import tables_as_moments
 from ..loads.calls import checked, differentiated, name_of
 from ..loads.memory import MOMENTS, Memory
 from ..loads.terms import Damping, OfTime, Rotor
@@ -40,7 +40,7 @@ from .gauss_coefficients import matrix, nodes, weights
 from .linearised import ranged
 from .load_samples import as_marched, at_nodes
 from .problem import IVP
-from .wheels import carrier, places
+from .wheels import carrier, wheel_columns
 
 AXES = np.eye(3)
 MOST = 2**20  # numbers of the matrices that are made at a time
@@ -85,10 +85,10 @@ class RememberingSteps:
         require_derivatives(problem)
         self.problem, self.parameters, self.inertias = problem.member(0), parameters, inertias
         systems, load = as_marched(self.problem, False)
-        load, self.s = with_moments(load), scheme.order // 2
+        load, self.s = tables_as_moments(load), scheme.order // 2
         self.c, self.b = nodes(scheme.order), weights(scheme.order)
         self.a = self.b * matrix(scheme.order)
-        found = list(places(load))
+        found = list(wheel_columns(load))
         self.wheels = [one.unscaled for one, _ in found]
         self.rest = [term for term in load.remembering if not isinstance(term, Wheel)]
         count = load.internal_state.size - sum(term.state0.size for term in self.rest)
@@ -289,7 +289,7 @@ def _called(function: Callable[..., Any], given: tuple[Any, ...], shape: tuple[i
         return found
     except ValueError:
         each = [differentiated(function, tuple(_at_one(x, k, True) for x in given), shape) for k in range(count)]
-    return [_joined([one[i] for one in each], numbers[0]) for i in range(len(each[0]))]
+    return [_dual_array([one[i] for one in each], numbers[0]) for i in range(len(each[0]))]
 
 
 def _at_one(x: Any, k: int, is_dual: bool) -> Any:
@@ -301,7 +301,7 @@ def _at_one(x: Any, k: int, is_dual: bool) -> Any:
     return Dual(value, [d if isinstance(d, float) else float(d[k]) for d in x.tangents]) if is_dual else value
 
 
-def _joined(each: list[Any], like: Dual) -> Dual:
+def _dual_array(each: list[Any], like: Dual) -> Dual:
     """Return duals of numbers as one of arrays."""
     count = len(like.tangents)
     tangents = [np.array([y.tangents[j] if isinstance(y, Dual) else 0.0 for y in each]) for j in range(count)]

@@ -147,7 +147,7 @@ class March(NamedTuple):
     load_work: Array  # (n,)
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
-    turned: Array | None = None  # (n, 6) as in `Intervals`
+    velocity_integrals: Array | None = None  # (n, 6) as in `Intervals`
 
     @property
     def means(self) -> Intervals:
@@ -165,13 +165,15 @@ class Intervals(NamedTuple):
     dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
     twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
     dissipated_energy: Array | None = None  # (m, n) J, what dry friction takes
-    turned: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt, for the work of motors and of dry friction
+    velocity_integrals: Array | None = None  # (m, n, 6) ∫ W dt and ∫ t W dt, for the work of motors and of dry friction
 
     @property
     def of_one(self) -> dict[str, Any]:
         """The fields of one body, but for what works are made of."""
-        known = self._replace(turned=None)._asdict()
-        return {name: None if array is None else array[0] for name, array in known.items() if name != "turned"}
+        known = self._replace(velocity_integrals=None)._asdict()
+        return {
+            name: None if array is None else array[0] for name, array in known.items() if name != "velocity_integrals"
+        }
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""
@@ -216,24 +218,24 @@ class Outcome(NamedTuple):
 
     def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
-        places, k, times = (
+        indices, k, times = (
             np.searchsorted(whole.stored_times, problem.stored_times),
             len(problem.stored_times),
             self.times(whole),
         )
         if self.end is None:
-            good = np.searchsorted(places, self.good)
+            good = np.searchsorted(indices, self.good)
         else:  # the last state is that of no output
-            good = np.searchsorted(places, self.good - 1) + 1
-            places[good[0] - 1] = self.good[0] - 1
-        states = States(*(None if array is None else array[:, places] for array in self.states))  # type: ignore[arg-type]
+            good = np.searchsorted(indices, self.good - 1) + 1
+            indices[good[0] - 1] = self.good[0] - 1
+        states = States(*(None if array is None else array[:, indices] for array in self.states))  # type: ignore[arg-type]
         found, own = self._replace(states=states, good=good, intervals=None), self.intervals
         if not problem.intervals or own is None or not k:
             return found
         sums, used = own.integrals(np.diff(times)), own.newton_iterations
-        sums = np.add.reduceat(sums[:, : places[-1]], places[:-1], axis=1)
-        most = None if used is None else np.maximum.reduceat(used[:, : places[-1]], places[:-1], axis=1)
-        means = own.of_integrals(sums, np.diff(times[places]), most)
+        sums = np.add.reduceat(sums[:, : indices[-1]], indices[:-1], axis=1)
+        most = None if used is None else np.maximum.reduceat(used[:, : indices[-1]], indices[:-1], axis=1)
+        means = own.of_integrals(sums, np.diff(times[indices]), most)
         return found._replace(intervals=means)
 
     def failure(self, i: int = 0) -> Failure | None:
@@ -242,7 +244,7 @@ class Outcome(NamedTuple):
         return Failure(Status(int(status)), int(step), residual, turn, self.reasons.get(i, "")) if status else None
 
 
-def scratch(problem: IVP) -> Outcome:
+def empty_outcome(problem: IVP) -> Outcome:
     """Return an outcome in which all states but the first are to be written."""
     m, k = len(problem), len(problem.stored_times)
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)

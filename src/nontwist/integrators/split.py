@@ -67,7 +67,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned, turned_on
+from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned_and_normalised, turned_by_vector
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, Nodes
 from ..engine.workspace import integrate, observe
@@ -206,7 +206,7 @@ class Split(Compiled):
         Nodes of substeps are their middles.
         """
         if parts.is_constrained and parts.is_explicit:
-            return ONCE, GAUSS[self.order].nodes
+            return ONCE, GAUSS_RULES[self.order].nodes
         return fractions(self.order), nodes(self.order)
 
     def refusal(self, problem: IVP) -> str | None:
@@ -236,7 +236,7 @@ DIFFERENCE = sqrt(EPS)
 SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
 
 
-class Gauss(NamedTuple):
+class GaussRule(NamedTuple):
     """Gauss nodes, weights, the matrix (a_ij), and the integrals of the Lagrange polynomials from 0 to c_i c_j."""
 
     nodes: Array
@@ -245,7 +245,7 @@ class Gauss(NamedTuple):
     inner: Array
 
 
-def gauss(s: int) -> Gauss:
+def gauss_rule(s: int) -> GaussRule:
     """Return the coefficients of s Gauss nodes; the attitude at a single one is turned by half the step."""
     x, w = leggauss(s)
     c, k = 0.5 + 0.5 * x, np.arange(1, s + 1)
@@ -254,15 +254,15 @@ def gauss(s: int) -> Gauss:
     def until(t: Array) -> Array:
         return t[..., None] ** k @ integrals
 
-    return Gauss(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
+    return GaussRule(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
 
 
-GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
+GAUSS_RULES = {2 * s: gauss_rule(s) for s in (1, 2, 3)}
 
 
-def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
-    """Return the state turned by the quaternion (1 + less, v), P changed by dP; how far p was from unit length."""
-    p, c, gap = turned_on(state.p, state.c, less, v)
+def rotated(state: State, cosm1: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
+    """Return the state turned by the quaternion (1 + cosm1, v), P changed by dP; how far p was from unit length."""
+    p, c, gap = turned_and_normalised(state.p, state.c, cosm1, v)
     P, compensation = compensated(state.s, state.compensation, dP)
     return State(p, P, compensation, c, state.auxiliary), gap
 
@@ -276,11 +276,11 @@ def flow(nodes: Nodes, start: State) -> Any:
     motion = free_motion(body.moments, start.s, constants)
     set_origin(motion, constants)
 
-    def moved(t: Any) -> tuple[State, Any]:
-        status, dP, less, v = free_until(motion, t, constants)
-        return rotated(start, less, v, dP)[0], status == BAD_TIME
+    def state_at(t: Any) -> tuple[State, Any]:
+        status, dP, cosm1, v = free_until(motion, t, constants)
+        return rotated(start, cosm1, v, dP)[0], status == BAD_TIME
 
-    return moved
+    return state_at
 
 
 def is_too_far(turn: Vector) -> Any:
@@ -331,9 +331,9 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
 
 
 def quadrature(nodes: Nodes, state: State) -> Step:
-    """Turn a body that is held, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
+    """Turn a constrained body, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
     parts, k, h, P, zero, s = nodes.parts, nodes.body.k, nodes.h, state.s, 0.0 * state.s, nodes.parts.nodes
-    rule, means = GAUSS[2 * s], StepSums(nodes)
+    rule, means = GAUSS_RULES[2 * s], StepSums(nodes)
     M = [nodes.moving(j) if parts.moving else zero for j in range(s)]
     across = [Vector(B[0], B[1], zero[2]) for B in M]
 
@@ -349,7 +349,7 @@ def quadrature(nodes: Nodes, state: State) -> Step:
     after, gap = rotated(state, *exponential(turn), dP)
     if parts.needs_means:
         for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
-            until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
+            until = turned_by_vector(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
             means.see(until, w, h * float(weight))
             means.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
         means.sums.work = dP @ (k * (P + 0.5 * dP))
@@ -367,9 +367,9 @@ def composed(nodes: Nodes, state: State) -> Step:
         return without(v.gap <= UNIT, v.far | v.stalled)
 
     def drift(t: Any) -> None:
-        status, dP, less, turn = free_step(body.moments, v.state.s, t, View(Constants, scratch(CONSTANTS)))
+        status, dP, cosm1, turn = free_step(body.moments, v.state.s, t, View(Constants, scratch(CONSTANTS)))
         v.far = status == BAD_TIME
-        v.state, v.gap = rotated(v.state, less, turn, dP)
+        v.state, v.gap = rotated(v.state, cosm1, turn, dP)
 
     count = parts.nodes
     for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):
@@ -388,18 +388,18 @@ def composed(nodes: Nodes, state: State) -> Step:
 
 
 def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None:
-    """Change the momentum by the moments of a substep; turn a body that is held."""
+    """Change the momentum by the moments of a substep; turn a constrained body."""
     parts, k, now, mu = nodes.parts, nodes.body.k, v.state, 0.0 * h
     if parts.is_explicit:
-        (torque, load), R = moments(nodes.loads(), k * now.s), nodes.R
+        (torque, load), R = total_moments(nodes.loads(), k * now.s), nodes.R
     else:
-        v.stalled, used, v.residual, (torque, load, R) = solved(nodes, h, now)
+        v.stalled, used, v.residual, (torque, load, R) = solve_for_change(nodes, h, now)
         v.used = larger(used, v.used)
     dP = h * Vector(torque[0], torque[1], torque[2] * nodes.body.free)
     middle = now.s + 0.5 * dP
     V = k * middle
     turn = h * V
-    means.see(turned(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
+    means.see(turned_by_vector(now.p, 0.5 * turn) if parts.is_constrained else now.p, V, h)
     if parts.is_constrained:
         mu = cross(middle, V)[2] + torque[2]
         v.state, v.gap = rotated(now._replace(auxiliary=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
@@ -409,19 +409,19 @@ def kick(nodes: Nodes, h: Any, part: Any, v: Variables, means: StepSums) -> None
     means.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
 
 
-def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
+def total_moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
     """Return all moments, and those of the load without dead forces and potentials."""
-    zero, called, own = 0.0 * W, None, None
+    zero, moment, own = 0.0 * W, None, None
     if loads.functions is not None:
-        called = loads.functions.moment(zero, W)
-        own = loads.functions.load(called)
+        moment = loads.functions.moment(zero, W)
+        own = loads.functions.load(moment)
     drag = None if loads.damping is None else -(loads.damping @ W)
     applied = sum_of(loads.moving, loads.space, drag)
     dead = None if loads.dead is None else first_moment(loads.dead)
-    return sum_of(applied, called, dead) or zero, sum_of(applied, own) or zero
+    return sum_of(applied, moment, dead) or zero, sum_of(applied, own) or zero
 
 
-def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
+def solve_for_change(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
     """Solve for y; return whether it is not found, iterations, the residual, and the moments and where they act.
 
     A change of y for a difference quotient is small beside W, and round-off of the residual small beside the change.
@@ -432,9 +432,9 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
     def at(y: Vector) -> tuple[Vector, tuple[Vector, Vector, Matrix]]:
         there = loads
         if parts.is_constrained:
-            nodes.begin(node, turned(start.p, (0.5 * h) * (W + y)))
+            nodes.begin(node, turned_by_vector(start.p, (0.5 * h) * (W + y)))
             there = nodes.loads()._replace(moving=loads.moving)
-        torque, load = moments(there, W + y)
+        torque, load = total_moments(there, W + y)
         return f * torque, (torque, load, nodes.R)
 
     e0, e1, e2 = (Vector(*(float(i == j) for j in range(3))) + zero for i in range(3))
@@ -449,8 +449,8 @@ def solved(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vec
             e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), SMALLEST)
             v.columns = e0, e1, e2
             for j in loop(2 if parts.is_constrained else 3):
-                moved = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
-                v.columns = v.columns[1], v.columns[2], (1.0 / e) * ((moved - at(moved)[0]) - r)
+                shifted = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
+                v.columns = v.columns[1], v.columns[2], (1.0 / e) * ((shifted - at(shifted)[0]) - r)
             c0, c1, c2 = v.columns
             v.inverse = inverse_of(c1, c2, c0) if parts.is_constrained else inverse_of(c0, c1, c2)
         d = v.inverse @ r

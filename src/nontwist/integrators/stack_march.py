@@ -20,18 +20,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import rows_of
-from ..engine.functions import Called
+from ..engine.bodies import body_rows
+from ..engine.functions import StateFunctions
 from ..engine.generalised import STAGE
-from ..engine.marching import Text, kernel_of
+from ..engine.marching import Text, march_kernel
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, spans
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, slab_layout
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
 from .compiled import Compiled
-from .load_samples import NOTHING, Samples, Unloaded, addresses, as_marched, orbit_of, parts_of, sampled
+from .load_samples import NOTHING, Samples, Unloaded, addresses, as_marched, march_parts, orbit_of, sampled
 from .members import in_threads, progress
 from .problem import IVP, Failure, Status
 
@@ -70,16 +70,16 @@ class StackMarch:
         acts_alone = not known.get("space", False)  # without a moment in space that is added to the load
         is_at_stages = self.needs.action == STAGE
         self.about = orbit_of(systems, self.load, self.unit) if is_at_stages and acts_alone else None
-        self.bodies = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
+        self.bodies = body_rows(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
-        self.called = Called(self.load, self.needs.action)
-        known |= {"function": bool(self.called.address), "generalised": bool(self.called.generalised)}
+        self.functions = StateFunctions(self.load, self.needs.action)
+        known |= {"function": bool(self.functions.address), "generalised": bool(self.functions.generalised)}
         z = self.load.internal_state
         known["memory"] = z.size
-        known.setdefault("turns", stack.intervals and self.load.drives)
+        known.setdefault("integrates_velocity", stack.intervals and self.load.drives)
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
-        self.groups, group = parts_of(systems, self.load, self.bodies, scheme, **known)
+        self.groups, group = march_parts(systems, self.load, self.bodies, scheme, **known)
         self.group = np.broadcast_to(group, m)
         self.parts = self.groups[0]._replace(dead=any(parts.dead for parts in self.groups))
         self.sequence = FIRST if m == 1 else np.argsort(self.group, kind="stable")
@@ -99,8 +99,8 @@ class StackMarch:
             "totals": (m, SUMS.size) if self.outputs is not None else none,
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
-        self.spans = spans(self.shapes)
-        self.arrays, places = side_by_side(**self.shapes)
+        self.slab = slab_layout(self.shapes)
+        self.arrays, array_addresses = side_by_side(**self.shapes)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
@@ -108,24 +108,30 @@ class StackMarch:
         self.lengths = self._lengths(stack.stored) if self.groups[0].needs_means else np.ones(len(stack.stored))
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             self.stored, self.lengths = NEVER, np.ones(1)
-        pack(self.block, BLOCK, **places, members=m, state_size=size, output_count=count, director=director)
+        pack(self.block, BLOCK, **array_addresses, members=m, state_size=size, output_count=count, director=director)
         pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
-        function, generalised, terms = self.called.address, self.called.generalised, self.called.terms
+        function, generalised, terms = self.functions.address, self.functions.generalised, self.functions.terms
         pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
         self.internal_scales = self.load.internal_scale
-        pack(self.block, BLOCK, remembers=self.called.remembers, internal=z.size, internal_scales=self.internal_scales)
+        pack(
+            self.block,
+            BLOCK,
+            memory_response=self.functions.memory_response,
+            internal=z.size,
+            internal_scales=self.internal_scales,
+        )
         pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
         skips_unloaded = scheme.is_exact_without_load and not self.parts.dead
-        self.sampled = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
+        self.sampled_steps = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
         self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
         self.loads, self.count = NOTHING, 1
         self.begin(stack)
 
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""
-        return kernel_of(*self.made_for(parts, width, **changes))
+        return march_kernel(*self.made_for(parts, width, **changes))
 
     def made_for(self, parts: Parts, width: int, **changes: Any) -> tuple[Text, Parts]:
         """Return the text that marches a group, so many at a time, and the parts that it is for."""
@@ -152,9 +158,9 @@ class StackMarch:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
         inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
-        places = np.searchsorted(stored, inner)
-        more = stored[places] != inner
-        ends = np.insert(stored, places[more], inner[more])
+        indices = np.searchsorted(stored, inner)
+        more = stored[indices] != inner
+        ends = np.insert(stored, indices[more], inner[more])
         size = self.sizes[np.searchsorted(numbers[1:-1], ends[:-1], side="right"), 0]
         return np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
 
@@ -184,15 +190,15 @@ class StackMarch:
         states, k = self.arrays["states"], self.parts.memory
         size = abs(states[:, STATE.s : STATE.compensation]).max() or 1.0
         sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
-        apart = [abs(sign * carried[:, :4] - states[:, :4]).max()]
+        differences = [abs(sign * carried[:, :4] - states[:, :4]).max()]
         parts = [slice(STATE.s, STATE.compensation), slice(STATE.auxiliary, STATE.size)]
         parts = parts[: 1 + self.parts.is_director_scheme]
-        apart += [abs(carried[:, part] - states[:, part]).max() / size for part in parts]
-        apart += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
+        differences += [abs(carried[:, part] - states[:, part]).max() / size for part in parts]
+        differences += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
         z = slice(states.shape[1] - 2 * k, states.shape[1] - k)
-        return np.array_equal(carried[:, z], states[:, z]) and not max(apart) > SAME
+        return np.array_equal(carried[:, z], states[:, z]) and not max(differences) > SAME
 
-    def remember(self, memory: Array) -> None:
+    def resume(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
         states = self.arrays["states"]
         if memory.shape != states.shape or not self.is_start(known := memory / self.factors):
@@ -235,7 +241,7 @@ class StackMarch:
                         return Failure(Status.LOAD, first, np.nan, np.nan, error), None
                     run = partial(self._run, listed(self, parts, width, first, last), width)
                     in_threads(run, span, size, threads, report if len(stack) > 1 else lambda members: None)
-                self.called.require_no_interrupt()
+                self.functions.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
                 done = self.good(last) - 1 if self.outputs is None else self.outputs.before(last - 1)
@@ -256,8 +262,8 @@ class StackMarch:
         Where nothing but the states that are stored is left to do, it pauses after so many of those.
         """
         steps, stored = self.stack.steps, self.stack.stored
-        length = NODES if self.called.load.is_compiled else CALLED_NODES
-        by_steps = steps if self.stack.observed else self.sampled
+        length = NODES if self.functions.load.is_compiled else CALLED_NODES
+        by_steps = steps if self.stack.observed else self.sampled_steps
         marched = range(0, by_steps, max(1, length // max(len(middles) for _, middles in self.stages.values())))[1:]
         rest = [by_steps] if 0 < by_steps < steps else []
         if self.outputs is not None:  # a stretch without moments is one call
@@ -271,7 +277,7 @@ class StackMarch:
     def sample(self, parts: Parts, first: int, last: int) -> None:
         """Sample the load at the nodes of some steps of a group, of those on which moments may act."""
         gamma, middles = self.stages[parts]
-        part = first, min(last, self.sampled), middles
+        part = first, min(last, self.sampled_steps), middles
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
         self.part, steps = part, np.arange(*part[:2])
@@ -283,10 +289,10 @@ class StackMarch:
             sizes = np.array(stack.grid.sizes)[stack.stretch_of(steps)] * np.ones(len(steps))
             return stack.times(steps), stack.times(steps + 1), sizes
 
-        self.loads = self.sampled_at(lambda: stack.nodes(steps, middles), ends, middles) if len(steps) else NOTHING
+        self.loads = self.samples_at(lambda: stack.nodes(steps, middles), ends, middles) if len(steps) else NOTHING
         pack(self.block, BLOCK, fractions=gamma)
 
-    def sampled_at(self, times: Any, steps: Any, middles: Array) -> Samples:
+    def samples_at(self, times: Any, steps: Any, middles: Array) -> Samples:
         """Return what acts at nodes (`load_samples.sampled`)."""
         return sampled(self.stack.systems, self.load, self.unit, times, steps, middles)
 
@@ -351,7 +357,7 @@ class StackMarch:
         """Carry out a list of calls for some members."""
         block, workspace, _ = self.laid(todo, width, first, last)
         self.driver(todo, width)(block.ctypes.data)
-        self.called_last = workspace[width * WORK.state_call :]  # what the load was called with last
+        self.last_call = workspace[width * WORK.state_call :]  # what the load was called with last
 
     def driver(self, todo: Listed, width: int = 1) -> Kernel:
         """Return the kernel that carries out a list of calls."""
@@ -440,16 +446,16 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
-    alive: tuple[Any, ...] = ()
+    keepalive: tuple[Any, ...] = ()
     if has_outputs:
-        rows, rates, alive = _calls_with_outputs(march, parts, first, last, unloaded)
+        rows, rates, keepalive = _calls_with_outputs(march, parts, first, last, unloaded)
         pack(head, CALLS, rates=rates)
-        alive = rates, alive
+        keepalive = rates, keepalive
     elif rows is None:
         rows = grid_calls(march, first, last, unloaded)
     pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
     pack(head, CALLS, **march.addresses(parts, width, has_outputs))
-    return Listed(head, (rows, alive), has_outputs, parts)
+    return Listed(head, (rows, keepalive), has_outputs, parts)
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
@@ -466,7 +472,7 @@ def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *st
     rows[free, CALL.unloaded_from] = unloaded.begin[within[free]]
     rows[free, CALL.loaded_from] = unloaded.end[within[free]]
     if march.loads is not NOTHING:
-        rows[:, CALL.times : CALL.place] = addresses(march.loads, march.count * march.sampled_before(begin, first))
+        rows[:, CALL.times : CALL.output_row] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
 
 
@@ -501,10 +507,10 @@ def _calls_with_outputs(
     begin[free] = origin
     own = _rows(march, begin, (inside | free).astype(np.int64), 0, lengths, np.arange(n))
     own[free, CALL.unloaded_from] = origin
-    own[:, CALL.place], own[:, CALL.begins] = here + 1, np.isin(begin, stack.grid.numbers[1:-1])
+    own[:, CALL.output_row], own[:, CALL.begins] = here + 1, np.isin(begin, stack.grid.numbers[1:-1])
     t, h = stack.times(node[is_step]), since[is_step]
-    loads = march.sampled_at(lambda: (t[:, None] + h[:, None] * middles).ravel(), lambda: (t, t + h, h), middles)
-    own[is_step, CALL.times : CALL.place] = addresses(loads, march.count * np.arange(len(t)))
+    loads = march.samples_at(lambda: (t[:, None] + h[:, None] * middles).ravel(), lambda: (t, t + h, h), middles)
+    own[is_step, CALL.times : CALL.output_row] = addresses(loads, march.count * np.arange(len(t)))
     rates = np.append(march.unit / outputs.length[here], np.ones(len(steps)))
     rows = np.concatenate([own, steps])
     order = np.argsort(rows[:, CALL.first], kind="stable")

@@ -19,11 +19,11 @@ from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Chunk, Entries, Linearised, Nodes, Sampled, StepMask, Workspace
+from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
 from .members import PerThread
 
 
-def forward(steps: Linearised, states: States, start: Array, entries: Sampled, is_stored: StepMask) -> Array:
+def forward(steps: Linearised, states: States, start: Array, entries: EntriesOf, is_stored: StepMask) -> Array:
     """Return the changes of the states at the ends of the stored steps, (stored, 6, count): attitude, then W.
 
     `start` is the change of the first one, (rows, count), `is_stored` an array of 0 and 1, one for each step.
@@ -31,14 +31,14 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, i
     count, own = start.shape[1], steps.workspace()
     padded = -(-count // LANES) * LANES
     x, found = aligned(steps.rows, padded), aligned(int(is_stored.sum()), 6, padded, empty=True)
-    x[:, :count] = steps.turned(start)
+    x[:, :count] = steps.in_frame(start)
     for chunk in steps.chunks(count, entries, is_stored):
-        steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.place :])
-    return steps.turned(found[:, :, :count], back=True)
+        steps.run(chain_forward(steps.rows), own, chunk, states, state=x, states=found[chunk.first_stored :])
+    return steps.in_frame(found[:, :, :count], back=True)
 
 
 def back(
-    steps: Linearised, states: States, slopes: Array, entries: Sampled, is_stored: StepMask, count: int
+    steps: Linearised, states: States, slopes: Array, entries: EntriesOf, is_stored: StepMask, count: int
 ) -> tuple[Array, Array]:
     """Return the derivatives of f by the first state, (rows,), and by the parameters of the entries, (count,).
 
@@ -46,11 +46,11 @@ def back(
     """
     x, scratch, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found = np.zeros(-(-count // LANES) * LANES)
-    slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
+    slopes = np.ascontiguousarray(steps.in_frame(slopes[:, :, None])[:, :, 0])
     for chunk in steps.chunks(count, entries, is_stored, back=True):
-        arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.place :], "found": found}
+        arrays = {"state": x, "scratch": scratch, "states": slopes[chunk.first_stored :], "found": found}
         steps.run(chain_back, own, chunk, states, **arrays)
-    return steps.turned(x[:, None], back=True)[:, 0], found[:count]
+    return steps.in_frame(x[:, None], back=True)[:, 0], found[:count]
 
 
 class PreparedTangents:
@@ -65,7 +65,7 @@ class PreparedTangents:
     is_stored : (steps,) array of 0 and 1
     """
 
-    def __init__(self, steps: Linearised, count: int, entries: Sampled, is_stored: StepMask) -> None:
+    def __init__(self, steps: Linearised, count: int, entries: EntriesOf, is_stored: StepMask) -> None:
         self._steps, self._chunks, self._stored_count = (
             steps,
             list(steps.chunks(count, entries, is_stored)),
@@ -83,7 +83,7 @@ class PreparedTangents:
         known, x, found, scale, calls, _ = self._threads.own
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
-        scale[0], x[:, : self._count] = factor, self._steps.turned(start)
+        scale[0], x[:, : self._count] = factor, self._steps.in_frame(start)
         for block, chain, refresh in calls:
             if self._steps.is_called:
                 refresh()
@@ -93,7 +93,7 @@ class PreparedTangents:
                 block[STEPS.failed] = 0
                 return None
         changes: Array = np.empty((1 + len(found), *start[:6].shape))
-        changes[0], changes[1:] = start[:6], self._steps.turned(found[:, :, : self._count], back=True)
+        changes[0], changes[1:] = start[:6], self._steps.in_frame(found[:, :, : self._count], back=True)
         return changes
 
     def _workspace(self, states: States) -> Any:
@@ -101,16 +101,16 @@ class PreparedTangents:
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
         found = aligned(self._stored_count, 6, padded, empty=True)
-        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        own, calls, keepalive = steps.workspace(), list[Any](), list[Any]()
         for chunk in self._chunks:
             block = own.block.copy()
             refresh = partial(chunk.fill_block, block, states)
             refresh()
             block[STEPS.factor] = scale.ctypes.data
             chunk = chunk._replace(chain=chunk.chain.copy())
-            calls.append((block, chunk.linked(block, state=x, states=found[chunk.place :]), refresh))
-            alive.append(chunk)
-        return states, x, found, scale, calls, (own, alive)
+            calls.append((block, chunk.linked(block, state=x, states=found[chunk.first_stored :]), refresh))
+            keepalive.append(chunk)
+        return states, x, found, scale, calls, (own, keepalive)
 
 
 class ForwardTangents:
@@ -121,19 +121,19 @@ class ForwardTangents:
 
     MOST = 3 * LANES
 
-    def __init__(self, steps: Linearised, start: Array, entries: Sampled, is_stored: StepMask) -> None:
+    def __init__(self, steps: Linearised, start: Array, entries: EntriesOf, is_stored: StepMask) -> None:
         is_turned = start[:3].any(axis=0) & (not steps.see_attitude)
         self._turned, self._others = np.flatnonzero(is_turned), np.flatnonzero(~is_turned)
         self._steps, self._stored_count, side = steps, int(is_stored.sum()), machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
-        def entries_of(nodes: Nodes) -> Iterator[Entries]:
+        def entries_of(nodes: StepNodes) -> Iterator[Entries]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
         self._chunks = list(steps.chunks(self._count, entries_of, is_stored))
-        arrays = [chunk.alive.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
+        arrays = [chunk.arrays.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
         inputs = {int(place) for array in arrays for place in array}
-        self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
+        self._turn = None if steps.frame is None else steps.in_frame(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
         self._start = self._parted(start)
         self._threads = PerThread(self._workspace)
@@ -172,21 +172,21 @@ class ForwardTangents:
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
-        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        own, calls, keepalive = steps.workspace(), list[Any](), list[Any]()
         for chunk in self._chunks:
             fixed[rows:] = 0.0
-            fixed[chunk.alive["used"], : self._count] = chunk.alive["changes"][:, : self._count]
+            fixed[chunk.arrays["used"], : self._count] = chunk.arrays["changes"][:, : self._count]
             block = own.block.copy()
             chunk.fill_block(block)
             block[STEPS.factor] = scale.ctypes.data
             head = view_of(ForwardRun)
             head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[chunk.place :], chunk.linked(block)
-            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.place :]
+            head.padded, head.found, head.chain = self._padded, found[chunk.first_stored :], chunk.linked(block)
+            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.first_stored :]
             calls.append((block, head.address))
-            alive.append((head, chunk))
+            keepalive.append((head, chunk))
         x[:] = fixed
-        return x, state, found, turns, scale, calls, (own, alive)
+        return x, state, found, turns, scale, calls, (own, keepalive)
 
 
 class Growth:
@@ -240,7 +240,7 @@ class Growth:
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
         arrays, at = side_by_side(state=(steps.rows, LANES), weights=(6,), metric=(6, 6), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units[:6] ** 2
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.in_frame(self._first), 1 / units[:6] ** 2
         B = np.eye(3) if steps.frame is None else steps.frame
         T = np.array([[(B @ dN @ B.T)[e] for dN in BASIS] for e in ENTRIES])  # to entries in the body
         arrays["metric"][:] = T.T @ T / fastest**2

@@ -35,12 +35,12 @@ def internal_states(systems: SystemStack, load: Load, time: float, velocity: Arr
     """Return the internal states at the start of runs that continue none, (m, k), given W, (m, 3)."""
     found = np.tile(load.internal_state, (len(velocity), 1))
     W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
-    for wheel, column in places(load):
+    for wheel, column in wheel_columns(load):
         found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + W @ wheel.direction)
     return found
 
 
-def places(load: Load) -> Iterator[tuple[Wheel, int]]:
+def wheel_columns(load: Load) -> Iterator[tuple[Wheel, int]]:
     """Yield each wheel, and the column of its h among the internal states."""
     column = 0
     for wheel in load.wheels:
@@ -50,7 +50,7 @@ def places(load: Load) -> Iterator[tuple[Wheel, int]]:
 
 def driven_columns(load: Load) -> list[int]:
     """Return the columns of the wheels of which h is known beforehand."""
-    return [column + k for wheel, column in places(load) if wheel.is_driven for k in range(wheel.state0.size)]
+    return [column + k for wheel, column in wheel_columns(load) if wheel.is_driven for k in range(wheel.state0.size)]
 
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
@@ -75,7 +75,7 @@ def as_gyrostat(problem: IVP) -> IVP:
     """Return a problem of one body, with wheels, as that of their carrier."""
     one = problem.member(0)
     assert one.internal is not None
-    z, t, columns = one.internal[0], one.t_start, iter(places(one.load))
+    z, t, columns = one.internal[0], one.t_start, iter(wheel_columns(one.load))
 
     def term_of(wheel: Wheel) -> Driven | Wheel:
         _, column = next(columns)
@@ -97,7 +97,7 @@ def with_wheels(problem: IVP, states: States, times: Array) -> States:
     internal = np.full((*shape, first.shape[1]), np.nan)
     if states.internal is not None:
         internal[..., np.delete(np.arange(first.shape[1]), driven)] = states.internal
-    for wheel, column in places(problem.load):
+    for wheel, column in wheel_columns(problem.load):
         if wheel.is_driven:
             change = wheel.scale * (wheel.impulse(at)[1:] - wheel.impulse(at)[0])
             momenta = first[:, column, None] + problem.load_scale[:, None] * change
@@ -111,8 +111,8 @@ def of_locked(problem: IVP, outcome: Outcome) -> Outcome:
     outcome = outcome._replace(states=with_wheels(problem, outcome.states, times))
     if outcome.intervals is None:
         return outcome
-    if outcome.intervals.turned is not None:
-        _set_works(problem, outcome.states.internal, outcome.intervals.turned, times)
+    if outcome.intervals.velocity_integrals is not None:
+        _set_works(problem, outcome.states.internal, outcome.intervals.velocity_integrals, times)
     p, W, locked = outcome.states.quaternion, outcome.states.velocity, sum(one.locked for one in problem.load.wheels)
     z, intervals, length = W @ locked, outcome.intervals, np.diff(times)
     with np.errstate(all="ignore"):  # states behind a failure are undefined
@@ -137,28 +137,30 @@ def with_works(problem: IVP) -> IVP:
     return replace(problem, intervals=True, output_times=output_times)
 
 
-def _set_works(problem: IVP, z: Array | None, turned: Array, times: Array) -> None:
+def _set_works(problem: IVP, z: Array | None, velocity_integrals: Array, times: Array) -> None:
     """Put the works of driven wheels to the states."""
     first = problem.internal
     assert z is not None
     assert first is not None
-    for wheel, column in places(problem.load):
+    for wheel, column in wheel_columns(problem.load):
         if wheel.is_driven and wheel.works:
             factor, h = wheel.scale * problem.load_scale[:, None], z[..., column]
             slope, impulse = factor * wheel.slope_of_torque(times), factor * np.diff(wheel.impulse(times))
-            along = turned.reshape(*turned.shape[:2], 2, 3) @ wheel.direction
+            along = velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3) @ wheel.direction
             works = work_of(wheel.inertia, times, h, slope, impulse, along[..., 0], along[..., 1])
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
 
 
-def work_of(inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, along: Array, late: Array) -> Array:
+def work_of(
+    inertia: Any, times: Array, h: Array, slope: Array, impulse: Array, along: Array, velocity_moment: Array
+) -> Array:
     """Return the work of a motor, ``∫ τ Ω dt = Δh²/2I - ∫ τ n·W dt``, τ linear between n + 1 times, (..., n).
 
-    `h` are the momenta, (..., n + 1), `slope` is that of τ, `impulse` ∫ τ dt; `along` and `late` are ∫ n·W dt and ∫ t
-    n·W dt.
+    `h` are the momenta, (..., n + 1), `slope` is that of τ, `impulse` ∫ τ dt; `along` is ∫ n·W dt, `velocity_moment`
+    ∫ t n·W dt.
     """
     torque = impulse / np.diff(times) - slope * (times[1:] + times[:-1]) / 2
-    found: Array = np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * late
+    found: Array = np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * velocity_moment
     return found
 
 
@@ -175,7 +177,7 @@ def set_works_between(problem: IVP, states: States, nodes: States, velocities: C
     assert states.internal is not None
     assert nodes.internal is not None
     assert first is not None
-    for wheel, column in places(problem.load):
+    for wheel, column in wheel_columns(problem.load):
         if wheel.is_driven and wheel.works:
             change = wheel.impulse(at) - wheel.impulse(np.array([problem.t_start]))
             speed = (first[0, column] + wheel.scale * change) / wheel.inertia - W @ wheel.direction

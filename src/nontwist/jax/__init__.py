@@ -28,7 +28,7 @@ from ..driver.starts import last_attitude
 from ..driver.varied import Varied
 from ..geometry.arrays import as_array
 from ..geometry.attitudes import attitudes
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from ..models.system import DirectorSystem, as_system
 
 __all__ = ["function"]
@@ -115,7 +115,7 @@ def function(
 
     def run(params: Mapping[str, Any]) -> dict[str, Any]:
         if not isinstance(params, Mapping):
-            raise ValueError(f"params must be a dictionary of names and arrays, got {shown(params)}")
+            raise ValueError(f"params must be a dictionary of names and arrays, got {short_repr(params)}")
         return _run(problem, params)
 
     return run

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from .dual import Dual, plain
-from .elements import Element, Mask, Traced, Whole, kind_of, mapped
+from .elements import Element, Mask, Traced, Whole, llvm_type, mapped
 from .tracing import TraceError, Tracer, tracer, writer
 
 
@@ -100,7 +100,7 @@ class Slot:
     __slots__ = ("kind", "n", "name", "of")
 
     def __init__(self, of: type[Traced], n: int) -> None:
-        self.of, self.n, self.kind = of, n, kind_of(of.scalar, n)
+        self.of, self.n, self.kind = of, n, llvm_type(of.scalar, n)
         self.name = writer().slot(self.kind)
 
 

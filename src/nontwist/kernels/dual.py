@@ -55,7 +55,7 @@ class Dual(Derived):
         return self.chain(found, (-found * r,), (b,))
 
     def __neg__(self) -> Dual:
-        return Dual(-self.value, [_product(-1.0, t) for t in self.tangents])
+        return Dual(-self.value, [_tangent_product(-1.0, t) for t in self.tangents])
 
     def __abs__(self) -> Any:
         return select(self.value < 0.0, -self, self)
@@ -94,7 +94,7 @@ def _is_zero(x: Any) -> bool:
     return type(x) is float and x == 0.0
 
 
-def _product(a: Any, b: Any) -> Any:
+def _tangent_product(a: Any, b: Any) -> Any:
     """Return a times a tangent b."""
     if _is_zero(a) or _is_zero(b):
         return 0.0
@@ -108,7 +108,7 @@ def _fused(a: Any, x: Any, y: Any) -> Any:
     if _is_zero(a) or _is_zero(x):
         return y
     if _is_zero(y):
-        return _product(a, x)
+        return _tangent_product(a, x)
     if type(a) is float and abs(a) == 1.0:
         return y + x if a > 0.0 else y - x
     return a + y if type(x) is float and x == 1.0 else fma(a, x, y)

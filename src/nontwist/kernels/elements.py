@@ -35,7 +35,7 @@ LITERALS: dict[str, Callable[[Any], str]] = {
 
 
 @lru_cache
-def kind_of(scalar: str, n: int) -> str:
+def llvm_type(scalar: str, n: int) -> str:
     """Return the type of n lanes of a type."""
     return scalar if n == 1 else f"<{n} x {scalar}>"
 
@@ -78,7 +78,7 @@ class Traced(Number):
     @property
     def kind(self) -> str:
         """Its type in LLVM."""
-        return kind_of(self.scalar, self.n)
+        return llvm_type(self.scalar, self.n)
 
     @classmethod
     def takes(cls, x: Any) -> bool:
@@ -106,7 +106,7 @@ class Traced(Number):
             return self.name
         if self.n != 1:
             raise TraceError(f"{self.n} lanes meet {n}")
-        t, kind = writer(), kind_of(self.scalar, n)
+        t, kind = writer(), llvm_type(self.scalar, n)
         first = t.value(f"insertelement {kind} undef, {self.scalar} {self.name}, i32 0")
         return t.value(f"shufflevector {kind} {first}, {kind} undef, <{n} x i32> zeroinitializer")
 
@@ -160,7 +160,7 @@ class Element(Traced):
         return written("fneg", Element, self)
 
     def __abs__(self) -> Element:
-        return called("fabs", self)
+        return call_function("fabs", self)
 
 
 def _give_operators(to: type[Number], names: tuple[str, ...]) -> None:
@@ -195,13 +195,13 @@ def written(op: str, kind: type[Traced], *args: Any) -> Any:
     if op in ("fadd", "fmul"):  # in one order, so that a line and its mirror image are one
         names.sort()
     made = Mask if "cmp" in op else kind
-    return made(writer().value(f"{op} {kind_of(kind.scalar, n)} {', '.join(names)}"), n)
+    return made(writer().value(f"{op} {llvm_type(kind.scalar, n)} {', '.join(names)}"), n)
 
 
-def called(name: str, *args: Any) -> Element:
+def call_function(name: str, *args: Any) -> Element:
     """Call a function of LLVM lane by lane, or one of the C library for each lane."""
     t, n = writer(), max(getattr(a, "n", 1) for a in args)
-    kind, is_of_llvm = kind_of("double", n), name in OF_LLVM
+    kind, is_of_llvm = llvm_type("double", n), name in OF_LLVM
     if not is_of_llvm and (own := t.in_place_of(name)) is not None:
         found: Element = own(*args)
         return found
@@ -209,7 +209,7 @@ def called(name: str, *args: Any) -> Element:
     if n > 1 and not is_of_llvm:
         all_lanes, vectors = "undef", [Element(x, n) for x in names]
         for l in range(n):
-            one = called(name, *(lanes_of(x, l, 1) for x in vectors))
+            one = call_function(name, *(lanes_of(x, l, 1) for x in vectors))
             all_lanes = t.value(f"insertelement {kind} {all_lanes}, double {one.name}, i32 {l}")
         return Element(all_lanes, n)
     full = f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64" if is_of_llvm else name
@@ -272,7 +272,7 @@ def _function(name: str, slopes: Callable[..., Any]) -> Callable[..., Any]:
         if dual is not None:
             return dual.through(function, slopes, x)
         if any(isinstance(a, Traced) for a in x):
-            return called(in_c, *x)
+            return call_function(in_c, *x)
         if all(isinstance(a, (float, int)) for a in x):
             kind = type(x[0]) if isinstance(x[0], float) else float
             try:
@@ -345,7 +345,7 @@ def fma(a: Any, b: Any, c: Any) -> Any:
     if dual is not None:
         return dual.through(lambda c, a, b: fma(a, b, c), lambda c, a, b, _: (1.0, b, a), (c, a, b))
     if any(isinstance(x, Element) for x in (a, b, c)) and all(map(is_number, (a, b, c))):
-        return called("fma", a, b, c) if writer().is_fused else a * b + c
+        return call_function("fma", a, b, c) if writer().is_fused else a * b + c
     if not all(isinstance(x, (float, int)) for x in (a, b, c)):
         return a * b + c
     try:
@@ -371,7 +371,7 @@ def select(mask: Any, a: Any, b: Any) -> Any:
         return np.where(mask, a, b)
     n = max(x.n for x in (mask, a, b) if isinstance(x, Traced))
     kind = next(kind for kind in (Mask, Whole, Element) if kind.takes(a) and kind.takes(b))
-    values = ", ".join(f"{kind_of(kind.scalar, n)} {kind.named(x, n)}" for x in (a, b))
+    values = ", ".join(f"{llvm_type(kind.scalar, n)} {kind.named(x, n)}" for x in (a, b))
     return kind(writer().value(f"select {mask.kind} {mask.used(mask.n)}, {values}"), n)
 
 

@@ -41,7 +41,7 @@ SENTENCES |= {
 }
 
 
-def parts_of(digits: str) -> list[float]:
+def as_three_doubles(digits: str) -> list[float]:
     """Return three doubles whose sum is a number."""
     rest, found = Fraction(digits), list[float]()
     for _ in range(3):
@@ -50,8 +50,10 @@ def parts_of(digits: str) -> list[float]:
     return found
 
 
-HALF_PI = parts_of("1.57079632679489661923132169163975144209858469968755291048747229615390820314310449931401741")
-LN_2 = parts_of("0.69314718055994530941723212145817656807550013436025525412068000949339362196969471560586332")
+HALF_PI = as_three_doubles(
+    "1.57079632679489661923132169163975144209858469968755291048747229615390820314310449931401741"
+)
+LN_2 = as_three_doubles("0.69314718055994530941723212145817656807550013436025525412068000949339362196969471560586332")
 FARTHEST, LARGEST = 2.0**45, 750.0  # of sine and cosine; of the exponential, beyond which it is ∞ or 0
 SINE = [(-1) ** k / factorial(2 * k + 1) for k in range(1, 9)]  # of (sin r - r)/r³, by the powers of r²
 COSINE = [(-1) ** k / factorial(2 * k) for k in range(2, 10)]  # of (cos r - 1 + r²/2)/r⁴
@@ -67,19 +69,19 @@ def polynomial(x: Any, coefficients: list[float]) -> Any:
     return found
 
 
-def remainder(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
+def reduced_argument(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
     """Return r and e, with r + e = x - n Σ parts."""
     first, product = fma(-n, parts[0], x), n * parts[1]
     r = first - product
     back = r - first
-    lost = (first - (r - back)) - (product + back)
-    return r, fma(-n, parts[2], lost - fma(n, parts[1], -product))
+    low = (first - (r - back)) - (product + back)
+    return r, fma(-n, parts[2], low - fma(n, parts[1], -product))
 
 
 def sine_ahead(x: Any, ahead: float) -> Any:
     """Return sin(x + ahead π/2)."""
     n = rint(x * (1.0 / HALF_PI[0]))
-    r, e = remainder(x, n, HALF_PI)
+    r, e = reduced_argument(x, n, HALF_PI)
     z = r * r
     sine = r + fma(r * z, polynomial(z, SINE), e * fma(-0.5, z, 1.0))
     half = 0.5 * z
@@ -107,14 +109,14 @@ def exp(x: Any) -> Any:
     """Return the exponential."""
     within = select(x > LARGEST, LARGEST, select(x < -LARGEST, -LARGEST, x))
     n = rint(within * (1.0 / LN_2[0]))
-    r, e = remainder(within, n, LN_2)
+    r, e = reduced_argument(within, n, LN_2)
     y = 1.0 + (r + fma(r * r, polynomial(r, EXPONENTIAL), fma(r, e, e)))
     n = select(x == x, n, 0.0)
     half = floor(0.5 * n)
-    return (y * power_of_two(half)) * power_of_two(n - half)
+    return (y * two_to_the(half)) * two_to_the(n - half)
 
 
-def power_of_two(n: Any) -> Any:
+def two_to_the(n: Any) -> Any:
     """Return 2^n, n a whole number from -1022 to 1023 as a double."""
     if tracer() is None:
         return ldexp(1.0, int(n))

@@ -49,8 +49,8 @@ class Signature:
     def __init__(self, words: str) -> None:
         inputs, _, outputs = words.partition(" -> ")
         self.is_address = words == "i8"
-        self.places, end = _places(inputs, 0)
-        self.results, self._size = _places(outputs, end)
+        self.places, end = _argument_places(inputs, 0)
+        self.results, self._size = _argument_places(outputs, end)
         self._first = 8 * end
         self._in = Struct("=" + "".join("q" * (1 + axes) if axes else LETTERS[kind] for kind, _, axes in self.places))
         self._out = Struct("=" + "".join(LETTERS[kind] for kind, _, _ in self.results))
@@ -85,14 +85,16 @@ class Signature:
 
 
 def address_of(array: Any) -> int:
-    """Return where the numbers of an array lie."""
+    """Return the address of the numbers of an array, 0 for None."""
+    if array is None:
+        return 0
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     except (TypeError, ValueError):  # read-only, or empty: in ten times the time
         return int(array.__array_interface__["data"][0])
 
 
-def _places(words: str, place: int) -> tuple[list[Place], int]:
+def _argument_places(words: str, place: int) -> tuple[list[Place], int]:
     """Return where the arguments that are declared lie, from a place on, and the place behind them."""
     found = []
     for word in re.split(r", (?!:)", words) if words else []:
@@ -132,7 +134,7 @@ class Kernel:
     @property
     def address(self) -> int:
         """The address of the C function."""
-        return int(ctypes.cast(self.function, ctypes.c_void_p).value or 0)
+        return machine_code.pointer_address(self.function)
 
     def code(self, is_fused: bool | None = None) -> str:
         """Trace the text; return LLVM's."""

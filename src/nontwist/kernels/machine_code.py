@@ -21,18 +21,18 @@ LEVEL = 1  # of what LLVM does for speed when it chooses instructions and regist
 LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
 KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 _numbers = itertools.count()
-_held: list[Any] = []
+_locked: list[Any] = []
 
 
 def _before_fork() -> None:
     LOCK.acquire()
     ffi = sys.modules.get("llvmlite.binding.ffi")
-    _held.append(getattr(getattr(ffi, "lib", None), "_lock", None) or nullcontext())
-    _held[-1].__enter__()  # engines are freed under llvmlite's own lock, by whichever thread drops them
+    _locked.append(getattr(getattr(ffi, "lib", None), "_lock", None) or nullcontext())
+    _locked[-1].__enter__()  # engines are freed under llvmlite's own lock, by whichever thread drops them
 
 
 def _after_fork() -> None:
-    _held.pop().__exit__(None, None, None)
+    _locked.pop().__exit__(None, None, None)
     LOCK.release()
 
 
@@ -100,6 +100,11 @@ def simplify(module: Any, target: Any) -> None:
     for name in PASSES:
         getattr(manager, f"add_{name}_pass")()
     manager.run(module, llvm.create_pass_builder(target, options))
+
+
+def pointer_address(pointer: Any) -> int:
+    """Return the address that a function pointer of ctypes holds, 0 for null."""
+    return ctypes.cast(pointer, ctypes.c_void_p).value or 0
 
 
 def function_of(code: str, entry: str, features: str | None = None, kind: Any = KIND) -> Any:

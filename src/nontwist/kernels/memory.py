@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 import numpy as np
 
 from .control import loop
-from .elements import Element, Traced, Whole, kind_of
+from .elements import Element, Traced, Whole, llvm_type
 from .tracing import TraceError, tracer, width, writer
 from .vectors import Matrix, Vector
 
@@ -62,12 +62,12 @@ class Pointer:
 
     def load(self, i: Any, n: int = 1) -> Any:
         """Return n numbers side by side, in lanes."""
-        line = f"load {kind_of(self._kind.scalar, n)}, ptr {self.at(i)}, align 8"
+        line = f"load {llvm_type(self._kind.scalar, n)}, ptr {self.at(i)}, align 8"
         return self._kind(writer().value(line, is_pure=False), n)
 
     def store(self, i: Any, x: Any, n: int = 1) -> None:
         """Write n numbers side by side."""
-        value = f"{kind_of(self._kind.scalar, n)} {self._kind.named(x, n)}"
+        value = f"{llvm_type(self._kind.scalar, n)} {self._kind.named(x, n)}"
         writer().line(f"store {value}, ptr {self.at(i)}, align 8")
 
     @property
@@ -193,7 +193,7 @@ WHOLE = (int, Doubles, Wholes)
 class Field(NamedTuple):
     """Where the numbers of a field lie, and what they are."""
 
-    place: int
+    offset: int
     kind: Any
     size: int
 
@@ -201,10 +201,10 @@ class Field(NamedTuple):
 @lru_cache
 def fields(record: Any) -> dict[str, Field]:
     """Return the fields of a record."""
-    found, place = {}, 0
+    found, offset = {}, 0
     for name, kind in get_type_hints(record, include_extras=True).items():
-        found[name] = Field(place, kind, size_of(kind))
-        place += found[name].size
+        found[name] = Field(offset, kind, size_of(kind))
+        offset += found[name].size
     return found
 
 
@@ -236,7 +236,7 @@ class View:
 
     def __init__(self, record: Any, memory: Any, lanes: int = 1, stride: int | None = None) -> None:
         stride = lanes if stride is None else stride
-        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _held={})
+        self.__dict__.update(_record=record, _memory=memory, _lanes=lanes, _stride=stride, _references={})
 
     def _field(self, name: str) -> Field:
         if name not in fields(self._record):
@@ -246,11 +246,11 @@ class View:
     def __getattr__(self, name: str) -> Any:
         field = self._field(name)
         if _is_record(field.kind):
-            return View(field.kind, self._memory.shifted(field.place * self._stride), self._lanes, self._stride)
+            return View(field.kind, self._memory.shifted(field.offset * self._stride), self._lanes, self._stride)
         if field.kind in WHOLE:
-            found = self._memory.shifted(field.place * self._stride, True)[0]
+            found = self._memory.shifted(field.offset * self._stride, True)[0]
             return found if field.kind is int else memory_at(found, field.kind is Wholes)
-        return _composed(field.kind, [self.number(field.place + k) for k in range(field.size)])
+        return _composed(field.kind, [self.number(field.offset + k) for k in range(field.size)])
 
     def __setattr__(self, name: str, value: Any) -> None:
         field = self._field(name)
@@ -258,15 +258,15 @@ class View:
             getattr(self, name).write(value)
         elif field.kind in WHOLE:
             if isinstance(value, np.ndarray):
-                self._held[name] = value  # as long as the view lives, so does what it points to
+                self._references[name] = value  # as long as the view lives, so does what it points to
                 value = value.ctypes.data
-            self._memory.shifted(field.place * self._stride, True)[0] = getattr(value, "address", value)
+            self._memory.shifted(field.offset * self._stride, True)[0] = getattr(value, "address", value)
         else:
             numbers = flat(value)
             if len(numbers) != field.size:
                 raise TraceError(f"{name} takes {field.size} numbers, not {len(numbers)}")
             for k, x in enumerate(numbers):
-                self.set_number(field.place + k, x)
+                self.set_number(field.offset + k, x)
 
     @property
     def address(self) -> Any:

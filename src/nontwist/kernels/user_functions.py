@@ -188,7 +188,7 @@ FROM = ("array", "asarray", "asanyarray", "ascontiguousarray", "copy", "diag")
 NEW = ("zeros", "ones", "empty", "full", "eye", "identity", "linspace", *LIKE, *FROM)
 
 
-def called(function: Any) -> Callable[..., Any]:
+def traceable(function: Any) -> Callable[..., Any]:
     """Return a function of NumPy for traced numbers; arrays of floats that it makes can hold them."""
     name, is_of_entries = function.__name__, isinstance(getattr(function, "__self__", function), np.ufunc)
 
@@ -210,7 +210,7 @@ def called(function: Any) -> Callable[..., Any]:
 
     for method in ("reduce", "accumulate", "reduceat", "outer", "at"):
         if hasattr(function, method):
-            setattr(of_traced, method, called(getattr(function, method)))
+            setattr(of_traced, method, traceable(getattr(function, method)))
     return of_traced
 
 
@@ -270,7 +270,7 @@ class Rebound:
         if isinstance(x, partial):
             return partial(self(x.func), *x.args, **x.keywords)
         if callable(x) and not isinstance(x, type) and (_is_of_numpy(x) or _is_of_numpy(type(x))):
-            return called(x)
+            return traceable(x)
         if isinstance(x, FunctionType):
             return self._function(x)
         if isinstance(x, BuiltinFunctionType):
@@ -379,14 +379,14 @@ class Float(float, metaclass=_Floats):
 def _of_all(plain: Callable[..., Any], of_two: Any) -> Callable[..., Any]:
     def function(*given: Any, **options: Any) -> Any:
         entries = list(given[0]) if len(given) == 1 else list(given)
-        return plain(entries, **options) if options or not is_traced(entries) else reduce(called(of_two), entries)
+        return plain(entries, **options) if options or not is_traced(entries) else reduce(traceable(of_two), entries)
 
     return function
 
 
 _shared = {here: getattr(math, there) for here, there in IN_MATH.items() if hasattr(math, there)}
-MATHS: dict[Any, Any] = {function: called(getattr(np, name)) for name, function in _shared.items()}
-MATHS[math.hypot] = lambda *x: reduce(called(np.hypot), x)
+MATHS: dict[Any, Any] = {function: traceable(getattr(np, name)) for name, function in _shared.items()}
+MATHS[math.hypot] = lambda *x: reduce(traceable(np.hypot), x)
 BUILTINS: dict[str, Any] = {"max": _of_all(max, np.maximum), "min": _of_all(min, np.minimum), "float": Float}
 NOT_COMPILED = "{}() happens when Python calls a function, not when machine code does: leave it out"
 BUILTINS |= {name: _refused(NOT_COMPILED.format(name)) for name in ("print", "input", "open", "exec", "eval")}

@@ -121,7 +121,7 @@ class Quaternion(Entries):
         """The vector part."""
         return Vector(*self[1:])
 
-    def turned(self, x: Vector) -> Vector:
+    def rotate(self, x: Vector) -> Vector:
         """Return Λ x of a quaternion of unit length."""
         t = cross(self.vector, x) * 2.0
         return x + t * self[0] + cross(self.vector, t)

@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..kernels.vectors import Matrix, first_moment
 from .forces import SPACE_AND_BODY, ForceTable
-from .friction import DryFriction, Sliding, require_apart
+from .friction import DryFriction, Sliding, require_distinct_axes
 from .kinds import LOADS, load_in_words
 from .memory import Memory
 from .potentials import GravityGradient, Potential
@@ -79,7 +79,7 @@ class Load:
     def __post_init__(self) -> None:
         if not isinstance(self.terms, tuple) or not all(isinstance(term, Term) for term in self.terms):
             raise ValueError(
-                f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
+                f"terms must be a tuple of Term, got {short_repr(self.terms)}; body_moment and others make loads"
             )
         known: tuple[type, ...] = (*LOADS.values(), Driven, OnBodyAtRest)
         if unknown := [type(one).__name__ for one in self.terms if not isinstance(one, known)]:
@@ -87,7 +87,7 @@ class Load:
                 f"nontwist.loads.LOADS has no entry for the class {unknown[0]}: "
                 f'add it below the class, as LOADS["{unknown[0].lower()}"] = {unknown[0]}'
             )
-        require_apart(self.terms)
+        require_distinct_axes(self.terms)
 
     def __repr__(self) -> str:
         more = len(self.terms) - MOST
@@ -129,9 +129,12 @@ class Load:
         each = np.concatenate([np.empty((0, 2)), *(term.support for term in self.terms)])
         each = each[np.argsort(each[:, 0])]
         reached = np.maximum.accumulate(each[:, 1])
-        is_apart = each[1:, 0] > reached[:-1]
+        is_disjoint = each[1:, 0] > reached[:-1]
         return np.stack(
-            [each[np.append([True], is_apart)[: len(each)], 0], reached[np.append(is_apart, [True])[: len(each)]]],
+            [
+                each[np.append([True], is_disjoint)[: len(each)], 0],
+                reached[np.append(is_disjoint, [True])[: len(each)]],
+            ],
             axis=1,
         )
 
@@ -315,7 +318,7 @@ class Load:
         """
         times = as_array(times, "times", (None,))
         if not among(kind, ("body", "space")):
-            raise ValueError(f"kind must be 'body' or 'space', got {shown(kind)}")
+            raise ValueError(f"kind must be 'body' or 'space', got {short_repr(kind)}")
         total = np.zeros((times.size, 3))
         for term in self.terms:
             if term.kind == kind:
@@ -375,9 +378,9 @@ def is_called(term: Term) -> bool:
     return not isinstance(term, Potential) or term.dead_force is None
 
 
-def with_moments(load: Load) -> Load:
+def tables_as_moments(load: Load) -> Load:
     """Return a load with the moments of forces that are tables along the directors in the place of these."""
-    terms = tuple(_with_moment(term) for term in load.terms)
+    terms = tuple(_table_as_moment(term) for term in load.terms)
     return load if all(map(is_, terms, load.terms)) else Load(terms)
 
 
@@ -398,7 +401,7 @@ def of_body(load: Load, inertia: Array) -> Load:
     return Load(tuple(term.of_body(inertia) if isinstance(term, GravityGradient) else term for term in load.terms))
 
 
-def _with_moment(term: Term) -> Term:
+def _table_as_moment(term: Term) -> Term:
     """Return a table of forces along the directors as the moment that it is, other terms as they are."""
     if not (isinstance(term, ForceTable) and term.frame == "body"):
         return term
@@ -447,8 +450,8 @@ def as_load(value: Any) -> Load:
         raise ValueError("load must be one Load: add the loads of the list with +, as in load=a + b")
     if not isinstance(value, Load):
         raise ValueError(
-            f"load must be a Load or None, got {shown(value)}; moment(function) makes one of a function of the state, "
-            "body_moment(...) and space_moment(...) of a function of time or a table"
+            f"load must be a Load or None, got {short_repr(value)}; moment(function) makes one of a function of the "
+            "state, body_moment(...) and space_moment(...) of a function of time or a table"
         )
     return value
 

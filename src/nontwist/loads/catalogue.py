@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_tensor, increasing
-from ..geometry.values import as_function, shown
+from ..geometry.values import as_function, short_repr
 from .base import Load
 from .compiled import as_c_function, is_c_function
 from .forces import ForceFunction, ForceTable
@@ -494,7 +494,7 @@ def wheel(
     is_motor = callable(torque)
     is_number = not (is_table or is_motor or torque is None)
     if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
-        raise ValueError(f"torque must be a number, (times, values) or a function, got {shown(torque)}")
+        raise ValueError(f"torque must be a number, (times, values) or a function, got {short_repr(torque)}")
     number, motor = (0.0, torque) if is_motor else (torque, None)
     table = torque if is_table else ((), ())
     given = (

@@ -97,15 +97,10 @@ def as_c_function(value: Any) -> CFunction:
             source, declared = value, f"none of C: {error}"
     if "".join(declared.replace("const", "").split()) != TYPES.replace(" ", ""):
         raise ValueError(f"function must have the C signature {SIGNATURE}; its signature is {declared}")
-    address = _in_capsule(value) if isinstance(value, LowLevelCallable) else address_of(source)
+    address = _in_capsule(value) if isinstance(value, LowLevelCallable) else machine_code.pointer_address(source)
     if not address:
         raise ValueError("function is a null pointer; give the address of a function")
     return CFunction(address, getattr(value, "__name__", getattr(source, "__name__", "function")), value)
-
-
-def address_of(pointer: Any) -> int:
-    """Return the address that a function pointer of ctypes holds, 0 for null."""
-    return ctypes.cast(pointer, ctypes.c_void_p).value or 0
 
 
 def _declared(pointer: Any) -> str:
@@ -150,16 +145,16 @@ class MachineFunction:
 
     def __init__(self, code: str, text: Callable[..., None], owners: tuple[Any, ...]) -> None:
         self._function = machine_code.function_of(code, ENTRY, kind=Moment)
-        self.address, self.text, self.owners = address_of(self._function), text, owners
+        self.address, self.text, self.owners = machine_code.pointer_address(self._function), text, owners
 
 
-def function_of(term: Term) -> Any:
+def term_function(term: Term) -> Any:
     """Return the C function that writes what a term gives; a ValueError where its text cannot be traced."""
     own = term.called
     return own if isinstance(own, CFunction) else _made(lambda *given: _traced(term, _numbers(term, *given)))
 
 
-def slopes_of(term: Term) -> MachineFunction | None:
+def slopes_function(term: Term) -> MachineFunction | None:
     """Return what writes these with their derivatives, by each argument and number of the term; of C functions None."""
 
     def text(*given: Any) -> list[Any]:

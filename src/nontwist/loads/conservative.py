@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
-from ..geometry.values import as_function, shown
+from ..geometry.values import as_function, short_repr
 from .base import Load
 from .kinds import made, of_function
 from .potentials import MOST_VECTORS, GravityGradient, PotentialFunction, Quadratic, Spring
@@ -85,7 +85,7 @@ def potential(
         lines, Q = _of_each(linear, "linear", (k, 3)), _of_each(quadratic, "quadratic", (k, 3, 3))
         return Load(tuple(Quadratic(linear=lines[i], quadratic=Q[i], vector=a[i]) for i in range(k)))
     if function is None or gradient is None:
-        given = f"; {shown(function)} is no function" if function is not None and not callable(function) else ""
+        given = f"; {short_repr(function)} is no function" if function is not None and not callable(function) else ""
         raise ValueError(
             f"potential needs both: function= gives V, gradient= its derivatives by γ{given}; coefficients are "
             "given by name, linear= and quadratic="

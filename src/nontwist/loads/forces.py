@@ -16,7 +16,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..spec import Spec
 from .calls import Call, array, state
-from .terms import ForceTerm, Frame, Record, along, function_in_words, smoothness, spans, within
+from .terms import ForceTerm, Frame, Record, along, function_in_words, nonzero_intervals, smoothness, within
 
 SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
 
@@ -57,7 +57,7 @@ class ForceTable(DirectorForces):
     @cached_property
     def support(self) -> Array:
         """Between times at one of which a force is not zero."""
-        return spans(self.times, self.forces_of)
+        return nonzero_intervals(self.times, self.forces_of)
 
     def columns(self, times: Any) -> list[Any]:
         """Return the nine interpolated numbers in their frame, one after the other."""

@@ -71,7 +71,7 @@ class Sliding(Table):
     """The moment of dry friction about axes while the body slides, along the frame, constant: its work is asked for."""
 
 
-def require_apart(terms: tuple[Any, ...]) -> None:
+def require_distinct_axes(terms: tuple[Any, ...]) -> None:
     """Raise a ValueError where two dry frictions act about one axis, or one against w beside another."""
     own = [term for term in terms if isinstance(term, DryFriction)]
     for a, b in combinations([term.axis for term in own], 2):

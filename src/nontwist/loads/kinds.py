@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from ..geometry.arrays import as_array
-from ..geometry.values import Registry, as_list, shown
+from ..geometry.values import Registry, as_list, short_repr
 from .forces import ForceFunction, ForceTable
 from .friction import DryFriction
 from .memory import MemoryFunction
@@ -23,7 +23,7 @@ MADE = ("constant", "csv", "dipole")  # kinds of run files that are made of othe
 def unregistrable(name: str, cls: type[Term]) -> str | None:
     """Return why a class cannot be the entry `name`, and what to do; None if it can."""
     if not (isinstance(cls, type) and issubclass(cls, Term)):
-        return f"LOADS[{name!r}] must be a subclass of Term, got {shown(cls)}"
+        return f"LOADS[{name!r}] must be a subclass of Term, got {short_repr(cls)}"
     if not own_fields(cls):
         return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
     if name in MADE:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, increasing
-from ..geometry.values import shown, vector_text
+from ..geometry.values import short_repr, vector_text
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import select, sin
 from ..spec import Spec, as_specified, specs
@@ -130,7 +130,7 @@ class Term(ABC):
         for name, (_, _, spec) in specs(cls).items():
             value = record[name]
             plain = value if isinstance(value, str) else vector_text(value) if len(np.shape(value)) == 1 else ""
-            yield f"{name} {plain or shown(value)} {spec.unit}".strip()
+            yield f"{name} {plain or short_repr(value)} {spec.unit}".strip()
 
     @classmethod
     def sample(cls) -> Self | None:
@@ -141,7 +141,7 @@ class Term(ABC):
     def description(self) -> dict[str, Any]:
         """The record of the term: kind, factor and own fields as plain data; of a function its name."""
         own = [name for name in own_fields(type(self)) if getattr(self, name) is not None]
-        return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
+        return {name: _as_data(getattr(self, name)) for name in ("kind", "scale", *own)}
 
     @classmethod
     def of_record(cls, record: Record) -> Self:
@@ -201,12 +201,12 @@ class Term(ABC):
         """Return a copy whose parameters hold these numbers, of any kind, for its text; itself without any."""
         if not len(numbers):
             return self
-        first, held = 0, dict[str, Any]()
+        first, values = 0, dict[str, Any]()
         for name in self.varying:
             shape = np.shape(getattr(self, name))
             own = numbers[first : first + prod(shape)]
-            held[name], first = array(own, *shape) if shape else own[0], first + prod(shape)
-        return self._copy(**held)
+            values[name], first = array(own, *shape) if shape else own[0], first + prod(shape)
+        return self._copy(**values)
 
     def seeded(self, name: str) -> Self:
         """Return a copy with the numbers of a field as duals, for its text; of texts of many times at once as rows."""
@@ -223,16 +223,16 @@ class Term(ABC):
     @cached_property
     def c_function(self) -> Any:
         """The text of the state as a C function, on demand; None if it runs in Python."""
-        from .compiled import function_of
+        from .compiled import term_function
 
-        return function_of(self) if self.compiled else None
+        return term_function(self) if self.compiled else None
 
     @cached_property
     def slopes(self) -> Any:
         """A C function that differentiates the text as well; None: its derivatives are others."""
-        from .compiled import slopes_of
+        from .compiled import slopes_function
 
-        return slopes_of(self) if self.compiled and self.derivative is None else None
+        return slopes_function(self) if self.compiled and self.derivative is None else None
 
     # ---- as a value
 
@@ -373,7 +373,7 @@ class Table(OfTime):
     @cached_property
     def support(self) -> Array:
         """Between times at one of which the moment is not zero."""
-        return spans(self.times, self.values)
+        return nonzero_intervals(self.times, self.values)
 
     def columns(self, times: Any) -> Any:
         """Return the interpolated moments."""
@@ -516,7 +516,7 @@ def chord(known: Array, values: Array, times: Array) -> Array:
     return found
 
 
-def spans(times: Array, values: Array) -> Array:
+def nonzero_intervals(times: Array, values: Array) -> Array:
     """Return where values that are linear between `times`, and 0 outside, are not zero: from when to when, (k, 2)."""
     rows = np.any(values.reshape(len(times), -1) != 0, axis=1, keepdims=True)[:, 0]
     change = np.diff(np.concatenate([[False], rows[1:] | rows[:-1], [False]]).astype(np.int64))
@@ -561,7 +561,7 @@ def _is_varied(kind: Any, spec: Spec) -> bool:
     return not spec.is_fixed and (kind is float or bool(spec.shape))
 
 
-def _plain(value: Any) -> Any:
+def _as_data(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else name_of(value) if callable(value) else value
 
 

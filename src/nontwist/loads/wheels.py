@@ -284,7 +284,7 @@ class Column(NamedTuple):
     is_dry: bool
 
 
-def columns_of(records: Sequence[Record]) -> list[Column]:
+def recorded_wheels(records: Sequence[Record]) -> list[Column]:
     """Return the wheels of the load of these records, whose internal states come before those of other loads."""
     found, place = list[Column](), 0
     for one in records:

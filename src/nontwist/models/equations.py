@@ -54,7 +54,7 @@ class SplitRates(NamedTuple):
 
 def split_momentum(system: DirectorSystem, q: Array, pi: Array) -> tuple[Array, float]:
     """Split a spatial momentum into ``(π_⊥, π_∥)`` along d = Λn (eq-pi-split)."""
-    d = _axis(system) @ q
+    d = _axis_or_d3(system) @ q
     par = float(pi @ d)
     return pi - par * d, par
 
@@ -83,15 +83,15 @@ def split_rates(
     w : (3,) array, rad/s, optional
         The velocity, where `split_velocity` has found it.
     """
-    turn, d = hat(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis(system) @ q
+    turn, d = hat(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis_or_d3(system) @ q
     m = moment + products(q, system.dead_force) if _is_heavy(system) else moment
     d_dot = turn @ d
     along, mu = float(pi_perp @ d_dot + m @ d), 0.0  # π_∥' + μ
     if system.axis is None:
         return SplitRates(q @ turn.T, m - along * d - pi_par * d_dot, along, mu)
-    held = _held(system)
-    perp_dot = m - along * d - float(held @ (q @ pi_perp)) * d_dot
-    mu = along - float(held @ (q @ perp_dot))
+    axial_response = _axial_response(system)
+    perp_dot = m - along * d - float(axial_response @ (q @ pi_perp)) * d_dot
+    mu = along - float(axial_response @ (q @ perp_dot))
     return SplitRates(q @ turn.T, perp_dot, along - mu, mu)
 
 
@@ -127,7 +127,7 @@ def director_rates(
     return x[:9].reshape(3, 3), x[9:]
 
 
-def _axis(system: DirectorSystem) -> Array:
+def _axis_or_d3(system: DirectorSystem) -> Array:
     return I3[2] if system.axis is None else system.axis
 
 
@@ -137,9 +137,9 @@ def _is_heavy(system: DirectorSystem) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _held(system: DirectorSystem) -> Array:
+def _axial_response(system: DirectorSystem) -> Array:
     """Return what gives ``π_∥ = n·J W`` of Π, of a body with an axis n."""
-    return _axis(system) @ system.convected_inertia @ _response(system)
+    return _axis_or_d3(system) @ system.convected_inertia @ _response(system)
 
 
 @lru_cache(maxsize=64)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array, as_array, as_floats, increasing
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def as_spin(value: Any) -> Spin | None:
     else:
         number = as_floats(value, "spin")
         if number.ndim:
-            raise ValueError(f"spin must be a number (rad/s) or a pair of times and values, got {shown(value)}")
+            raise ValueError(f"spin must be a number (rad/s) or a pair of times and values, got {short_repr(value)}")
         times, values = np.zeros(1), as_array(number, "spin", ())[None]
     times.flags.writeable = values.flags.writeable = False
     return Spin(times, values) if values.any() else None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import UNIT, Array, as_array
-from ..geometry.values import as_list, shown
+from ..geometry.values import as_list, short_repr
 from .spin import Spin, as_spin
 from .system import PRINCIPAL, SYMMETRY, DirectorSystem, across, as_system, inertia_text, keep
 
@@ -70,7 +70,7 @@ class SystemStack:
         E = as_array(self.euler_inertia, "euler_inertia", (None, 3, 3))
         m = len(E)
         if not isinstance(self.name, str):
-            raise ValueError(f"name must be a string, got {shown(self.name)}")
+            raise ValueError(f"name must be a string, got {short_repr(self.name)}")
         if not m:
             raise ValueError("a stack needs at least one body")
         dead = np.zeros((m, 3, 3)) if self.dead_force is None else as_array(self.dead_force, "dead_force", (m, 3, 3))
@@ -131,7 +131,7 @@ class SystemStack:
         bodies = as_list(systems, "systems")
         for k, body in enumerate(bodies):
             if not isinstance(body, DirectorSystem):
-                raise ValueError(f"stack requires bodies, but the entry {k} is {shown(body)}")
+                raise ValueError(f"stack requires bodies, but the entry {k} is {short_repr(body)}")
         constrained = [body.axis is not None for body in bodies]
         if any(constrained) and not all(constrained):
             k, other = constrained.index(True), constrained.index(False)
@@ -156,7 +156,7 @@ class SystemStack:
 
     def __repr__(self) -> str:
         first = inertia_text(self.inertia[0])
-        return f"<SystemStack {shown(self.name)}: {len(self)} bodies, the first of inertia {first} kg m²>"
+        return f"<SystemStack {short_repr(self.name)}: {len(self)} bodies, the first of inertia {first} kg m²>"
 
     def __getitem__(self, member: int) -> DirectorSystem:
         if "_bodies" in vars(self):

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_direction, as_flag, as_floats, as_tensor
-from ..geometry.values import shown, vector_text
+from ..geometry.values import short_repr, vector_text
 from .spin import as_spin
 
 if TYPE_CHECKING:
@@ -106,8 +106,8 @@ def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = No
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
     a, b, c = principal = np.linalg.eigvalsh(J)
-    is_held = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
-    if (b if is_held else a) <= 4 * np.finfo(float).eps * abs(principal).max():
+    is_massless_about_axis = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
+    if (b if is_massless_about_axis else a) <= 4 * np.finfo(float).eps * abs(principal).max():
         raise ValueError(
             f"inertia is not positive definite: its smallest principal moment is {a:.6g}"
             + (" (0 is accepted about the third axis of nontwisting)" if b > 0 and abs(a) < SYMMETRY * c else "")
@@ -252,7 +252,7 @@ class DirectorSystem:
         axis = None if self.axis is None else as_direction(self.axis, "axis")
         dead = as_array(self.dead_force, "dead_force", (3, 3))
         if not isinstance(self.name, str):
-            raise ValueError(f"name must be a string, got {shown(self.name)}")
+            raise ValueError(f"name must be a string, got {short_repr(self.name)}")
         spin = as_spin(self.spin)
         checked_inertia(convected_inertia(E), self.physical, None if spin is not None else axis)
         E = _semidefinite(E) if self.physical else E
@@ -287,7 +287,9 @@ class DirectorSystem:
             axis += f", spin {f'{self.spin.values[0]:.6g} rad/s' if constant else 'by a table'}"
         forces = ", dead forces" if self.dead_force.any() else ""
         note = "" if self.physical else ", physical=False"
-        return f"<DirectorSystem {shown(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}{note}>"
+        return (
+            f"<DirectorSystem {short_repr(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}{note}>"
+        )
 
     @staticmethod
     def stack(systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -357,7 +359,7 @@ class DirectorSystem:
                 system["spin"] = values[0] if times.size == 1 else (times, values)
             system["physical"] = data.get("physical", True)
         except (TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError) as error:
-            raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
+            raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {short_repr(text)}") from error
         return cls(**system)
 
 
@@ -381,6 +383,6 @@ def as_system(value: Any) -> DirectorSystem:
     if not isinstance(value, DirectorSystem):
         raise ValueError(
             "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), "
-            f"got {shown(value)}"
+            f"got {short_repr(value)}"
         )
     return value

@@ -35,7 +35,7 @@ from .. import plot
 from ..analysis.statistics import second_quotient
 from ..driver.notices import COARSE_STEP
 from ..driver.runs import simulate
-from ..geometry.values import among, as_function, as_list, as_path, shown
+from ..geometry.values import among, as_function, as_list, as_path, short_repr
 from ..io.results import save_run
 from ..io.whole import require_free, written
 from ..loads import Load, pulse
@@ -264,7 +264,7 @@ def reproduce(
     """
     given = as_list(cases, "cases")
     if unknown := [case for case in given if not among(case, CASES)]:
-        raise ValueError(f"the paper has the cases 1, 2, 3; got {shown(unknown[0])}")
+        raise ValueError(f"the paper has the cases 1, 2, 3; got {short_repr(unknown[0])}")
     chosen = sorted(set(given))
     say = (lambda text: None) if progress is None else as_function(progress, "progress")
     body, folder, tables = nontwisting(INERTIA), as_path(out, "out"), []

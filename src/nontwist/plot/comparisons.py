@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..analysis.datasets import as_dataset
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from ..integrators import INTEGRATORS
 from .journals import axes_for, style
 from .looks import COLOURS, Look, cycle, given_look
@@ -73,7 +73,7 @@ def work_precision(
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     if not among(against, ("seconds", "steps")):
-        raise ValueError(f"against must be 'seconds' or 'steps', got {shown(against)}")
+        raise ValueError(f"against must be 'seconds' or 'steps', got {short_repr(against)}")
     as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
     given, bar = given_look(properties, "work_precision"), float(comparison["attitude_reference_error"])
     with style():

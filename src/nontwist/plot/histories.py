@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.values import among, as_whole, shown
+from ..geometry.values import among, as_whole, short_repr
 from .looks import labelled, symbol, unit, variable
 from .timelines import Curves, over_time
 
@@ -65,7 +65,7 @@ def momenta(
     >>> plot.save(ax, "momenta.pdf", "momenta.png")
     """
     if not among(frame, ("space", "body")):
-        raise ValueError(f"frame must be 'space' or 'body', got {shown(frame)}")
+        raise ValueError(f"frame must be 'space' or 'body', got {short_repr(frame)}")
     name, dim = ("spatial_momentum", "axis") if frame == "space" else ("material_momentum", "director")
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
     ['$d_{1x}$', '$d_{1y}$', '$d_{1z}$']
     """
     if not among(director, (1, 2, 3)):
-        raise ValueError(f"director must be 1, 2 or 3, got {shown(director)}")
+        raise ValueError(f"director must be 1, 2 or 3, got {short_repr(director)}")
 
     def curves(run: Any, label: str) -> dict[str, Any]:
         d = variable(run, label, "directors").sel(director=director)

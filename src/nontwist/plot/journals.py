@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from ..geometry.arrays import as_positive
-from ..geometry.values import among, as_path, as_whole, shown
+from ..geometry.values import among, as_path, as_whole, short_repr
 from ..io.whole import require_free, written
 from .looks import property_cycle
 
@@ -77,7 +77,7 @@ def style(journal: str | None = None) -> Iterator[None]:
     import matplotlib
 
     if journal is not None and not among(journal, JOURNALS):
-        raise ValueError(f"journal must be {', '.join(map(repr, JOURNALS))}, got {shown(journal)}")
+        raise ValueError(f"journal must be {', '.join(map(repr, JOURNALS))}, got {short_repr(journal)}")
     token = _journal.set(_journal.get() if journal is None else journal)
     ours = _style_file() | JOURNALS[_journal.get()][2] | {"axes.prop_cycle": property_cycle()}
     users, defaults = cast(Any, matplotlib.rcParams), cast(Any, matplotlib.rcParamsDefault)
@@ -120,7 +120,7 @@ def axes_for(ax: Any, height: float | None = 2.4) -> Any:
     if ax is None:
         return new_axes(height=column_width() if height is None else height)[0]
     if not isinstance(ax, Axes):
-        raise ValueError(f"ax must be the Axes of a figure of matplotlib, got {shown(ax)}")
+        raise ValueError(f"ax must be the Axes of a figure of matplotlib, got {short_repr(ax)}")
     return ax
 
 
@@ -163,7 +163,7 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     if not among(columns, (1, 2)):
-        raise ValueError(f"columns must be 1 or 2 of a journal's page, got {shown(columns)}")
+        raise ValueError(f"columns must be 1 or 2 of a journal's page, got {short_repr(columns)}")
     height = float(as_positive(height, "height", (), "in"))
     if height > HIGHEST:
         raise ValueError(f"height must be at most {HIGHEST} in, got {height:g} in")
@@ -255,7 +255,7 @@ def save(drawn: Axes | Figure | SubFigure, *paths: str | os.PathLike[str], force
     own: Any = getattr(drawn, "figure", drawn)
     figure = getattr(own, "figure", own)  # of axes in a part of a figure, the whole
     if not hasattr(figure, "savefig"):
-        raise ValueError(f"drawn must be axes that nontwist.plot returned, or a figure; got {shown(drawn)}")
+        raise ValueError(f"drawn must be axes that nontwist.plot returned, or a figure; got {short_repr(drawn)}")
     formats = require_places(*paths, force=force)
     layout = figure.get_layout_engine()
     with style(getattr(figure, "journal", None)):

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.stacks import arcs
-from ..geometry.values import among, as_whole, shown
+from ..geometry.values import among, as_whole, short_repr
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
 from ..viewer.drawing import Camera
@@ -228,7 +228,7 @@ def path(
     >>> plot.save(ax, "path.pdf")
     """
     if not among(director, (1, 2, 3)):
-        raise ValueError(f"director must be 1, 2 or 3, got {shown(director)}")
+        raise ValueError(f"director must be 1, 2 or 3, got {short_repr(director)}")
     triads = as_whole(triads, "triads", 0, MOST_TRIADS)
     given, runs = given_look(properties, "path"), labelled(runs)
     table = {label: _directors(run, label) for label, run in runs.items()}

@@ -12,7 +12,7 @@ from ..geometry import arrays
 from ..geometry.arrays import Array, as_array
 from ..geometry.frames import triad_about
 from ..geometry.twist_kernels import SIZE, count
-from ..geometry.values import among, shown
+from ..geometry.values import among, short_repr
 from .attitudes import MEASURED
 from .motions import as_rotation, raw_motion
 from .options import ReadOptions
@@ -29,7 +29,7 @@ def as_direction(axis: ArrayLike | str, axis_frame: str) -> tuple[Array, float]:
     """Return an axis as a unit vector, and the sign of a twist about it: -1 where it is fixed in space."""
     n = arrays.as_direction(axis, "axis", "the body or in space")
     if not among(axis_frame, ("body", "space")):
-        raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
+        raise ValueError(f"axis_frame must be 'body' or 'space', got {short_repr(axis_frame)}")
     return n, 1.0 if axis_frame == "body" else -1.0
 
 
@@ -106,7 +106,7 @@ class TwistCounter:
     ) -> None:
         n, self._sign = as_direction(axis, axis_frame)
         if not among(order, (2, 4)):
-            raise ValueError(f"order must be 2 or 4, got {shown(order)}")
+            raise ValueError(f"order must be 2 or 4, got {short_repr(order)}")
         ReadOptions(scalar_first=scalar_first)
         self._order, self._scalar_first, self._triad = int(order), scalar_first, triad_about(n)
         self.reset()

@@ -14,7 +14,7 @@ from ..analysis.datasets import in_order
 from ..analysis.variables import assembled, coordinates
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from ..io.results import open_run
 from ..io.whole import free_memory, require_regular
 from ..spec import takes
@@ -99,7 +99,7 @@ def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> C
     if callable(getattr(source, "read", None)):
         return read_text(source, how)
     if not isinstance(source, (str, os.PathLike)):
-        raise InputError("source", value=shown(source))
+        raise InputError("source", value=short_repr(source))
     path = Path(source)
     if path.is_dir() and (path / "metadata.yaml").exists():
         return READERS[".db3"](path, how)
@@ -204,7 +204,7 @@ def read_rates(
     """
     how = ReadOptions(columns=columns, **options)
     if not (unit is None or isinstance(unit, str)):
-        raise InputError("type", name="unit", words="a text", value=shown(unit))
+        raise InputError("type", name="unit", words="a text", value=short_repr(unit))
     name = str(source) if isinstance(source, (str, os.PathLike)) else "the stream"
     if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
         if speed is not None:

@@ -45,7 +45,7 @@ from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.twist_kernels import angles, body_axes
-from ..geometry.values import among, counted, shown
+from ..geometry.values import among, counted, short_repr
 from .counting import as_direction
 from .motions import Samples, given_motion
 from .relative import CLOCKS, relative_motion
@@ -170,9 +170,9 @@ def twist(
     """
     n, sign = as_direction(axis, axis_frame)
     if clocks is not None and not among(clocks, CLOCKS):
-        raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {shown(clocks)}")
+        raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {short_repr(clocks)}")
     if align is not None and not among(align, ("static",)):
-        raise ValueError(f"align must be None or 'static', got {shown(align)}")
+        raise ValueError(f"align must be None or 'static', got {short_repr(align)}")
     pose, pairs = None if static is None else as_array(static, "static", (2,)), _shaken(shake)
     if pose is not None and pose[0] > pose[1]:
         raise ValueError(f"static must be two times, the earlier first, got {pose.tolist()}")

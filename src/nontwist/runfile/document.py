@@ -31,7 +31,7 @@ from ..driver.single_run import forecast as forecast_of
 from ..driver.starts import start_of_one
 from ..errors import RunFileError
 from ..geometry.values import as_list, as_path
-from ..geometry.values import shown as in_python
+from ..geometry.values import short_repr as in_python
 from ..integrators import DEFAULT, INTEGRATORS
 from ..io.whole import require_regular
 from ..loads import Load

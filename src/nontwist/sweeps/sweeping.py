@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from ..driver.notices import cores, notice
 from ..driver.problem import Problem
 from ..errors import SweepError, SweepStoreError, warn
-from ..geometry.values import as_function, as_path, as_whole, shown
+from ..geometry.values import as_function, as_path, as_whole, short_repr
 from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
@@ -225,12 +225,12 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
         file: RunFile = given.file
         return file
     if not isinstance(over, Mapping):
-        raise ValueError(f"over must be a mapping of keys to values, got {shown(over)}")
+        raise ValueError(f"over must be a mapping of keys to values, got {short_repr(over)}")
     problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "run_file"))
     whole = file_of(problem, Path("problem.toml") if problem.file is None else problem.file.folder / "problem.toml")
     for key, one in over.items():
         if isinstance(one, Mapping) and "key" in one:
-            raise ValueError(f"over[{shown(key)}] has a key of its own, {shown(one['key'])}; leave it out")
+            raise ValueError(f"over[{short_repr(key)}] has a key of its own, {short_repr(one['key'])}; leave it out")
     each = {key: one if isinstance(one, Mapping) else {"kind": "list", "values": one} for key, one in over.items()}
     rows = [{"key": key, **{name: plain(value) for name, value in one.items()}} for key, one in each.items()]
     varied = bounded({"over": rows, **{name: plain(value) for name, value in table.items()}})

@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from ..driver.notices import cores, duration, shown_bar
-from ..geometry.values import as_whole, shown
+from ..geometry.values import as_whole, short_repr
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
 from ..models.bodies import BODIES
@@ -83,7 +83,7 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
         raise ImportError(MISSING) from error
     dask: Any = distributed
     if not isinstance(where, (str, dask.Client, dask.deploy.Cluster)):
-        raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {shown(where)}')
+        raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {short_repr(where)}')
     if isinstance(where, str) and where != "local":
         dask.comm.get_address_host_port(where)  # a ValueError now, before a client waits for it
     with ExitStack() as stack:

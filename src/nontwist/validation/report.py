@@ -146,11 +146,11 @@ def validate(
     >>> [check.name for check in validation.checks if check.source == "eq-dexp"][0]
     'SO(3): dexp against the integral of exp(s θ̂)'
     """
-    from ..geometry.values import among, as_function, as_list, as_whole, nearest, shown
+    from ..geometry.values import among, as_function, as_list, as_whole, nearest, short_repr
 
     named = list(GROUPS) if groups is None else [groups] if isinstance(groups, str) else as_list(groups, "groups")
     if unknown := [name for name in named if not among(name, GROUPS)]:
-        raise ValueError(f"unknown group {shown(unknown[0])}; {nearest(unknown[0], GROUPS)}")
+        raise ValueError(f"unknown group {short_repr(unknown[0])}; {nearest(unknown[0], GROUPS)}")
     chosen, workers = list(dict.fromkeys(named)), as_whole(workers, "workers", 1)
     say = (lambda text: None) if progress is None else as_function(progress, "progress")
     found: dict[str, tuple[list[Check], float]] = {}

@@ -33,9 +33,9 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.attitudes import quaternions
 from ..geometry.frames import triad_about
-from ..geometry.values import shown, vector_text
+from ..geometry.values import short_repr, vector_text
 from ..loads.kinds import rotors_of
-from ..loads.wheels import columns_of
+from ..loads.wheels import recorded_wheels
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
@@ -116,7 +116,7 @@ def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
     rotors = [(one.direction, one.scale * one.history(times)[0]) for one in rotors_of(records).rotors]
     if "wheel_speed" not in run:
         return rotors
-    speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, columns_of(records)
+    speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, recorded_wheels(records)
     return rotors + [(one.axis, one.inertia * speed) for one, speed in zip(wheels, speeds, strict=True)]
 
 
@@ -138,7 +138,7 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
     given = [labels] if isinstance(labels, str) else labels
     if given is not None and (len(given) != len(runs) or not all(isinstance(one, str) for one in given)):
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
-        raise ValueError(f"labels must be {many}, got {shown(labels)}")
+        raise ValueError(f"labels must be {many}, got {short_repr(labels)}")
     two = len(runs) == 2
     found = [_of_two(*pair) for pair in zip(runs, PLACES, strict=True)] if two else [content(runs[0])]
     titles, names = ([each[key] for each in found] for key in ("title", "name"))

@@ -18,7 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from ..geometry.values import shown
+from ..geometry.values import short_repr
 from ..io.whole import written
 from .content import as_script, contents
 from .drawing import Motion, camera_of
@@ -142,7 +142,7 @@ def view(
     if isinstance(run, dict):
         raise ValueError("view accepts one run or two, view(a, b), not a dictionary")
     if title is not None and not isinstance(title, str):
-        raise ValueError(f"title must be a string, got {shown(title)}")
+        raise ValueError(f"title must be a string, got {short_repr(title)}")
     shows = contents([run] if other is None else [run, other], labels)
     title = title or " and ".join(each["title"] or each["name"] for each in shows)
     page = Template(_own("viewer.html")).substitute(

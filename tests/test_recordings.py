@@ -102,6 +102,16 @@ def test_what_is_inverted_is_read_so_and_said(beside):
             same(read_motion(table(columns), **options), expected)
 
 
+@pytest.mark.parametrize(
+    "order", [np.arange(N).reshape(-1, 2)[:, ::-1].ravel(), np.random.default_rng(0).permutation(N)]
+)
+def test_rows_out_of_order_are_compared_with_the_gyroscope_in_the_order_of_time(order):
+    columns = {"time": T, **backwards(), **gyroscope()}
+    source = table({name: values[order] for name, values in columns.items()})
+    with warned("reading-by-evidence", "unsorted-times"):
+        same(read_motion(source))
+
+
 def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
     data = {**backwards(motion), **accelerometer(motion)}

@@ -95,11 +95,13 @@ class Reading:
 class Evidence:
     """What is recorded `beside` an orientation, in the `rows` that are compared: vectors, or quaternions.
 
-    `time` makes turns of what a gyroscope measures; it is 0 where its unit or the times are unknown.
+    `time` makes turns of what a gyroscope measures; it is 0 where its unit or the times are unknown. `places` are those
+    of the rows in the order of time.
     """
 
     beside: Mapping[str, Array]
     rows: NDArray[np.int64]
+    places: NDArray[np.int64]
     time: Array
 
     def steps(self, what: str, quat: Array) -> tuple[Array, Array, Array]:
@@ -107,7 +109,7 @@ class Evidence:
         from scipy.spatial.transform import Rotation
 
         good = known(quat, self.beside[what], self.time[:, None])
-        R, rates, near = Rotation.from_quat(quat[good]), self.beside[what][good], np.diff(self.rows[good]) == 1
+        R, rates, near = Rotation.from_quat(quat[good]), self.beside[what][good], np.diff(self.places[good]) == 1
         R = R.inv() if what == SPIN else R
         measured = (rates[1:] + rates[:-1])[near] / 2
         return (R[:-1].inv() * R[1:]).as_rotvec()[near], measured, measured * np.diff(self.time[good])[near, None]
@@ -159,12 +161,14 @@ def evidence_of(
     gyroscope, unit = sensor(table, GYROSCOPES)
     accelerometer, _ = sensor(table, ACCELEROMETER)
     found = {GYROSCOPE: gyroscope, SPIN: None if spin is None else -spin, OTHER: other, GRAVITY: accelerometer}
-    rows = np.arange(count)
+    places = np.arange(count)
     if count > MOST:
         starts = np.linspace(0, count - 1 - MOST // BLOCKS, BLOCKS).astype(int)
-        rows = np.unique((starts[:, None] + np.arange(MOST // BLOCKS)).ravel())
+        places = np.unique((starts[:, None] + np.arange(MOST // BLOCKS)).ravel())
+    rows = places if time is None or len(time) != count else np.argsort(time, kind="stable")[places]
     there = {what: one[rows] for what, one in found.items() if one is not None and len(one) == count >= FEWEST}
-    return Evidence(there, rows, np.zeros(len(rows)) if unit is None or time is None else RATE[unit] * time[rows])
+    at = np.zeros(len(rows)) if unit is None or time is None else RATE[unit] * time[rows]
+    return Evidence(there, rows, places, at)
 
 
 def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | None, tuple[str, ...]]:

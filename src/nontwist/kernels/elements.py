@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from . import machine_code
 from .tracing import TraceError, tracer, writer
 
 # What operators are in LLVM. An order of doubles is false where there is no number.
@@ -346,7 +347,7 @@ def fma(a: Any, b: Any, c: Any) -> Any:
         return dual.through(lambda c, a, b: fma(a, b, c), lambda c, a, b, _: (1.0, b, a), (c, a, b))
     if any(isinstance(x, Element) for x in (a, b, c)) and all(map(is_number, (a, b, c))):
         return call_function("fma", a, b, c) if writer().is_fused else a * b + c
-    if not all(isinstance(x, (float, int)) for x in (a, b, c)):
+    if not all(isinstance(x, (float, int)) for x in (a, b, c)) or not machine_code.is_fused():
         return a * b + c
     try:
         exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))

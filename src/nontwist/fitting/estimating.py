@@ -133,6 +133,8 @@ def turns(time: Array, rates: Array) -> Array:
     """Return the rotations since the first sample by angular velocities that are linear between samples, (n, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
+    if len(time) < 2:  # of no rotations SciPy before 1.17 makes none
+        return np.tile(np.eye(3), (len(time), 1, 1))
     steps = Rotation.from_rotvec((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None]).as_matrix()
     n, size = len(time), int(np.sqrt(len(time))) + 1
     found = np.broadcast_to(np.eye(3), (size * size, 3, 3)).copy()  # blocks of so many, each from its own beginning

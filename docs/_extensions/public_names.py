@@ -18,6 +18,7 @@ from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
+SPACES = "nontwist", "nontwist.results", "nontwist.inertia", "nontwist.split_form"
 PAGES = "api"  # the folder of the pages, made before the others are read
 LISTED = re.compile(r"^\.\. public:: (\S+)\n\n((?: {3}\S.*\n)+)", re.MULTILINE)
 logger = logging.getLogger(__name__)
@@ -87,7 +88,7 @@ class Entry(SphinxDirective):
         entries = self.parse_text_to_nodes("\n".join(lines))
         for entry in entries:
             for signature in entry.findall(desc_signature):
-                for space in ("nontwist", "nontwist.results"):  # where the page of a source that has both kinds leads
+                for space in SPACES:  # to which pages of sources with names of several lead
                     if (place := f"{space}.{signature['fullname']}") not in self.state.document.ids:
                         signature["ids"].append(place)
                         self.state.document.ids[place] = signature

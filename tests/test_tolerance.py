@@ -251,6 +251,16 @@ def test_a_small_gyration_behind_many_kinks_is_refined(load):
     assert (next(ends).inv() * next(ends)).magnitude() < 1e-8
 
 
+@pytest.mark.parametrize(("t_end", "shown"), [(2, 0.2), (50, 50 * 100 / np.sqrt(1.2) / 20_000)])
+def test_stored_states_show_a_gyration_up_to_a_number(t_end, shown):
+    """A body that hardly turns, and W that turns in it at the rate h / √(J₁ J₂)."""
+    run = nt.simulate(
+        nt.standard([1, 1.2, 1.5]), t_end=t_end, load=nt.rotor((0, 0, 1), 100.0), angular_velocity=(0.1, 0, 0)
+    )
+    turned = np.diff(run.time) * 100 / np.sqrt(1.2)
+    assert 0.99 * shown < turned.max() <= shown * (1 + 1e-9)
+
+
 def test_the_rate_of_a_gyration_is_that_of_the_linear_motion():
     """Of ``J W' = H × W``; a body that may not turn about its third axis sees H along that alone."""
     J, h = np.array([3.0, 4.0, 5.0]), np.array([1.0, -2.0, 2.0])

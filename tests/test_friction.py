@@ -1,5 +1,7 @@
 """Dry friction: closed forms, SciPy with events of its own, balances, refusals; loads that jump with the state."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -216,6 +218,16 @@ def test_a_stall_names_the_jump(how, compiled):
     slow.terminal, slow.direction = True, -1
     run = nt.simulate(PENDULUM, events=slow, **how)
     assert abs(run.angular_velocity.values[-1, 0]) == pytest.approx(0.1)
+
+
+def test_a_jump_is_named_with_its_values_at_its_time():
+    def relay(t, directors, w):
+        return -(1.0 + t) * np.sign(w[0]), 0.0, 0.0
+
+    with pytest.raises(SimulationError, match="relay jumps") as failed, np.errstate(all="ignore"):
+        nt.simulate(PENDULUM, step=0.005, t_end=6, load=nt.moment(relay, compiled=True), **TILTED)
+    at, value = re.search(r"about t = ([0-9.]+) s from \(([0-9.]+), 0, 0\)", str(failed.value)).groups()
+    assert float(value) == pytest.approx(1 + float(at), abs=1e-3)
 
 
 def test_a_steep_law_that_is_smooth_is_no_jump():

@@ -35,6 +35,16 @@ def test_each_run_keeps_what_it_should(case):
     assert (twist_defect(run) or 0) < 1e-14
 
 
+def test_the_drift_of_a_top_is_relative_to_the_largest_of_each_energy():
+    top = BODIES["heavy_top"]()
+    found = drifts(
+        run := nt.simulate(top, t_end=1, step=0.02, material_angular_velocity=[1, -2, 3], integrator="split")
+    )
+    size = float(run.kinetic_energy.max()) + np.linalg.norm(top.dead_force, axis=1).sum()
+    energy = run.kinetic_energy + run.potential_energy
+    assert found["total_energy"].relative == pytest.approx(float(abs(energy - energy[0]).max()) / size, rel=1e-9)
+
+
 @pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("lie-midpoint", 2), ("gauss", 4)])
 @pytest.mark.parametrize("case", ["standard", "nontwisting", "suslov", "heavy top"])
 @pytest.mark.parametrize("steps", [50_000, pytest.param(1_000_000, marks=pytest.mark.long)])

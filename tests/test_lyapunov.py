@@ -131,6 +131,13 @@ def test_members_that_fail_have_no_exponents():
         nt.lyapunov_ensemble(nt.standard(J), **how | {"integrator": "exact", "step": None})
 
 
+@pytest.mark.parametrize("function", [nt.lyapunov, nt.lyapunov_ensemble])
+def test_steps_off_the_breakpoints_are_warned_of(function):
+    how = {"t_end": 1, "step": 0.1, "load": nt.pulse((1, 0, 0), 0.25, 0.55), "material_angular_velocity": (1, 2, 3)}
+    with pytest.warns(UserWarning, match="breakpoint"):
+        function(nt.standard([3, 4, 5]), **how)
+
+
 def test_ensembles_choose_steps_as_runs_do():
     how = {"t_end": 3, "material_angular_velocity": STARTS}
     many = nt.simulate_ensemble(nt.standard(J), tolerance=1e-6, **how)

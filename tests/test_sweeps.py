@@ -401,6 +401,7 @@ def test_a_plan_leaves_compilation_out(write, monkeypatch):
     coming = plan(members, 2)
     assert compiled
     assert (coming.blocks, coming.seconds_each) == (1, pytest.approx(1e-5, rel=0.1))
+    assert coming.seconds == coming.members * coming.seconds_each
 
 
 def test_spans_of_time_in_words():

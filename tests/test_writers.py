@@ -62,6 +62,21 @@ def test_a_command_says_what_it_has_written(name, folder):
         assert any(word.strip(",;").endswith(file) for word in words), file
 
 
+def test_writers_leave_no_files_open(tmp_path):
+    import fcntl
+
+    held = os.open(tmp_path / ".b.nc.lock", os.O_CREAT | os.O_RDWR)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    before = os.listdir("/dev/fd")
+    for _ in range(3):
+        with reserved_path(tmp_path / "a.nc"):
+            pass
+        with pytest.raises(BlockingIOError, match="another process"), reserved_path(tmp_path / "b.nc"):
+            pass
+    assert os.listdir("/dev/fd") == before
+    os.close(held)
+
+
 def test_refusals_come_before_the_work(folder, monkeypatch):
     """A command that would be refused when all is computed computes nothing."""
 

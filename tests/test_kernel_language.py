@@ -177,6 +177,16 @@ def again(x):
     return again(x)
 
 
+def test_a_part_is_traced_for_each_of_its_constants():
+    combined = part(lambda x, how: x * x if how == "square" else x + x)
+
+    @kernel("f8 -> f8, f8, f8")
+    def all_three(x):
+        return combined(x, "square"), combined(x, "double"), combined(x, "square")
+
+    assert all_three(3.0) == (9.0, 6.0, 9.0)
+
+
 REFUSED = {
     "select(condition, a, b)": lambda x: 1.0 if x[0] > 0.0 else 2.0,
     "keep it in Variables": leaking,

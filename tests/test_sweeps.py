@@ -383,6 +383,13 @@ def test_blocks_are_neither_long_nor_large():
     assert _block(50, 1e-3, 57, 2) == 50
 
 
+def test_events_of_a_sweep_are_refused(write):
+    event = '[[event]]\nkind = "spin-below"\nvalue = 0.1\n'
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(write(HELD + event + event))
+    assert [problem.key for problem in caught.value.problems] == ["event"]
+
+
 def test_a_plan_leaves_compilation_out(write, monkeypatch):
     """Even where the first member is refused and nothing is compiled for it."""
     text = HELD.replace("start = -1.0", "start = 0.0").replace("[0.1, 0.2, 1.0]", "[0.1, 0.0, 0.0]")

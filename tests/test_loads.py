@@ -105,6 +105,11 @@ class Bare(Term):
     pass
 
 
+def test_the_times_that_do_not_increase_are_named():
+    with pytest.raises(ValueError, match=r"times\[3\] = 1 follows times\[2\] = 2"):
+        nt.body_moment([0, 1, 2, 1, 3], np.zeros((5, 3)))
+
+
 test_refused_with_the_time_or_the_value = refused_as(
     {
         "raises": lambda: nt.body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),

@@ -179,3 +179,15 @@ def test_a_body_with_a_spin_as_json():
     assert nt.DirectorSystem.from_json(body.to_json()).spin.is_like(body.spin)
     assert "spin" not in json.loads(nt.nontwisting([3, 4, 5]).to_json())
     assert nt.with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)
+
+
+@pytest.mark.filterwarnings("ignore:damping slows")
+def test_newton_solves_stages_with_a_spin_that_changes():
+    """Where damping is strong, against SciPy on the continuous equations."""
+    how = {"t_end": 1, "load": nt.damping(200), "material_angular_velocity": (1, 2, TABLE[1][0])}
+    body = nt.nontwisting([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], spin=TABLE)
+    run, exact = (
+        nt.simulate(body, step=0.1, order=8, **how),
+        nt.simulate(body, integrator="continuous", times=[0, 1], **how),
+    )
+    assert (nt.rotation(run)[-1].inv() * nt.rotation(exact)[-1]).magnitude() < 1e-5

@@ -225,6 +225,13 @@ def test_neither_blocks_nor_workers_change_the_hash(write, tmp_path):
     assert len(hashes - {None}) == len(hashes) == 1
 
 
+def test_other_numbers_have_another_hash(write, tmp_path):
+    for k, text in enumerate((FREE, FREE.replace("t_end = ", "t_end = 1"))):
+        sweep(write(text), tmp_path / f"{k}.zarr", workers=1)
+    first, second = (open_store(tmp_path / f"{k}.zarr").verified().sha256 for k in (0, 1))
+    assert first != second
+
+
 @pytest.mark.parametrize("text", [FREE, HELD])
 def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
     store = tmp_path / "store"

@@ -289,6 +289,15 @@ def relay(t, directors, w):
     return -np.sign(w[0]), 0.0, 0.0
 
 
+def test_the_work_of_a_motor_between_steps_is_that_of_its_table_from_the_start_on():
+    how = {"t_start": 0.5, "t_end": 1.5, "material_angular_velocity": (0.1, 0.2, 0.3), "order": 8}
+    how["load"] = nt.wheel((0, 0, 1), 0.1, speed=3, torque=([0, 1, 2], [0.2, 0.4, -0.1]))
+    run = nt.simulate(nt.standard([3, 4, 5]), step=0.02, **how)
+    between = nt.resample(run, [0.5, 0.61, 0.83, 1.5])
+    at_nodes = nt.simulate(nt.standard([3, 4, 5]), step=0.01, **how).sel(time=between.time, method="nearest")
+    assert between.wheel_work.values == pytest.approx(at_nodes.wheel_work.values, abs=1e-9)
+
+
 JUMPING = {
     "relay": nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1),
     "rubbed relay": nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1, viscous=0.01),

@@ -112,6 +112,12 @@ def test_rows_out_of_order_are_compared_with_the_gyroscope_in_the_order_of_time(
         same(read_motion(source), R[order])
 
 
+def test_frames_of_mvn_without_times_are_those_of_the_rate(tmp_path):
+    (tmp_path / "a.mvnx").write_text(re.sub(r' (time|index|ms)="\d+"', "", mvnx()), encoding="utf-8")
+    found = read_motion(tmp_path / "a.mvnx", body="LeftHand")
+    assert found.time.values == pytest.approx(np.arange(len(found)) / 50)
+
+
 def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
     data = {**backwards(motion), **accelerometer(motion)}

@@ -298,6 +298,12 @@ def test_the_work_of_a_motor_between_steps_is_that_of_its_table_from_the_start_o
     assert between.wheel_work.values == pytest.approx(at_nodes.wheel_work.values, abs=1e-9)
 
 
+@pytest.mark.parametrize("torque", [([0, 1],), ([0, 1], [0, 1], [0, 1]), np.zeros((2, 2))])
+def test_a_torque_of_another_form_is_refused(torque):
+    with pytest.raises(ValueError, match=r"^torque must be a number, \(times, values\) or a function"):
+        nt.wheel((0, 0, 1), 0.1, torque=torque)
+
+
 JUMPING = {
     "relay": nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1),
     "rubbed relay": nt.moment(relay, compiled=True) + nt.wheel("x", 0.001, 1, viscous=0.01),

@@ -360,9 +360,9 @@ def test_an_axis_in_an_orbit():
     turned, changed = nt.propagator(body, **how).jacobian(wrt=["axis", "material_angular_velocity"], **start)
     assert np.array_equal(turned, d.d_rotation.values[[0, -1]])
     assert np.array_equal(changed, d.d_material_angular_velocity.values[[0, -1]])
-    for load in (how["load"], nt.spring(STIFFNESS, POINT, ANCHOR, REST)):
+    for load, bound in ((how["load"], 1e-12), (nt.spring(STIFFNESS, POINT, ANCHOR, REST), 1e-11)):
         found = nt.lyapunov(nt.standard(J), **how | {"t_end": 20, "load": load}, **start).lyapunov_exponent
-        assert abs(found.sum("exponent").values).max() < 1e-11  # a volume stays
+        assert abs(found.sum("exponent").values).max() < bound  # a volume stays
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", pytest.param("energy-momentum", marks=pytest.mark.long)])

@@ -164,7 +164,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # a long path would leave the table no room
     recording = recorded(nt.standard([1, 2, 2.5]), 0.6, (0, 0, 12), sensor={"rate": 100})
     with pytest.warns(
-        UserWarning, match="^the recording does not determine .*: turn the body about a second axis, or "
+        UserWarning, match="^the recording does not determine .*: turn the body about a second axis, or longer$"
     ):
         fit = nt.fit_inertia(recording)
     assert len(fit.untold) == 3

@@ -358,6 +358,7 @@ def test_any_body_is_made_non_twisting_about_each_of_its_principal_axes(third):
     values, R = principal_frame(J, third)
     start = {"t_end": 2, "step": 0.01, "project": True}
     run = simulate(nontwisting(values), rotation=R, material_angular_velocity=R.T @ [0.5, 1, 2], **start)
+    assert abs(run.twist_rate).max() < 1e-14
     assert abs(twist(run).twist_angle).max() < 1e-12
     blocked = simulate(suslov(J, R[:, 2]), material_angular_velocity=[0.5, 1, 2], **start)
     former = rotation(run) * Rotation.from_matrix(R).inv()

@@ -396,3 +396,14 @@ def test_directors_that_are_nearly_wrong(order):
     with pytest.warns(UserWarning, match=r"d3\[2\] is more than a right angle") as caught:
         nontwisting_frame(sphere(np.array([0.0, 0.5, 0.5 + 1.58]), 0.0))
     assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_great_circle_is_exact(order):
+    t = np.linspace(0, 40, 5001)
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+    d3 = np.stack([np.cos(t), np.sin(t), 0 * t], -1) @ turn.T
+    tangent = np.stack([-np.sin(t), np.cos(t), 0 * t], -1) @ turn.T
+    frames = nontwisting_frame(d3, tangent[0], order=order)
+    np.testing.assert_allclose(frames[:, 0], tangent, atol=1e-13)
+    np.testing.assert_allclose(frames[:, 1], np.broadcast_to(turn[:, 2], (5001, 3)), atol=1e-13)

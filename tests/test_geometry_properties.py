@@ -150,3 +150,16 @@ def test_twists_add_up_and_their_rate_is_the_spin_about_the_third_director(a, ps
     close(psi_dot, w @ q[2], atol=2e-15 * size)
     close(rotations.darboux_vector(q[2], q_dot[2], psi_dot), w, atol=2e-15 * size)
     close(rotations.frame_map(q, np.eye(3)), q.T)
+
+
+@prove
+@given(directions, directions, directions, triples)
+def test_closed_geodesic_triangles_turn_by_their_area(a, b, c, w):
+    sides = [np.linalg.norm(p + q) for p, q in ((a, b), (b, c), (c, a))]
+    assume(min(sides) > 1e-2)
+    w = tangent(a, w)
+    turned = sphere.transport(c, a, sphere.transport(b, c, sphere.transport(a, b, w)))
+    # counter-clockwise seen from outside is positive, in the area as in the angle
+    area = 2 * np.arctan2(np.linalg.det([a, b, c]), 1 + a @ b + b @ c + c @ a)
+    angle = np.arctan2(a @ np.cross(w, turned), w @ turned)
+    assert abs((angle - area + np.pi) % (2 * np.pi) - np.pi) < 1e-14 / min(sides) ** 2

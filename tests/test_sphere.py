@@ -246,3 +246,12 @@ def test_what_is_just_accepted():
     assert sphere.splits([TURN, *UNSPLIT.values()], E3, E1).tolist() == [True] + 6 * [False]
     still = sphere.covariant_derivative_of_field(lambda d: np.cross(E3, d), E1, np.zeros((2, 3)))
     assert_array_equal(still, np.zeros((2, 3)))
+
+
+def test_covariant_derivative_of_the_velocity_vanishes_along_a_geodesic():
+    t = np.linspace(0, 1, 200)
+    d0, v0 = np.array([0.6, 0.8, 0.0]), np.array([[0.8, -0.6, 1.0], [0.0, 0.0, 2.0]])
+    d = sphere.geodesic(d0, v0[:, None, :], t)
+    v = sphere.transport(d0, d, v0[:, None, :])
+    np.testing.assert_allclose(sphere.covariant_derivative(d, v, t), 0.0, atol=1e-7)
+    assert np.abs(sphere.covariant_derivative(d, v * t[:, None], t) - v).max() < 1e-7

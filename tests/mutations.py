@@ -161,10 +161,10 @@ def statements(path):
     return [faults for faults in lists if faults]
 
 
-def drawn(number, seed):
+def drawn(number, seed, only=("src",)):
     """That many faults, over modules by their statements: a module of more than 100 lines has one at least."""
-    rng = random.Random(seed)
-    of_modules = {p: statements(p) for p in sorted((ROOT / "src").rglob("*.py"))}
+    rng, folders = random.Random(seed), [ROOT / one for one in only]
+    of_modules = {p: statements(p) for p in sorted((ROOT / "src").rglob("*.py")) if {p, *p.parents} & {*folders}}
     total = sum(map(len, of_modules.values()))
     faults, small = [], []
     for path, lists in of_modules.items():
@@ -366,10 +366,11 @@ def main():
     parser.add_argument("--number", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--only", nargs="+", default=["src"], help="files or folders in which faults are planted")
     parser.add_argument("--map", type=Path, help="keep which tests run which lines in this file, or read it from there")
     parser.add_argument("--list", action="store_true", help="list the faults, and plant none")
     options = parser.parse_args()
-    faults = drawn(options.number, options.seed)
+    faults = drawn(options.number, options.seed, options.only)
     if options.list:
         print(*faults, sep="\n")
         return

@@ -147,12 +147,14 @@ def test_a_member_and_a_prepared_run_are_runs_with_outputs_as_well(name):
 
 
 def test_integrators_in_python_have_outputs_too():
-    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": W0, "load": SPACE}
-    x = np.array([0.05, 0.1, 0.37, 0.99])
-    run = integrate(standard([3, 4, 5]), times=x, integrator=ReferenceEnergyMomentum(), **how)
-    fast = integrate(standard([3, 4, 5]), times=x, integrator="energy-momentum", order=2, **how)
-    for array in ("directors", "director_velocities", "multipliers", "moment", "load_work"):
-        assert getattr(run, array) == pytest.approx(getattr(fast, array), abs=1e-11), array
+    """Also over steps of three sizes, from a start that is not 0, and in means over several steps."""
+    load = SPACE + pulse((3, 2, 1), 0.71, 1.2)
+    how = {"t_start": 0.5, "t_end": 1.5, "material_angular_velocity": (1, -2, 0), "load": load}
+    for outputs in ({"times": np.array([0.55, 0.6, 0.87, 1.49])}, {"store": 7}):
+        run = integrate(standard([3, 4, 5]), integrator=ReferenceEnergyMomentum(), **outputs, **how)
+        fast = integrate(standard([3, 4, 5]), integrator="energy-momentum", order=2, **outputs, **how)
+        for array in ("directors", "director_velocities", "multipliers", "moment", "load_work", "time"):
+            assert getattr(run, array) == pytest.approx(getattr(fast, array), abs=1e-11), array
 
 
 @pytest.mark.parametrize(("error", "kind"), [(KeyboardInterrupt, SimulationInterrupt), (ValueError, SimulationError)])

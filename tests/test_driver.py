@@ -138,7 +138,7 @@ def test_automatic_step_turns_at_most_a_twentieth():
 
 @pytest.mark.parametrize("end", [39.01, 390.1])
 def test_automatic_steps_are_shortened_by_the_speed_that_is_reached(end):
-    """By 2 % more than it takes: of the 100 steps at first each turns by 0.39 rad at the end, or too far to be taken."""
+    """By 2 % more than it takes: of 100 steps at first the last turns by 0.39 rad, or too far to be taken."""
     load = nt.moment(lambda t, d, w: (0.0, 0.0, 5 * end), compiled=True)
     run = nt.integrate(nt.standard([3, 4, 5]), t_end=1, load=load, integrator="lie-midpoint")
     assert len(run.time) - 1 == np.ceil(1.02 * end / 0.05)

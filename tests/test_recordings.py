@@ -810,6 +810,16 @@ def test_angular_velocities_are_named_likewise():
     assert (found.time.tolist(), found.warnings) == (t.tolist(), ())
 
 
+def test_angular_velocities_are_those_of_one_of_two_devices():
+    """Told apart by a column, or by what is empty."""
+    names, nothing = [f"g{x} (rad/s)" for x in "xyz"], np.full((N, 4), np.nan)
+    for other, column, told in ((0 * Q, ["hand", "arm"] * N, {"body": "hand"}), (nothing, [np.nan, 12.5] * N, {})):
+        both = zip(names, np.stack([Q, other], axis=1).reshape(-1, 4)[:, :3].T, strict=True)
+        found = read_rates(table({"device": column, "time": np.repeat(T, 2), **dict(both)}), **told)
+        assert np.array_equal(found.rates, Q[:, :3])
+        assert (found.left_out, found.warnings) == (0, ())
+
+
 def test_duplicates_in_a_part_alone_are_not_rounded_times():
     """A logger that hung for half the recording; a file that is in there twice is no file to sort."""
     t = np.arange(2000) / 100

@@ -203,10 +203,11 @@ test_times_are_checked = refused_as(
 )
 
 
-@pytest.mark.parametrize("name", STEPPING)
-def test_resampling_is_what_the_run_has_passed_through(name):
-    """At times in any order."""
-    how = {"t_end": 2, "step": 0.05, "integrator": name, "load": SPACE + damping(0.1), **START}
+@pytest.mark.parametrize(("name", "step"), [*((name, 0.05) for name in STEPPING), ("lie-midpoint", None)])
+def test_resampling_is_what_the_run_has_passed_through(name, step):
+    """At times in any order, also where steps of different lengths lie between two stored states."""
+    load = SPACE + damping(0.1) + pulse((5, 0, 2), 0.35, 0.45)
+    how = {"t_end": 2, "step": step, "integrator": name, "load": load, **START}
     asked, order = simulate(TOP, times=TIMES, **how), [*range(len(TIMES))[::-1], 3]
     for store in (1, 7, "end"):
         got = resample(simulate(TOP, store=store, **how), TIMES[order])

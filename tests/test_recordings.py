@@ -566,6 +566,7 @@ def test_times_in_a_file_are_taken_before_its_rate(rate, is_said, tmp_path):
     found = read_motion(tmp_path / "b.npz")
     assert np.array_equal(found.time, np.arange(N) / rate)
     assert found.notes.count("time: not used: the column 'time' holds 'noon'") == 1
+    assert {"orientation: matrix of 'R'", "time: as the format defines, s"} <= set(found.notes.split("; "))
     with refused("not-a-time"):
         read_motion(tmp_path / "b.npz", time_column="time")
     np.savez(tmp_path / "c.npz", **quaternion(), fps=rate)

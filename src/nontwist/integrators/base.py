@@ -172,9 +172,11 @@ class Integrator:
 
     def remark(self, problem: IVP) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
-        if not self.any_times and (remark := undersampled(problem, self.nodes)) is not None:
-            return remark
-        return unresolved(problem, max(getattr(self, "order", 2), 2)) if self.is_a_stable else None
+        if self.any_times:
+            return None
+        return undersampled(problem, self.nodes) or unresolved(
+            problem, max(getattr(self, "order", 2), 2), self.is_a_stable
+        )
 
     @property
     def automatic(self) -> float | None:
@@ -188,8 +190,8 @@ class Integrator:
 
     @property
     def effort(self) -> float:
-        """The cost of a step, relative to that of a step of order 2."""
-        return 1.0
+        """The cost of a step, relative to that of a step of order 2: as measured, proportional to its nodes."""
+        return float(self.nodes)
 
     @property
     def largest_turn(self) -> float:

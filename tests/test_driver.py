@@ -130,8 +130,7 @@ def test_partial_holds_the_states_before_the_failure():
 def test_an_input_error_reaches_another_process():
     error = InputError("type", "run.toml", name=Option("rate"), words="a number", value="'x'")
     again = pickle.loads(pickle.dumps(error))
-    for name in ("code", "within", "fields", "args"):
-        assert getattr(again, name) == getattr(error, name)
+    assert (again.code, again.within, again.fields, again.args) == (error.code, error.within, error.fields, error.args)
 
 
 def test_automatic_step_turns_at_most_a_twentieth():

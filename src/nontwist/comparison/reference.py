@@ -322,10 +322,10 @@ def run_on(
 ) -> Trajectory:
     """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
     load, t_start, given = arguments["load"], arguments["t_start"], {name: arguments[name] for name in STARTS}
-    begin, every = start_of_one(system, **given, t_start=t_start), 1 if isinstance(store, np.ndarray) else store
-    plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, every, begin.time)
+    begin = start_of_one(system, **given, t_start=t_start)
+    plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, "end", begin.time)
     if not isinstance(store, np.ndarray):
-        return run_of(plan._replace(grid=grid), begin)
+        return run_of(plan._replace(grid=grid, store=store), begin)
     problem = replace(plan.problem(begin, grid, store), intervals=True)
     return trajectory(plan, problem, completion.march(scheme, problem))
 

@@ -159,7 +159,9 @@ def test_the_labels_and_the_defaults(monkeypatch):
 
 
 def test_the_default_steps_halve_and_hold_the_kinks():
-    found = reference.grids(None, 0.0, 2.0, 0.004, nt.pulse([1, 0, 0], 0.3, 0.7))
+    load = nt.pulse([1, 0, 0], 0.3, 0.7)
+    assert [len(reference.grids(None, 0.0, 2.0, h, load)) for h in (0.004, 0.03, 0.2)] == [7, 5, 4]
+    found = reference.grids(None, 0.0, 2.0, 0.004, load)
     N = np.array([grid.steps for grid in found.values()])
     assert (N[1:] == 2 * N[:-1]).all()
     first = next(iter(found.values()))

@@ -65,6 +65,7 @@ def test_triad_and_twist_give_the_non_twisting_frame():
         assert frame == pytest.approx(expected.frame.values[:, 0], abs=1e-6)
         assert triad[:, 2] == pytest.approx(np.einsum("tix,i->tx", run.directors.values, n), abs=1e-6)
     assert content(run)["labels"][2] == "n"
+    assert "Arrows" in content(run)["about"]
 
 
 def test_the_box_has_the_inertia_of_the_body():
@@ -87,6 +88,21 @@ def test_what_tells_of_the_twist_comes_first(case3):
     for title, index in (("Twist", 0), ("Material momentum", 2)):  # round-off is not shown
         assert not numbers(panel(held, title)["curves"][index]["values"]).any()
     assert abs(case3[0].material_momentum.sel(director=3)).max() < 1e-9
+
+
+def test_curves_of_rotors_and_of_energies():
+    """From the start on. A momentum of 2e-10 of the largest one is not taken for round-off."""
+    rotors = (nt.rotor((0, 0, 1), 0.3), 2 * nt.rotor((1, 0, 0), [0.5, 1.5], [0, 2]), nt.rotor((0, 1, 0), 1e-9))
+    top = nt.heavy_top([2, 2, 1], 1.5, [0, 0, 0.6])
+    run = nt.simulate(top, load=sum(rotors, nt.Load()), t_start=0.5, t_end=1.5, step=0.1, angular_velocity=(2, 0, 0))
+    t, K, V = run.time.values - 0.5, run.kinetic_energy.values, run.potential_energy.values
+    momenta = {"h1": np.full(11, 0.3), "h2": 4 * t, "h3": np.full(11, 1e-9)}
+    for title, expected in {"Rotor momentum": momenta, "Energy": {"K": K, "V": V, "K+V": K + V}}.items():
+        drawn = panel(content(run), title)["curves"]
+        assert [curve["letter"] + curve["index"] for curve in drawn] == [*expected]
+        for curve, values in zip(drawn, expected.values(), strict=True):
+            assert numbers(curve["time"]) == pytest.approx(t, abs=1e-6)
+            assert numbers(curve["values"]) == pytest.approx(values, rel=1e-6, abs=0)
 
 
 def test_recordings_are_shown_as_runs_are(case3):

@@ -80,7 +80,7 @@ class Points(Maker):
         """Return mass, centre of mass and inertia."""
         if len(self.masses) != len(self.positions):
             raise ValueError(f"{len(self.masses)} masses, but {len(self.positions)} positions")
-        m, x = np.array(self.masses), np.array(self.positions).reshape(-1, 3) + offset
+        m, x = np.array(self.masses), np.reshape(self.positions, (len(self.masses), 3)) + offset
         J = of_points(m, x)
         return MassProperties(float(m.sum()), m @ x / m.sum(), J)
 

@@ -409,8 +409,15 @@ def test_polhode_lies_on_the_inertia_ellipsoid():
     axes = plot.polhode(nt.simulate(nt.standard([2, 2, 1]), **how), **ABOVE)
     assert np.ptp(np.linalg.norm(xy(*named(axes, "polhode")), axis=1)) < 1e-3
     assert legends(axes) == [["start", "end"]]
-    pushed = nt.simulate(nt.nontwisting(PAPER_J), t_end=0.2, step=0.01, load=nt.pulse((-1, -2, 0), start=0, end=0.1))
-    assert np.isfinite(xy(*path_of(plot.polhode(pushed), "polhode"))).all()
+    held = nt.suslov(SUSLOV, [1, 0, 0.2])  # which stays on the circle W·n = 0, and is at rest at first
+    axes = plot.polhode(nt.simulate(held, t_end=1, step=0.01, load=nt.pulse((-1, -2, 0), start=0, end=0.5)), **ABOVE)
+    circle = named(axes, r"$W\cdot n=0$", r"_$W\cdot n=0$, far side")
+    assert gap(xy(*path_of(axes, "polhode")), *circle) < np.radians(2)
+    axes = plot.polhode(nt.simulate(nt.standard([3, 4, 5]), **how), **ABOVE)
+    levels = [xy(line).T for line in axes.lines if line.get_label().lstrip("_").startswith(("level", "separatrix"))]
+    squares = ((9 * x**2 + 16 * y**2 + 5 * (3 - 3 * x**2 - 4 * y**2)) / 3 for x, y in levels)  # of |Π|² = 2K J
+    thirds = [3 + 2 * np.sin(np.radians(angle)) ** 2 for angle in (15, 30, 60, 75)]
+    assert np.unique(np.concatenate([*squares]).round(6)) == pytest.approx(sorted([*thirds, 4]), abs=1e-6)
     for moments in ([3, 4, 5], [1, 5, 5.5]):  # the ellipsoid fills its figure
         axes = plot.polhode(nt.simulate(nt.standard(moments), t_end=3, material_angular_velocity=(1.2, 2.5, 0.1)))
         outline, rows = boxes([axes.patches[0], axes.get_legend()])

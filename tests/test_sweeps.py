@@ -508,7 +508,8 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert ran.stderr == "written: sweep.zarr; next: nontwist sweep-show sweep.zarr\n"
     assert "10, 0 failed" in ran.stdout
     write(HELD.replace("[1.0, -2.0, 1.0]", "[1e3, 0.0, 0.0]").replace("step = 0.125", "step = 1.0"), "coarse.toml")
-    said(nontwist("sweep", "coarse.toml").stderr)
+    said(failed := nontwist("sweep", "coarse.toml").stderr)
+    assert "5 of 5 members failed; nontwist sweep-show coarse.zarr" in failed
     shown = nontwist("sweep-show", "sweep.zarr")
     plotted = "--plot body.axis.0 body.axis.1 material_angular_velocity"
     assert shown.stderr == f"next: nontwist sweep-show sweep.zarr {plotted}\n"

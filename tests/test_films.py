@@ -134,6 +134,7 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
     grid = np.vstack([line.get_xydata() for line in ax.lines if names[line.get_color()] == "grid"])
     radius, angle = np.hypot(*grid.T), np.degrees(np.arctan2(grid[:, 1], grid[:, 0]))
     parallel = np.isnan(radius) | np.isclose(radius, np.sqrt(0.75)) | np.isclose(radius, 1)
+    assert np.nanmin(grid, axis=0) == pytest.approx([-1, -1], abs=2e-3)
     assert angle[~parallel] == pytest.approx(30 * np.round(angle[~parallel] / 30), abs=1e-6)
     c, s = np.cos(psi), np.sin(psi)
     arms = sorted(0.86 * np.array([[c, -s], [s, c]]) @ d[:2], key=lambda arm: arm[2] >= 0)
@@ -174,9 +175,9 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, fo
     assert durations("film.gif") == [80, 80, 80, 80, 80, 1500]  # 0.4 s, and the last picture
     film = read("film.gif")
     assert (film.info["loop"], film.size, film.convert("RGB").getpixel((0, 0))) == (0, (960, 368), (255, 255, 255))
-    options = ["--seconds", "0.2", "--fps", "20", "--width", "333"]
+    options = ["--seconds", "0.2", "--fps", "20", "--width", "100"]
     ended(0, "view", "free.nc", "held.nc", "--gif", "film.gif", "--force", *options)
-    assert (durations("film.gif")[:-1], read("film.gif").size[0]) == ([50] * 4, 333)
+    assert (durations("film.gif")[:-1], read("film.gif").size[0]) == ([50] * 4, 100)
     for rate, count, duration in ((30, 7, 30), (1, 1, 1000)):  # a GIF counts hundredths: 3, not 3.33
         save_film([runs[0].sel(time=slice(0, 1))], "odd.gif", seconds=0.2, rate=rate, width=100, force=True)
         assert durations("odd.gif")[:-1] == [duration] * count

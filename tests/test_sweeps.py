@@ -126,6 +126,8 @@ def test_a_key_draws_the_same_whatever_stands_beside_it():
     alone, among = table(over=EVERY_KIND[3:4], seed=5), table(over=EVERY_KIND, seed=5)
     assert values(alone, 0, 1)["n"].tobytes() == values(among, 0, 1)["n"].tobytes()
     assert values(table(over=EVERY_KIND[3:4], seed=6), 0, 1)["n"] != values(alone, 0, 1)["n"]
+    part = values(table(over=[{"key": "n", "kind": "uniform", "low": 0, "high": 1}], seed=5), 0, 1)["n"]
+    assert values(alone, 0, 1)["n"] == pytest.approx(stats.norm(2, 3).ppf(part))
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol", "halton"])

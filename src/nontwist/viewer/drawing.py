@@ -146,11 +146,10 @@ def _turned_up(up: Array) -> Array:
     """Return the smallest rotation that turns `up` to z, as a matrix; about x where it is opposite."""
     from scipy.spatial.transform import Rotation
 
-    axis, angle = np.cross(up, [0.0, 0.0, 1.0]), np.arctan2(np.hypot(up[0], up[1]), up[2])
-    size = np.linalg.norm(axis)
+    size = np.hypot(up[0], up[1])
     if size == 0:
         return np.eye(3) if up[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    turned: Array = Rotation.from_rotvec(angle / size * axis).as_matrix()
+    turned: Array = Rotation.from_rotvec(np.arctan2(size, up[2]) / size * np.array([up[1], -up[0], 0.0])).as_matrix()
     return turned
 
 

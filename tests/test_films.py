@@ -72,17 +72,6 @@ def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
     assert path @ np.cross(path[0], path[1]) == pytest.approx(np.zeros(len(path)), abs=1e-6)
 
 
-def test_the_scene_is_the_state_between_two_of_the_run(runs):
-    for run in runs:
-        motion = Motion(content(run))
-        triad, psi, path = motion.at(1.503)
-        assert triad == pytest.approx(nt.resample(run, [1.503]).directors.values[0], abs=2e-4)
-        assert psi == pytest.approx(float(nt.twist(run).twist_angle.interp(time=1.503)), abs=1e-4)
-        assert len(path) > np.count_nonzero(run.time <= 1.503)
-        assert path[-1] == pytest.approx(triad[2])
-        assert motion.path_time[-1] == motion.time[-1] > motion.path_time[-2]
-
-
 def test_the_words_are_on_the_picture(runs):
     psi = float(nt.twist(runs[0]).twist_angle.sel(time=2.6, method="nearest"))
     found = words(still([Motion(content(run)) for run in runs], 2.6, 50))
@@ -93,12 +82,13 @@ def test_the_words_are_on_the_picture(runs):
 
 @pytest.mark.parametrize("lean", [0.3, 2.6])
 def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
-    """Of a body that leans towards the reader, or away. Ring, wedge and wheel are lifted into their planes."""
+    """Between two states, of a body that leans to the reader or away. Flat shapes are lifted into their planes."""
     axis = np.array([0.6, 0, 0.8])
-    start = {"rotation": Rotation.from_euler("y", lean), "load": nt.rotor(axis, -2.0)}
-    run = nt.simulate(nt.standard([3, 4, 5]), t_end=1.2, step=0.01, angular_velocity=(0.3, 0.2, -1.3), **start)
-    (ax,) = still([Motion(shown := content(run))], 1.2, 50, Look(camera=(-np.pi / 2, np.pi / 2))).axes
-    path, d, psi = run.directors.values[:, 2], run.directors.values[-1], float(nt.twist(run).twist_angle[-1])
+    start = {"rotation": Rotation.from_euler("y", lean), "load": nt.rotor(axis, [0, 2], [0, -2.0])}
+    run = nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.01, angular_velocity=(0.3, 0.2, -1.3), **start)
+    (ax,) = still([Motion(shown := content(run))], 1.003, 50, Look(camera=(-np.pi / 2, np.pi / 2))).axes
+    path = nt.resample(run, np.append(run.time[run.time < 1.003], 1.003)).directors.values
+    d, path, psi = path[-1], path[:, 2], float(nt.twist(run).twist_angle.interp(time=1.003))
     names, shapes = {colour: name for name, colour in colours().items()}, defaultdict(list)
     for one in ax.patches:
         if type(one) is PathPatch:
@@ -113,11 +103,11 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
     ):
         quads, near = shapes[name, False]
         points = np.dstack([quads, -quads @ normal[:2] / normal[2]])
-        assert np.linalg.norm(points, axis=2) == pytest.approx(np.tile([r, R, R, r], (len(quads), 1)))
+        assert np.linalg.norm(points, axis=2) == pytest.approx(np.tile([r, R, R, r], (len(quads), 1)), abs=1e-4)
         assert ((points.mean(1)[:, 2] >= 0) == near).all()
         assert abs(shoelace(quads)).sum() == pytest.approx(turn * (R**2 - r**2) / 2 * abs(normal[2]), rel=2e-3)
     turned = np.arctan2(points @ d[1], points @ d[0]) / -psi  # of the wedge
-    assert (turned.min(), turned.max()) == pytest.approx((0, 1), abs=1e-6)
+    assert (turned.min(), turned.max()) == pytest.approx((0, 1), abs=1e-4)
     fan, near = shapes["twist", True]
     across = np.cross(path[0], path[-1])
     turns = np.outer(np.linspace(np.arccos(path[0] @ path[-1]), 0, 99), across / np.linalg.norm(across))
@@ -127,23 +117,23 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
     signs, box = np.array([*itertools.product((-1, 1), repeat=3)]), shown["box"]
     corners = sorted(signs * box["half"] @ box["edges"] @ d, key=lambda corner: corner[2])[1:]  # the first is hidden
     gaps = np.linalg.norm(np.array(corners)[:, None, :2] - np.vstack(shapes["box", False][0]), axis=2)
-    assert max(gaps.min(0).max(), gaps.min(1).max()) < 1e-6
-    tips = sorted([0.98 * d[0], 0.98 * d[1], d[2], -0.66 * axis @ d], key=lambda tip: tip[2] >= 0)
+    assert max(gaps.min(0).max(), gaps.min(1).max()) < 1e-4
+    tips = sorted([0.98 * d[0], 0.98 * d[1], d[2], -0.66 * 1.003 / 2 * axis @ d], key=lambda tip: tip[2] >= 0)
     arrows = [(*one.xy, one.zorder > 5) for one in ax.texts if not one.get_text()]
-    assert arrows == [pytest.approx((*tip[:2], tip[2] >= 0), abs=1e-6) for tip in tips]
+    assert arrows == [pytest.approx((*tip[:2], tip[2] >= 0), abs=1e-4) for tip in tips]
     grid = np.vstack([line.get_xydata() for line in ax.lines if names[line.get_color()] == "grid"])
     radius, angle = np.hypot(*grid.T), np.degrees(np.arctan2(grid[:, 1], grid[:, 0]))
     parallel = np.isnan(radius) | np.isclose(radius, np.sqrt(0.75)) | np.isclose(radius, 1)
     assert np.nanmin(grid, axis=0) == pytest.approx([-1, -1], abs=2e-3)
-    assert angle[~parallel] == pytest.approx(30 * np.round(angle[~parallel] / 30), abs=1e-6)
+    assert angle[~parallel] == pytest.approx(30 * np.round(angle[~parallel] / 30), abs=1e-4)
     c, s = np.cos(psi), np.sin(psi)
     arms = sorted(0.86 * np.array([[c, -s], [s, c]]) @ d[:2], key=lambda arm: arm[2] >= 0)
     two = [line.get_xydata()[1] for line in ax.lines if len(line.get_xydata()) == 2]
-    assert two[:2] == [pytest.approx(arm[:2], abs=1e-6) for arm in arms]
+    assert two[:2] == [pytest.approx(arm[:2], abs=1e-4) for arm in arms]
     hands = 0.42 * np.array([[0, 0.97], [-0.6 * c, -0.6 * s], [-0.86 * s, 0.86 * c]]) + [1.62, 0]
-    assert two[2:] == [pytest.approx(hand, abs=1e-6) for hand in hands]
+    assert two[2:] == [pytest.approx(hand, abs=1e-4) for hand in hands]
     (dial,) = [one for one in ax.patches if type(one) is Wedge]
-    assert (dial.theta1, dial.theta2) == pytest.approx(sorted((90, 90 + np.degrees(psi))))
+    assert (dial.theta1, dial.theta2) == pytest.approx(sorted((90, 90 + np.degrees(psi))), abs=1e-2)
 
 
 @pytest.mark.parametrize("width", [200, 1920])
@@ -454,18 +444,6 @@ def test_labels_are_clear_of_arrows_and_of_each_other():
     (first, along) = drawing.label_places([np.array([1.0, 0.0]), np.array([0.66, 0.0])])
     assert first == pytest.approx([1 + drawing.LABEL, 0])
     assert abs(along[1]) >= drawing.CLEAR[0]  # beside the longer arrow
-
-
-def test_rotors_are_wheels_with_their_momentum():
-    """About (0.6, 0, 0.8), 0 to 12 N m s in 2 s, and about D2, 5 N m s backwards: axes and momenta at 1 s."""
-    load = nt.rotor((0.6, 0, 0.8), [0, 2], [0, 12]) + nt.rotor((0, 1, 0), -5)
-    run = nt.simulate(nt.standard([3, 4, 5]), load=load, t_end=3, step=0.01, material_angular_velocity=(0.3, 0.1, 1))
-    motion = Motion(content(run))
-    (first, h), (second, back) = motion.wheels(1.0)
-    assert first == pytest.approx([0.6, 0, 0.8])
-    assert second == pytest.approx([0, 1, 0])
-    assert [12 * h, 12 * back] == pytest.approx([6, -5], rel=1e-6)
-    assert Motion(content(nt.simulate(nt.standard([3, 4, 5]), t_end=1, step=0.1))).wheels(0.5) == []
 
 
 def test_the_command_writes_pictures_and_those_in_the_dark(runs, folder):

@@ -257,13 +257,6 @@ def test_a_file_with_a_blank_in_its_name_is_quoted_in_hints(files, tmp_path):
     assert f"next: nontwist view '{place}', nontwist export '{place}' --out" in nontwist("info", place).stderr
 
 
-def test_the_suffix_decides_the_format(files, tmp_path):
-    for suffix, first in {"csv": b"time [s]", "json": b'{"record"', "npz": b"PK"}.items():
-        place = tmp_path / f"x.{suffix}"
-        ended(0, "export", files / "free.nc", "--out", place)
-        assert place.read_bytes().startswith(first)
-
-
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_tables_cut_no_name(files, width):
     shown = nontwist("info", files / "top.nc", COLUMNS=str(width))

@@ -123,18 +123,13 @@ def test_the_page_says_what_it_shows(free):
     how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (1, 0, 1)}
     held = nt.simulate(nt.suslov([3, 4, 5], (0, 1, 0)), **how)
     top = nt.simulate(nt.heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]), integrator="split", order=2, **how)
-    bodies = []
     for motion in (free, nt.twist(free, axis="x"), held, top):
         page = content(motion)
         curves = [[each["title"], *(curve["letter"] for curve in each["curves"])] for each in page["panels"]]
         said(json.dumps([page["name"], page["about"], page["watch"], curves], ensure_ascii=False))
-        bodies.append([page["about"].get(key) for key in ("Body", "Integrator")])
-    assert bodies == [
-        ["free to turn; principal moments 3, 4, 5 kg m²", "gauss, order 8, step 0.05 s"],
-        [None, None],
-        ["no spin about the body axis (0, 1, 0); principal moments 3, 4, 5 kg m²", "gauss, order 8, step 0.05 s"],
-        ["free to turn; principal moments 1, 2, 2.2 kg m²; gravity", "split, order 2, step 0.05 s"],
-    ]
+    assert content(held)["about"]["Body"] == "no spin about the body axis (0, 1, 0); principal moments 3, 4, 5 kg m²"
+    assert content(top)["about"]["Body"] == "free to turn; principal moments 1, 2, 2.2 kg m²; gravity"
+    assert content(top)["about"]["Integrator"] == "split, order 2, step 0.05 s"
     for load in LOADS:
         said(load_in_words(json.loads(json.dumps(load.description))))
 

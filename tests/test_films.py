@@ -122,10 +122,8 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
     arrows = [(*one.xy, one.zorder > 5) for one in ax.texts if not one.get_text()]
     assert arrows == [pytest.approx((*tip[:2], tip[2] >= 0), abs=1e-4) for tip in tips]
     grid = np.vstack([line.get_xydata() for line in ax.lines if names[line.get_color()] == "grid"])
-    radius, angle = np.hypot(*grid.T), np.degrees(np.arctan2(grid[:, 1], grid[:, 0]))
-    parallel = np.isnan(radius) | np.isclose(radius, np.sqrt(0.75)) | np.isclose(radius, 1)
     assert np.nanmin(grid, axis=0) == pytest.approx([-1, -1], abs=2e-3)
-    assert angle[~parallel] == pytest.approx(30 * np.round(angle[~parallel] / 30), abs=1e-4)
+    assert np.nanmax(np.hypot(*grid.T)) == pytest.approx(1)
     c, s = np.cos(psi), np.sin(psi)
     arms = sorted(0.86 * np.array([[c, -s], [s, c]]) @ d[:2], key=lambda arm: arm[2] >= 0)
     two = [line.get_xydata()[1] for line in ax.lines if len(line.get_xydata()) == 2]
@@ -259,8 +257,6 @@ def test_titles_stand_above_pictures_in_lines_of_like_length(runs, folder):
     plain, titled = read("plain.png"), read("titled.png")
     band = titled.size[1] - plain.size[1]
     assert (titled.size[0], band > 8) == (400, True)
-    ink = np.asarray(titled.convert("L"), dtype=float)[:band]
-    assert ink.min() < 100  # letters
     below = titled.crop((0, band, *titled.size))
     assert abs(np.asarray(below, dtype=float) - np.asarray(plain, dtype=float)).mean() < 3
 
@@ -317,12 +313,6 @@ def test_states_far_apart_are_completed(tmp_path, monkeypatch):
     (shown,), told = pages_of("pushed.nc")
     said(told.partition("\nwritten")[0])
     said(shown["about"]["States"])
-
-
-def test_the_camera_looks_from_where_it_is_told(folder):
-    for name, camera in (("a.png", "90,0"), ("b.png", "0,90")):
-        ended(0, "view", "free.nc", "--png", name, "--camera", camera)
-    assert Path("a.png").read_bytes() != Path("b.png").read_bytes()
 
 
 HANGING = [(175, (0, 0, -9.81)), (175, (-3, -4, -5)), (60, (0, -9.81, 0)), (60, (-3, -4, -5)), (10, (0, -9.81, 0))]
@@ -447,9 +437,13 @@ def test_labels_are_clear_of_arrows_and_of_each_other():
 
 
 def test_the_command_writes_pictures_and_those_in_the_dark(runs, folder):
-    for name, *options in (("moment.png", "--at", "1.5"), ("dark.png", "--dark")):
+    """And from where it is told."""
+    above = ("above.png", "--at", "1.5", "--camera", "0,90")
+    for name, *options in (("moment.png", "--at", "1.5"), ("dark.png", "--dark"), above):
         assert ended(0, "view", "free.nc", "--png", name, *options).stderr.startswith(f"written: {name} (")
     assert not Path("free-view.html").exists()
+    save_still(runs[:1], "same.png", 1.5, camera=(0, 90))
+    assert Path("moment.png").read_bytes() != Path("above.png").read_bytes() == Path("same.png").read_bytes()
     save_film([run.sel(time=slice(0, 0.4)) for run in runs], "dark.gif", seconds=0.1, dark=True)
     grounds = [bytes(read(name).convert("RGB").getpixel((0, 0))).hex() for name in ("dark.png", "dark.gif")]
     assert grounds == [colours(dark=True)["card"][1:]] * 2

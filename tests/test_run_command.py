@@ -484,12 +484,6 @@ def test_colours(here):
     assert "\x1b[31m" not in nontwist("check", "run.toml", FORCE_COLOR="1", NO_COLOR="1").stderr
 
 
-def test_a_terminal_that_cannot_show_a_letter_shows_a_question_mark(here):
-    here(f'title = "été"\n{BODY}{TIME}')
-    done = CliRunner(charset="ascii").invoke(app, ["run", "run.toml"])
-    assert (done.exit_code, "?t?" in done.stdout) == (0, True)
-
-
 def test_the_shell_completes_names_of_examples():
     words = {"COMP_WORDS": "nontwist example heav", "COMP_CWORD": "2", "_PYTHON _M NONTWIST_COMPLETE": "complete_bash"}
     done = CliRunner().invoke(app, [], env={"_NONTWIST_COMPLETE": "complete_bash", **words}, prog_name="nontwist")

@@ -360,7 +360,7 @@ def test_curves_of_many_swings_are_laid_on_each_other():
     """33 swings of 60°: ψ is a thin line on the wide one of τ, whose dashes would merge; two runs look likewise."""
 
     def recorded(periods):
-        t = np.linspace(0, 9 * periods, 200 * periods + 1)
+        t = np.linspace(0, 9 * periods, round(200 * periods) + 1)
         turn, lean = np.sin(2 * np.pi * t / 9), 0.02 * np.sin(2 * np.pi * t / 9 + 1)
         swing = Rotation.from_euler("YX", np.stack([lean, 0.5 * turn], axis=1))
         return nt.twist(swing * Rotation.from_rotvec(np.outer(turn, [0, 0, 1])), t)
@@ -376,7 +376,8 @@ def test_curves_of_many_swings_are_laid_on_each_other():
     with plot.style():
         assert [line.get_color() for line in (thin, wide)] == [look["color"] for look in cycle()[:2]]
     assert {line.get_linewidth() for line in plot.twist_angle(long, swing=True, lw=0.9).lines[:3]} == {0.9}
-    few = plot.twist_angle(recorded(5), swing=True).lines[:3]
+    few, more = (plot.twist_angle(recorded(periods), swing=True).lines[:3] for periods in (10, 10.5))
+    assert (more[1].get_linestyle(), thin.get_zorder()) == ("-", few[0].get_zorder())
     assert ({line.get_linewidth() for line in few}, few[1].get_linestyle()) == ({1.1}, "--")
 
 

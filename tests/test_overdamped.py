@@ -61,6 +61,37 @@ def test_a_pendulum_in_oil_creeps_down(c, order):
     assert run.warning is None
 
 
+@pytest.mark.parametrize("c", [1e3, 1e7])
+def test_a_function_of_the_state_damps_as_well(c):
+    """Its damping at the start begins the steps, and bounds the velocity."""
+    run = nt.integrate(OIL, **how(c) | {"load": nt.moment(lambda t, d, w: -c * w, compiled=True)})
+    angle, rate = pendulum(c)[1][:, -1]
+    assert angles(run)[-1] == pytest.approx(angle, rel=2e-9)
+    assert -run.material_angular_velocity[-1, 0] == pytest.approx(rate, rel=2e-8)
+    assert run.stretches.steps < 2000
+    assert run.warning is None
+
+
+@pytest.mark.parametrize(("integrator", "c"), [("gauss", 1e4), ("lie-midpoint", 2e3), ("split", 1e4)])
+def test_velocities_fall_below_the_smallest_number(integrator, c):
+    """By a function of the state, whose derivatives are differences; a step resolves no decay, as each run says."""
+    how = {"t_end": 2, "step": 2e-3, "material_angular_velocity": (1, 2, 3), "integrator": integrator}
+    load = nt.moment(lambda t, d, w: -c * w, compiled=True)
+    with pytest.warns(UserWarning, match="does not resolve"):
+        run = nt.integrate(nt.standard([1.0, 2, 3]), **how, load=load)
+    assert np.linalg.norm(run.material_angular_velocity[-1]) < 1e-270
+
+
+@pytest.mark.parametrize("scheme", ["split", "energy-momentum"])
+def test_each_step_shrinks_a_decay(scheme):
+    """By ``(1 - x/2)/(1 + x/2)``, x = c h/J, about a principal axis, until it is round-off."""
+    how = {"t_end": 1, "material_angular_velocity": (3, 0, 0), "integrator": scheme, "order": 2}
+    run = nt.integrate(nt.standard([1.0, 2, 3]), **how, load=nt.damping(1e3))
+    x, rates = 1e3 * run.time[1], run.material_angular_velocity[:, 0]
+    assert rates[20] == pytest.approx(3 * ((1 - x / 2) / (1 + x / 2)) ** 20, rel=1e-12)
+    assert abs(rates[-1]) < 1e-17
+
+
 @pytest.mark.parametrize(("c", "tolerance"), [(1e2, 1e-6), (1e2, 1e-10), (1e8, 1e-10)])
 def test_states_between_steps_are_within_the_tolerance(c, tolerance):
     """While the velocity comes up, in about J/c, and later; relative to the largest velocity."""
@@ -149,6 +180,15 @@ def test_what_must_resolve_every_decay_names_what_need_not(scheme):
             nt.simulate(OIL, **how(1e4), integrator=scheme, **more)
     grid = automatic_grid(stacked(OIL), np.zeros((1, 3)), nt.damping(100), 0.0, 1.0)
     assert grid.longest <= 1e-4 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("make", [nt.standard, nt.nontwisting])
+@pytest.mark.parametrize(("scheme", "size"), [("split", 1e-12), ("split", 1.0), ("energy-momentum", 1e-12)])
+def test_drag_leaves_what_the_midpoint_rule_has_of_any_velocity(scheme, size, make):
+    start = {"t_start": 1, "material_angular_velocity": (size, -2 * size, 0)}
+    run = nt.integrate(make([2, 2, 2]), **start, t_end=2, step=0.125, load=nt.damping(3), integrator=scheme, order=2)
+    left = ((1 - 0.125 * 3 / 4) / (1 + 0.125 * 3 / 4)) ** 8
+    assert run.material_angular_velocity[-1] / size == pytest.approx([left, -2 * left, 0], rel=1e-14)
 
 
 def test_a_step_that_is_too_long_is_told_with_what_works():

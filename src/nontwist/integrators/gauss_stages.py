@@ -42,7 +42,7 @@ EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P aga
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 CHECKED = 4.0  # last iterations that are looked at
 DITHERED, QUICK, DITHER = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
-ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
+ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-280
 INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
 
@@ -261,7 +261,7 @@ class Equations:
         """Return what the equations say at P and g; on dual numbers as well. `inverse` gives C⁻¹ f."""
         body, parts = self.nodes.body, self.parts
         W, whole = body.velocity_of(P), P
-        if parts.is_constrained and (self.has_rows or body.coupling is not None):
+        if parts.is_constrained:
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
         drag = -(body.damping @ W) if parts.damping else None
         own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.of_memory)

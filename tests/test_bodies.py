@@ -80,6 +80,10 @@ def test_gravity_adds_to_every_body():
     assert body.axis is not None
     with pytest.warns(UserWarning, match="gravity has no moment"):
         nt.heavy_top([2, 2, 1], mass=1, centre_of_mass=(0, 0, 0))
+    for tilt, length in ((0.98e-12, 1), (1.02e-12, 0)):  # of forces that have a direction in common, or have none
+        forces = [(0, 0, 0), (0, 0, -3), (0, 3 * tilt, 2)]
+        stack = nt.DirectorSystem.stack([nt.DirectorSystem(np.eye(3), dead_force=forces)])
+        assert np.array_equal(stack.vertical, [[0, 0, -length]])
 
 
 def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
@@ -108,6 +112,7 @@ def test_a_body_is_short_to_show_and_has_its_inertia():
     stack = nt.DirectorSystem.stack([nt.standard([3, 4, 5])] * 1000)
     assert repr(stack) == "<SystemStack 'standard': 1000 bodies, the first of inertia diag(3, 4, 5) kg m²>"
     assert np.array_equal(stack.inertia, stack.convected_inertia)
+    assert len(repr(nt.DirectorSystem(np.eye(3), name="x" * 90)).partition(":")[0]) == len("<DirectorSystem ") + 80
 
 
 def test_axes_have_letters():

@@ -136,6 +136,15 @@ def test_automatic_step_turns_at_most_a_twentieth():
     assert np.linalg.norm(top.angular_velocity, axis=1).max() * np.diff(top.time).max() <= 0.05
 
 
+@pytest.mark.parametrize("end", [39.01, 390.1])
+def test_automatic_steps_are_shortened_by_the_speed_that_is_reached(end):
+    """By 2 % more than it takes: of 100 steps at first the last turns by 0.39 rad, or too far to be taken."""
+    load = nt.moment(lambda t, d, w: (0.0, 0.0, 5 * end), compiled=True)
+    run = nt.integrate(nt.standard([3, 4, 5]), t_end=1, load=load, integrator="lie-midpoint")
+    assert len(run.time) - 1 == np.ceil(1.02 * end / 0.05)
+    assert run.material_angular_velocity[-1] == pytest.approx([0, 0, end], rel=1e-12)
+
+
 def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -266,10 +266,11 @@ def test_keys_of_any_kind_are_swept_together(write, tmp_path):
         np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-13)
 
 
-def test_members_that_fail_do_not_stop_the_others(write, tmp_path):
+def test_members_that_fail_do_not_stop_the_others(write, tmp_path, capsys):
     text = HELD.replace("body.axis.0", "load.0.scale").replace("start = -1.0", "start = 0.0")
     text = text.replace("end = 1.0\ncount = 5", "end = 1e4\ncount = 101")
-    many = sweep(write(text + a_list("body.inertia.2.2", [5, 9])), tmp_path / "store", block=101)
+    many = sweep(write(text + a_list("body.inertia.2.2", [5, 9])), tmp_path / "store", block=101, progress=True)
+    shown = capsys.readouterr().err.split()
     status = many.status.values.reshape(101, 2)
     assert (status[:, 1] == -1).all()  # 9 > 3 + 4
     assert status[0, 0] == 0
@@ -278,6 +279,7 @@ def test_members_that_fail_do_not_stop_the_others(write, tmp_path):
     assert np.isfinite(many.quaternion.values[many.status.values == 0]).all()
     facts = json.loads(nontwist("sweep-show", tmp_path / "store", "--json").stdout)
     assert facts["failed"] == int((many.status != 0).sum())
+    assert shown[2:] == ["202/202", shown[3], "0", "s", "left,", str(facts["failed"]), "failed"]
     assert facts["failures"][0]["members"] == 101
     assert "triangle inequality" in facts["failures"][0]["reason"]
     turned = next(one for one in facts["failures"] if "try step <=" in one["reason"])

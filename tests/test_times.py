@@ -147,12 +147,14 @@ def test_a_member_and_a_prepared_run_are_runs_with_outputs_as_well(name):
 
 
 def test_integrators_in_python_have_outputs_too():
-    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": W0, "load": SPACE}
-    x = np.array([0.05, 0.1, 0.37, 0.99])
-    run = integrate(standard([3, 4, 5]), times=x, integrator=ReferenceEnergyMomentum(), **how)
-    fast = integrate(standard([3, 4, 5]), times=x, integrator="energy-momentum", order=2, **how)
-    for array in ("directors", "director_velocities", "multipliers", "moment", "load_work"):
-        assert getattr(run, array) == pytest.approx(getattr(fast, array), abs=1e-11), array
+    """Also over steps of three sizes, from a start that is not 0, and in means over several steps."""
+    load = SPACE + pulse((3, 2, 1), 0.71, 1.2)
+    how = {"t_start": 0.5, "t_end": 1.5, "material_angular_velocity": (1, -2, 0), "load": load}
+    for outputs in ({"times": np.array([0.55, 0.6, 0.87, 1.49])}, {"store": 7}):
+        run = integrate(standard([3, 4, 5]), integrator=ReferenceEnergyMomentum(), **outputs, **how)
+        fast = integrate(standard([3, 4, 5]), integrator="energy-momentum", order=2, **outputs, **how)
+        for array in ("directors", "director_velocities", "multipliers", "moment", "load_work", "time"):
+            assert getattr(run, array) == pytest.approx(getattr(fast, array), abs=1e-11), array
 
 
 @pytest.mark.parametrize(("error", "kind"), [(KeyboardInterrupt, SimulationInterrupt), (ValueError, SimulationError)])
@@ -189,10 +191,11 @@ test_times_are_checked = refused_as(
 )
 
 
-@pytest.mark.parametrize("name", STEPPING)
-def test_resampling_is_what_the_run_has_passed_through(name):
-    """At times in any order."""
-    how = {"t_end": 2, "step": 0.05, "integrator": name, "load": SPACE + damping(0.1), **START}
+@pytest.mark.parametrize(("name", "step"), [*((name, 0.05) for name in STEPPING), ("lie-midpoint", None)])
+def test_resampling_is_what_the_run_has_passed_through(name, step):
+    """At times in any order, also where steps of different lengths lie between two stored states."""
+    load = SPACE + damping(0.1) + pulse((5, 0, 2), 0.35, 0.45)
+    how = {"t_end": 2, "step": step, "integrator": name, "load": load, **START}
     asked, order = simulate(TOP, times=TIMES, **how), [*range(len(TIMES))[::-1], 3]
     for store in (1, 7, "end"):
         got = resample(simulate(TOP, store=store, **how), TIMES[order])

@@ -208,7 +208,7 @@ def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction():
     run = nt.simulate(nt.standard(J), t_end=1.5, load=load, material_angular_velocity=W0, **how)
     state = kept[29]
     assert state.material_angular_velocity == pytest.approx(run.material_angular_velocity.values[30], abs=1e-14)
-    for name in ("wheel_speed", "wheel_work", "wheel_loss"):
+    for name in ("wheel_speed", "wheel_momentum", "wheel_work", "wheel_loss"):
         assert getattr(state, name) == pytest.approx(np.nan_to_num(run[name].values[30]), abs=1e-13)
     loop.state = state
     assert loop.step(wheel_torque=(0.1, -0.2, 0.05)) == kept[30]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
-from ..geometry.arrays import LARGEST, Array, as_number, vector
+from ..geometry.arrays import Array, as_number, vector
 from ..geometry.values import as_list
 from ..integrators.compiled import Compiled
 from ..models.system import DirectorSystem, as_system
@@ -72,12 +72,6 @@ def propagator(system: DirectorSystem | Problem, **keywords: Unpack[OfStarts]) -
     if plan.grid is not None:
         check_cost(plan, AT_REST, plan.grid)
     return Propagator(body, plan, problem.project)
-
-
-def factor(load_scale: Any) -> float:
-    """Return the factor of a load, checked."""
-    is_plain = type(load_scale) is float and abs(load_scale) <= LARGEST
-    return float(load_scale if is_plain else as_number(load_scale, "load_scale"))
 
 
 class Propagator:
@@ -145,7 +139,7 @@ class Propagator:
             The step is too coarse for a start: issued once, and again for a faster body. Every such run has the text in
             `warning`.
         """
-        scale = factor(load_scale)
+        scale = as_number(load_scale, "load_scale")
         if self._prepared is not None and start is None and angular_velocity is None:
             p, W, _, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
             if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
@@ -216,7 +210,7 @@ class Propagator:
         """
         if self._plan.output_times is not None:
             raise ValueError("derivatives are those at nodes of the time grid: make the propagator without times=")
-        scale = factor(load_scale)
+        scale = as_number(load_scale, "load_scale")
         if self._prepared is not None and start is None and angular_velocity is None:
             p, W, removed, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
             prepared = self._jacobian(wrt)

@@ -24,7 +24,7 @@ from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError
 from ..integrators.problem import started
 from ..integrators.time_grid import FIT, Stretches, stretched
-from ..loads import Load, Term, as_load
+from ..loads import Load, Term, as_load, body_moment
 from ..loads.base import of_body
 from ..loads.kinds import load_of
 from ..models.stack import stacked
@@ -182,12 +182,13 @@ def _put(found: States, at: Any, states: States) -> None:
 
 def _grid(run: Any, load: Load, a: float, b: float) -> Stretches:
     """Return the grid of the run between two stored times; all kinks of the load are nodes of it."""
-    known = stretches_from(run.attrs.get("stretches"))
-    h = run.attrs.get("step")
+    known, h = stretches_from(run.attrs.get("stretches")), float(run.attrs.get("step") or b - a)
     if known is not None:
-        h = known.sizes[min(int(np.searchsorted(known.borders[1:-1], a, side="right")), len(known.sizes) - 1)]
+        load = load + body_moment(known.borders, np.zeros((len(known.borders), 3)))
     borders = np.concatenate([[a], kinks(load, a, b), [b]])
-    return stretched(borders, np.maximum(1, np.ceil(np.diff(borders) / float(h or b - a) * (1 - FIT))))
+    if known is not None:
+        h = np.array(known.sizes)[np.searchsorted(known.borders[1:-1], (borders[1:] + borders[:-1]) / 2)]
+    return stretched(borders, np.maximum(1, np.ceil(np.diff(borders) / h * (1 - FIT))))
 
 
 def _integrator(run: Any) -> Integrator:

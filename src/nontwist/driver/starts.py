@@ -16,6 +16,7 @@ from ..geometry.attitudes import attitudes, states_of
 from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
+from .grid import is_too_short
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -106,7 +107,6 @@ def body_state(time: float, quaternion: Any, velocity: Any, internal: Any = ()) 
 
 SAME = 1e-9  # relative: up to it spins, axes and inertias are the same
 EPS = 2.0**-52
-MOST_STEPS = 2**53  # counts up to it are exact as floats
 NEEDED = ("directors", "director_velocities", "time")
 SENTENCES["start-other-inertia"] = (
     "the run that is continued is of another body, with an inertia that differs by up to {most:.3g} kg m²: its "
@@ -338,7 +338,7 @@ def grid_of(start: Any) -> Stretches | None:
         j = max(int(np.searchsorted(known.borders, last)) - 1, 0)
         return known.after(known.numbers[j] + round((last - known.borders[j]) / known.sizes[j]))
     begin = first if origin is None else as_number(origin, "the origin of start=")
-    if not (h > 0 and (last - begin) / h < MOST_STEPS):
+    if not h > 0 or is_too_short(last - begin, h):
         return None
     return Stretches((begin, last), (-round((last - begin) / h), 0), (h,))
 

@@ -88,11 +88,6 @@ class Compiled(Integrator):
         """What a march has to have for it."""
         return Needs()
 
-    @property
-    def effort(self) -> float:
-        """The cost of a step, relative to that of a step of order 2: as measured, proportional to its nodes."""
-        return float(self.nodes)
-
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
         return abs(2 * atan(theta / 2) - theta)

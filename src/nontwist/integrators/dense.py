@@ -57,7 +57,7 @@ class Dense:
             march = march_of(replace(problem, output_times=None, stored=nodes), scheme)
         self.march, nodes = march, march.stored
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
-        length = np.array(problem.grid.sizes)[problem.stretch_of(step)] * np.ones(len(step))
+        length = problem.step_at(step)
         shape = m, len(node)
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (*shape, 4),

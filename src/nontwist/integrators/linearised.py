@@ -216,11 +216,10 @@ class Linearised:
     def nodes(self, first: int, last: int) -> StepNodes:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
-        sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
         times, middles = (problem.times(k), problem.times(k + 1)), self.middles
         if self._orbit is not None:  # seen from there, no time passes in a step
             middles = np.zeros(len(middles))
-        return StepNodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
+        return StepNodes(first, last, *times, problem.step_at(k), middles, problem.nodes(k, middles))
 
     def sampled_loads(self, nodes: StepNodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""

@@ -178,7 +178,7 @@ class RememberingSteps:
     def _part(self, states: States, first: int, last: int) -> tuple[slice, Array, Array]:
         problem, s, q, n = self.problem, self.s, self.size, last - first
         k = np.arange(first, last)
-        h = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(n)
+        h = problem.step_at(k)
         times, ends = problem.nodes(k, self.c), slice(first, last + 1)
         moving, space = self.load.sample(times, "body"), self.load.sample(times, "space")
         rotor = np.zeros((n * s, 6))

@@ -286,8 +286,7 @@ class StackMarch:
         stack, self.count = self.stack, len(middles)
 
         def ends() -> tuple[Array, Array, Array]:
-            sizes = np.array(stack.grid.sizes)[stack.stretch_of(steps)] * np.ones(len(steps))
-            return stack.times(steps), stack.times(steps + 1), sizes
+            return stack.times(steps), stack.times(steps + 1), stack.step_at(steps)
 
         self.loads = self.samples_at(lambda: stack.nodes(steps, middles), ends, middles) if len(steps) else NOTHING
         pack(self.block, BLOCK, fractions=gamma)

@@ -89,10 +89,9 @@ class OnGrid:
             raise ValueError("the steps of this grid are not all equal: step_at(k) is the size of the step k")
         return self.grid.sizes[0]
 
-    def step_at(self, k: int) -> float:
-        """Return the size of step number `k`, s."""
-        sizes = self.grid.sizes
-        return sizes[0] if len(sizes) == 1 else sizes[int(self.stretch_of(k))]
+    def step_at(self, k: Any) -> Any:
+        """Return the size of step number `k`, s, or of each of several."""
+        return np.array(self.grid.sizes)[self.stretch_of(k)]
 
     @cached_property
     def stored_times(self) -> Array:
@@ -133,8 +132,7 @@ class OnGrid:
 
     def stretch_of(self, k: Any) -> Any:
         """Return the numbers of the sections that contain the steps `k`."""
-        inner = self.grid.numbers[1:-1]
-        return np.searchsorted(inner, k, side="right") if inner else 0
+        return np.searchsorted(self.grid.numbers[1:-1], k, side="right")
 
     def _at(self, k: Any, j: Any, parts: Any = 0.0) -> Array:
         """Return the times at the fractions `parts` of the steps `k`, which are in the stretches `j`."""

@@ -209,7 +209,7 @@ def _turn(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
 
 @kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
 def _set_attitudes(R: Any, B: Any, y0: Any, A: Any, times: Any, steps: Any, out: Any) -> None:
-    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from the time before, one exponential where that is 0."""
+    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from the one before, an exponential where it is 0."""
     start, plane = matrix_at(R), Matrix(vector_at(B[0]), vector_at(B[1]))
     v = Variables(q=Quaternion(1.0, 0.0, 0.0, 0.0), now=0.0)
     for k in loop(times.shape[0]):

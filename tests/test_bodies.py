@@ -56,14 +56,9 @@ def test_plates_rods_and_inertias_with_round_off_are_bodies():
     assert np.linalg.eigvalsh(nt.standard([1, 1, 1e-9]).euler_inertia)[0] == pytest.approx(5e-10)
     tiny = nt.standard([1, 1, 2 + 3e-9]).euler_inertia
     assert np.diag(tiny) == pytest.approx([1 + 1.5e-9, 1 + 1.5e-9, 0], abs=1e-15)
-    with pytest.raises(ValueError, match="triangle"):
-        nt.standard([1, 1, 2 + 1e-8])
     J = PAPER_J.copy()
     J[0, 1] += 5e-13
     assert np.array_equal(nt.standard(J).euler_inertia, nt.standard(J).euler_inertia.T)
-    J[0, 1] += 5e-11
-    with pytest.raises(ValueError, match="not symmetric"):
-        nt.standard(J)
     J = PAPER_J.copy()
     J[0, 2] = J[2, 0] = 1e-10  # nearly principal
     body = nt.nontwisting(J)

@@ -102,6 +102,8 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
     load = nt.body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
     with says():
         nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
+    for count in (299, 301):  # of times; 400 pieces are expected, a hundred more than times are allowed
+        assert (loaded_body.too_many(nt.sine([1, 0, 0], 80), np.linspace(2, 3, count)) is None) == (count == 301)
 
 
 @pytest.mark.parametrize("frequency", [0.3, 123.4])

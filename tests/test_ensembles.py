@@ -243,7 +243,7 @@ def test_statistics_one_by_one_are_those_of_lanes(integrator, order, near):
 @pytest.mark.parametrize("name", ["standard", "nontwisting"])
 def test_closed_forms(name):
     bodies, arguments = problem(name, m=20)
-    times, stack = np.array([0.0, 0.3, 7.1]), nt.DirectorSystem.stack(bodies)
+    times, stack = np.append(np.linspace(0, 3, 16), 7.1), nt.DirectorSystem.stack(bodies)
     rotation, W = arguments["rotation"], arguments["material_angular_velocity"] * [1, 1, name != "nontwisting"]
     own = {"rotation": rotation, "material_angular_velocity": W, "project": True}
     many = nt.simulate_ensemble(stack, **own, integrator="exact", times=times, threads=2, variables="all")
@@ -253,6 +253,8 @@ def test_closed_forms(name):
         ulps = 5e-15 * (1 + np.linalg.norm(W[i]) * times[-1])
         assert many.directors.values[i] == pytest.approx(Lam.swapaxes(1, 2), abs=ulps)
         assert many.material_angular_velocity.values[i] == pytest.approx(velocity, abs=ulps * abs(W[i]).max())
+    before, after = many.quaternion.values[:, :15], many.quaternion.values[:, 1:16]
+    assert np.sum(before * after, axis=2).min() > 0.8  # no jump of sign
 
 
 def test_closed_form_of_a_loaded_body():

@@ -119,9 +119,8 @@ DEPARTURES = {  # what pages call a vector, a rotation, a body: by how much it m
 
 
 @pytest.mark.filterwarnings("ignore:d3")
-@pytest.mark.parametrize("what", DEPARTURES)
-def test_of_departures_from_what_is_asked_for(what):
-    call, limit = DEPARTURES[what]
+@pytest.mark.parametrize(("call", "limit"), DEPARTURES.values(), ids=DEPARTURES)
+def test_of_departures_from_what_is_asked_for(call, limit):
     call(0.98 * limit)
     with pytest.raises(ValueError):  # noqa: PT011 - of whatever sentence
         call(1.02 * limit)

@@ -133,7 +133,7 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
         require_finite(given, "d1")
         largest = np.abs(preferred).max(axis=1, keepdims=True)
         preferred = preferred / np.where(largest > 0.0, largest, 1.0)
-    start = preferred - np.sum(preferred * first, axis=1, keepdims=True) * first
+    start: Array = preferred - np.sum(preferred * first, axis=1, keepdims=True) * first
     size = np.linalg.norm(start, axis=1, keepdims=True)
     bad = np.flatnonzero(size[:, 0] <= 1e-8 * np.linalg.norm(preferred, axis=1))
     if bad.size:

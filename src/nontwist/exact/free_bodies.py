@@ -140,7 +140,7 @@ def rotations_about(R: Array, axis: Array, angles: Array) -> Array:
     half = np.sin(0.5 * angles)
     s, c = 2.0 * half * half, 2.0 * half * np.cos(0.5 * angles)
     found: Array = R.ravel() + c[:, None] * once.ravel() + s[:, None] * twice.ravel()
-    return found.reshape(-1, 3, 3)
+    return found.reshape(len(angles), 3, 3)
 
 
 @kernel("f8[:, :, :], i8, f8[:], i8, i8, i8, f8[:, :, :], f8[:, :, :] -> i8, i8")

@@ -79,7 +79,7 @@ def frame_along(
     knots = np.append(cuts.ravel(), t[-1])
     grid = knots[:-1, None] + np.diff(knots)[:, None] * _STEP
     u = np.empty((*grid.shape, 3))
-    u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(-1, 8, 3)
+    u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(len(grid), 8, 3)
     last = _evaluate(function, t[-1:])
     u[:, -1] = np.concatenate([u[1:, 0], last])
     evaluations_left = _EVALUATIONS if tolerance >= _ROUND_OFF else 0

@@ -166,7 +166,7 @@ class Term(ABC):
         """Return the components of a moment of time at (n,) times, (n, 3), without the factor."""
         if self.columns is not None:
             return np.stack(self.columns(times), axis=1)
-        return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(-1, 3)
+        return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(len(times), 3)
 
     def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
         """Return what a text gives, row by row, by a way to call functions (`calls`).

@@ -153,7 +153,7 @@ def _surface(vertices: ArrayLike | str | os.PathLike[str], faces: ArrayLike | No
     order, new = _sorted_rows(x)
     where = np.empty(len(x), dtype=np.int64)
     where[order] = np.cumsum(new) - 1
-    return x[order[new]], where[f].reshape(-1, 3)
+    return x[order[new]], where[f].reshape(index.shape)
 
 
 def _sorted_rows(rows: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:

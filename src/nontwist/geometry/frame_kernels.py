@@ -107,15 +107,13 @@ def _segment_rolls(u: Any, nodes: Any, count: Any, is_closed: Any, lengths: Any,
 def smooth_rolls(u: Any, closed: Any, roll: Any, node: Any, nodes: Any, scratch: Any) -> None:
     """Set ``roll[k, i]``, the roll on arriving at sample i from the node before it, and which samples are nodes.
 
-    Working space: `nodes` (n,), `scratch` (3, n).
+    `roll` and `node` hold 0 and 1 before. Working space: `nodes` (n,), `scratch` (3, n).
     """
     for k in loop(u.shape[0]):
         count = _choose_nodes(u[k], u.shape[1], nodes)
         _segment_rolls(u[k], nodes, count, closed != 0, scratch[0], scratch[1], scratch[2])
-        for i in loop(u.shape[1]):
-            roll[k, i] = 0.0
+        for i in loop(1, u.shape[1]):
             node[k, i] = 0
-        node[k, 0] = 1
         for i in loop(1, count):
             roll[k, nodes[i]] = scratch[2, i - 1]
             node[k, nodes[i]] = 1

@@ -518,7 +518,7 @@ def chord(known: Array, values: Array, times: Array) -> Array:
 
 def nonzero_intervals(times: Array, values: Array) -> Array:
     """Return where values that are linear between `times`, and 0 outside, are not zero: from when to when, (k, 2)."""
-    rows = np.any(values.reshape(len(times), -1) != 0, axis=1, keepdims=True)[:, 0]
+    rows = np.asarray(values.reshape(len(times), -1).any(axis=1))
     change = np.diff(np.concatenate([[False], rows[1:] | rows[:-1], [False]]).astype(np.int64))
     return np.stack([times[change == 1], times[change == -1]], axis=1)
 

@@ -13,6 +13,7 @@ tolerance bounds it.
    resolved only while they last: the start and every kink of a load excite them, and at the time t behind it those left
    have rates up to about 1/t. So steps begin at ``h = x/λ``, x by the estimate over T = 1/λ, and from t = 1/λ on are
    x t, until they are those of the motion (`grid.graded`): a number of steps like log(λ T), for all rates together.
+   Functions of the state count with the damping that they are at the start (`Plan.linearised`).
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_array, as_floats, as_positive, require_finite
+from .arrays import Array, as_array, as_floats, as_positive, refuse, require_finite
 from .frames import TOLERANCE, first_d1, frames_along, in_range, indices_of, unit_directors, vectors
 from .values import as_function
 
@@ -210,8 +210,7 @@ def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None 
     require_finite(x, "points")
     require_finite(given, "tangents")
     size = np.abs(given).max(axis=-1, keepdims=True)
-    if not np.all(size):
-        raise ValueError(f"tangents{[int(i) for i in np.argwhere(size == 0)[0][:-1]]} must not be zero")
+    refuse(size[..., 0] == 0, "tangents", "must not be zero")
     given /= size
     u, lead = unit_directors(given / np.linalg.norm(given, axis=-1, keepdims=True), "tangents")
     frames = np.empty((*u.shape, 3))

@@ -58,7 +58,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.vectors import Vector, cross
-from .arrays import Array, as_array, as_floats, require_finite
+from .arrays import Array, as_array, as_floats, refuse, require_finite
 from .frame_kernels import ANTIPODAL
 from .stacks import principal_angle
 from .values import among, as_whole
@@ -135,10 +135,8 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
         preferred = preferred / np.where(largest > 0.0, largest, 1.0)
     start: Array = preferred - np.sum(preferred * first, axis=1, keepdims=True) * first
     size = np.linalg.norm(start, axis=1, keepdims=True)
-    bad = np.flatnonzero(size[:, 0] <= 1e-8 * np.linalg.norm(preferred, axis=1))
-    if bad.size:
-        member = [int(i) for i in np.unravel_index(bad[0], lead)] if lead else ""
-        raise ValueError(f"d1{member} must not be zero or parallel to the first director")
+    bad = size[:, 0] <= 1e-8 * np.linalg.norm(preferred, axis=1)
+    refuse(bad.reshape(lead), "d1", "must not be zero or parallel to the first director")
     start /= size
     start -= np.sum(start * first, axis=1, keepdims=True) * first  # what round-off left, at most 1e-8
     return start

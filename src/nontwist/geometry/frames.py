@@ -60,11 +60,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..kernels.vectors import Vector, cross
 from .arrays import Array, as_array, as_floats, refuse, require_finite
 from .frame_kernels import ANTIPODAL
-from .stacks import principal_angle
+from .stacks import TOLERANCE, principal_angle
 from .values import among, as_whole
-
-# Largest deviation of directors from unit length; they are normalised to round-off.
-TOLERANCE = 1e-9
 
 
 def vectors(value: ArrayLike, name: str) -> Array:

@@ -26,6 +26,13 @@ def test_impulse(name, load):
     assert change == pytest.approx(0.01 * impulse, abs=1e-12 * abs(run.spatial_momentum.values).max())
 
 
+@pytest.mark.parametrize("name", BODIES)
+def test_velocities_are_tangent_at_every_node(name):
+    run = nt.integrate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=nt.sine([5, 3, 1], 2), **LIE)
+    g = run.director_velocities @ np.swapaxes(run.directors, 1, 2)
+    assert abs(g + np.swapaxes(g, 1, 2)).max() < 1e-13
+
+
 def test_the_step_is_symmetric():
     """A step back from the end with the reversed velocity returns to the start."""
     body, load = BODIES["suslov"](), nt.space_moment(lambda t: (1, 2, 3))

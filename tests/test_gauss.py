@@ -191,11 +191,7 @@ def test_drag_never_lets_the_energy_rise_and_stiff_moments_are_solved(order):
 
 def test_a_run_says_that_damped_modes_are_not_resolved():
     how = {"t_end": 1, "step": 0.25, "integrator": "gauss", "order": 4, "angular_velocity": [1, 0, 0]}
-    message = (
-        r"damping slows the body down at a rate of up to 20 1/s, which step = 0.25 s does not resolve: energy does not "
-        r"rise, but those modes are wrong; try step <= 0.2"
-    )
-    with pytest.warns(UserWarning, match=message):
+    with pytest.warns(UserWarning, match=r"a rate of up to 20 1/s, which step = 0\.25 s .* try step <= 0\.2"):
         nt.simulate(nt.standard([3, 4, 5]), load=nt.damping([60, 1, 1]), **how)
     with pytest.warns(UserWarning, match="at a rate of up to 40 1/s"):
         nt.simulate_ensemble(nt.standard([3, 4, 5]), load=nt.damping([60, 1, 1]), load_scale=[0.1, 2], **how)

@@ -64,8 +64,7 @@ def test_turns_below_the_resolution_of_an_attitude_add_up(name):
 
 
 def test_needles_keep_their_energy_though_their_spin_is_round_off():
-    W = np.random.default_rng(0).normal(size=(40, 3)) * (1e-3, 1, 1)
+    W = np.random.default_rng(0).uniform(-0.7, 0.7, (40, 3)) * (1e-3, 1, 1)
     how = {"variables": "kinetic_energy", "store": 1, "integrator": "lie-midpoint", "t_end": 40, "step": 1}
-    W /= np.linalg.norm(W, axis=1)[:, None]
     K = nt.simulate_ensemble(nt.standard([1e-8, 1, 1 + 5e-9]), material_angular_velocity=W, **how).kinetic_energy.values
     assert abs(K / K[:, :1] - 1).max() <= 1e-14

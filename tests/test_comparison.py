@@ -238,6 +238,8 @@ def test_work_precision(loaded):
     assert len(lines[2].get_xdata()) == 1
     assert adaptive.get_xdata() == pytest.approx([0.5, 0.00625, np.nan], nan_ok=True)
     assert len(set(adaptive.get_ydata())) == 1
+    (name,) = (text for text in over_steps.texts if text.get_text() == "continuous 1e-7")
+    assert name.xy == pytest.approx([0.00625, adaptive.get_ydata()[0]])
     assert floor.get_y() + floor.get_height() == pytest.approx(float(loaded.attitude_reference_error), abs=0)
     assert lines[0].get_color() == lines[1].get_color() != lines[2].get_color()
     assert lines[0].get_marker() != lines[1].get_marker()

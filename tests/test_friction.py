@@ -165,13 +165,67 @@ def test_a_body_starts_where_the_moment_exceeds_the_limit():
         assert abs(run.material_angular_velocity[1:] - right).max() < bound
 
 
-def test_a_body_that_has_one_axis_left_may_rest_but_not_turn():
-    held = nt.with_gravity(nt.nontwisting([1.01, 1.01, 0.01]), 1, (0, 0, 1))
-    how = {"load": nt.dry_friction(1, "x"), "rotation": Rotation.from_euler("x", np.pi - 0.2)}
-    assert nt.simulate(held, t_end=2, **how).sticking[-1] == 1
+LEFT = nt.with_gravity(nt.nontwisting(J), 1.5, (0.2, -0.3, 0.4)), nt.with_gravity(nt.standard(J), 1.5, (0.2, -0.3, 0.4))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("body", LEFT)
+def test_a_body_that_has_one_axis_left_turns_about_it(body, scheme):
+    """About y, against SciPy, under gravity, a spring, damping and a moment; then it slides about x as well."""
+    axes = "x" if body.axis is not None else ("x", "z")
+    friction = sum((nt.dry_friction(15, axis) for axis in axes), nt.damping([0.1, 0.2, 0.3]))
+    load = (
+        friction + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3) + nt.body_moment(lambda t: np.array([3 * t, 1, 0.2 * t]))
+    )
+    start = Rotation.from_rotvec([0.3, -0.5, 0.8])
+
+    def rate(t, y):
+        q = (start * Rotation.from_rotvec([0, y[0], 0])).as_matrix().T
+        arm = np.array([0.2, -0.3, 0.4]) @ q
+        point = np.array([0, 0, 1.0]) @ q
+        stretch = np.array([1, 0, 0.5]) - point
+        pull = 2 * (1 - 0.3 / np.linalg.norm(stretch)) * stretch
+        moment = np.cross(arm, [0, 0, -1.5 * 9.81]) + np.cross(point, pull)
+        return [y[1], (q[1] @ moment - 0.2 * y[1] + 1) / 4]
+
+    times = np.linspace(0, 4, 21)
+    how = {"load": load, "rotation": start, "material_angular_velocity": (0, 0.7, 0), "times": times}
+    run = nt.integrate(body, **how, integrator=scheme, step=0.02)
+    stuck = run.sticking == len(axes)
+    right = solve_ivp(rate, (0, 4), [0, 0.7], "DOP853", times, rtol=1e-12, atol=1e-14).y[1]
+    bound = 1e-11 if scheme == "gauss" else 2 * 0.02**2
+    assert abs(run.material_angular_velocity - np.outer(right, [0, 1, 0]))[stuck].max() < bound
+    assert 10 <= stuck.sum() < 20
+    energy = sum(run.observables(["kinetic_energy", "potential_energy"]).values())
+    assert abs(np.diff(energy) - run.load_work).max() < 1e-12
+    assert (np.diff(energy) <= 4 * 0.2).all()
+
+
+def test_what_holds_a_body_that_turns_about_one_axis():
+    """The body of axis z sticks about x: ``μ = M_z + ω² J_xy - ω' J_yz`` under M, in the mean of each step."""
+    J = np.array([[3, 0.4, 0.1], [0.4, 4, 0.3], [0.1, 0.3, 5]])
+    load = nt.body_moment([0, 5], [[0, 1, 0], [5, 1, 2.5]]) + nt.dry_friction(9, "x")
+    run = nt.simulate(nt.suslov(J, "z"), t_end=2, step=0.01, load=load, material_angular_velocity=(0, 0.5, 0))
+    middles = (run.time.values[1:] + run.time.values[:-1]) / 2
+    speed = 0.5 + middles / 4
+    assert (run.sticking == 1).all()
+    assert run.material_angular_velocity.values[:, 1] == pytest.approx(0.5 + run.time.values / 4, abs=1e-13)
+    assert run.multipliers.values[:, 0] == pytest.approx(
+        middles / 2 - 0.3 / 4 + 0.4 * (speed**2 + 0.0025**2 / 12), abs=1e-13
+    )
+    n = (run.directors.values[1:, 2] + run.directors.values[:-1, 2]) / 2
+    held = run.moment.values + run.reaction_moment.values[:, None] * n
+    assert np.diff(run.spatial_momentum.values, axis=0) / 0.01 == pytest.approx(held, abs=1e-4)
+    assert run.load_work.values == pytest.approx(0.01 * speed, rel=1e-12)
+
+
+@pytest.mark.parametrize("load", [nt.wheel("y", 0.1), nt.gravity_gradient(0.1)])
+def test_a_body_that_has_one_axis_left_may_rest_but_not_turn(load):
+    held, load = nt.nontwisting(J), load + nt.dry_friction(1, "x")
     with pytest.raises(SimulationError, match="leaves the body one axis to turn about") as failed:
-        nt.simulate(nt.nontwisting(J), t_end=9, angular_velocity=(0.1, 1, 0), load=nt.dry_friction(1, "x"))
+        nt.simulate(held, t_end=9, angular_velocity=(0.1, 1, 0), load=load)
     assert failed.value.partial.material_angular_velocity[-1, 0] > 0
+    assert nt.simulate(held, t_end=2, step=0.1, load=load).sticking[-1] == 1
 
 
 @pytest.mark.parametrize("load", [nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), nt.gravity_gradient(0.4)])

@@ -61,6 +61,37 @@ def test_a_pendulum_in_oil_creeps_down(c, order):
     assert run.warning is None
 
 
+@pytest.mark.parametrize("c", [1e3, 1e7])
+def test_a_function_of_the_state_damps_as_well(c):
+    """Its damping at the start begins the steps, and bounds the velocity."""
+    run = nt.integrate(OIL, **how(c) | {"load": nt.moment(lambda t, d, w: -c * w, compiled=True)})
+    angle, rate = pendulum(c)[1][:, -1]
+    assert angles(run)[-1] == pytest.approx(angle, rel=2e-9)
+    assert -run.material_angular_velocity[-1, 0] == pytest.approx(rate, rel=2e-8)
+    assert run.stretches.steps < 2000
+    assert run.warning is None
+
+
+@pytest.mark.parametrize(("integrator", "c"), [("gauss", 1e4), ("lie-midpoint", 2e3), ("split", 1e4)])
+def test_velocities_fall_below_the_smallest_number(integrator, c):
+    """By a function of the state, whose derivatives are differences; a step resolves no decay, as each run says."""
+    how = {"t_end": 2, "step": 2e-3, "material_angular_velocity": (1, 2, 3), "integrator": integrator}
+    load = nt.moment(lambda t, d, w: -c * w, compiled=True)
+    with pytest.warns(UserWarning, match="does not resolve"):
+        run = nt.integrate(nt.standard([1.0, 2, 3]), **how, load=load)
+    assert np.linalg.norm(run.material_angular_velocity[-1]) < 1e-270
+
+
+@pytest.mark.parametrize("scheme", ["split", "energy-momentum"])
+def test_each_step_shrinks_a_decay(scheme):
+    """By ``(1 - x/2)/(1 + x/2)``, x = c h/J, about a principal axis, until it is round-off."""
+    how = {"t_end": 1, "material_angular_velocity": (3, 0, 0), "integrator": scheme, "order": 2}
+    run = nt.integrate(nt.standard([1.0, 2, 3]), **how, load=nt.damping(1e3))
+    x, rates = 1e3 * run.time[1], run.material_angular_velocity[:, 0]
+    assert rates[20] == pytest.approx(3 * ((1 - x / 2) / (1 + x / 2)) ** 20, rel=1e-12)
+    assert abs(rates[-1]) < 1e-17
+
+
 @pytest.mark.parametrize(("c", "tolerance"), [(1e2, 1e-6), (1e2, 1e-10), (1e8, 1e-10)])
 def test_states_between_steps_are_within_the_tolerance(c, tolerance):
     """While the velocity comes up, in about J/c, and later; relative to the largest velocity."""

@@ -60,7 +60,7 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
 
         outcome = contacts.march(scheme, own, threads)
     else:
-        outcome = _march(scheme, own, threads)
+        outcome = unchecked(scheme, own, threads)
     if problem.observed and outcome.observed is None:
         outcome = outcome._replace(
             observed=np.stack([_observed(scheme, problem.member(i)) for i in range(len(problem))])
@@ -87,7 +87,7 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     return outcome._replace(reasons=reasons)
 
 
-def _march(scheme: Integrator, problem: IVP, threads: int) -> Outcome:
+def unchecked(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate a problem, one with wheels as that of gyrostats, member by member."""
     if not problem.load.wheels:
         return scheme.march(problem, threads)

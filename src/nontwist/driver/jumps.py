@@ -47,7 +47,10 @@ def named_jump(scheme: Integrator, problem: IVP, failure: Failure) -> Failure:
     at = Contacts(scheme, problem)
     p, W, z, t = at.state.quaternion, at.state.velocity, at.state.internal, float(problem.times(failure.step))
     if failure.step:
-        states = completion.march(scheme, onward(problem, 0, failure.step)).states.part(0)
+        before = completion.unchecked(scheme, onward(problem, 0, failure.step))
+        if before.failure() is not None:
+            return failure
+        states = before.states.part(0)
         p, W, z = states.quaternion[-1], states.velocity[-1], None if states.internal is None else states.internal[-1]
     z = np.zeros(0) if z is None else z
     try:

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_number, as_positive
+from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
-from ..integrators.costs import largest_velocity
+from ..integrators.costs import damping_at, largest_velocity
 from ..integrators.time_grid import Stretches, stretched
 from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
-from ..loads import Load, Term, as_load
+from ..loads import Load, Term, as_load, damping
 from ..loads.base import of_body
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
@@ -24,6 +25,7 @@ from .grid import as_store, automatic_grid, checked_output_times, count_steps, j
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
+MEMBERS = 8  # whose loads are linearised
 
 
 class Plan(NamedTuple):
@@ -75,14 +77,29 @@ class Plan(NamedTuple):
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.output_times is not None and self.scheme.any_times
 
+    def linearised(self, begin: Starts) -> Plan:
+        """Return the plan from which steps are estimated: with the damping that functions of the state are at a start.
+
+        Of several members it is the largest of some.
+        """
+        if not self.load.called.terms:
+            return self
+        some = np.linspace(0, len(begin.velocity) - 1, min(len(begin.velocity), MEMBERS)).astype(int)
+        slowest = 1 / (self.t_end - self.t_start)
+        states = zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)
+        found = [damping_at(self.load.called, self.t_start, q, W, slowest) for q, W in states]
+        return self._replace(load=self.load + damping(max(found, key=np.linalg.norm)))
+
     def fastest(self, begin: Starts, is_bound: bool = False) -> float:
         """Return the largest |w| of its runs from a start, rad/s: about, or a bound."""
+        load = self.load if is_bound else self.linearised(begin).load
         ends = self.t_start, self.t_end
-        return float(largest_velocity(self.systems, begin.velocity, self.load, *ends, begin.load_scale, is_bound))
+        return float(largest_velocity(self.systems, begin.velocity, load, *ends, begin.load_scale, is_bound))
 
     def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
         """Return a grid for at most 0.05 rad a step, as `automatic_grid`."""
-        known = (self.systems, begin.velocity, self.grid_load, self.t_start, self.t_end, begin.load_scale, is_bound)
+        load = self.grid_load if is_bound else self.linearised(begin).grid_load
+        known = (self.systems, begin.velocity, load, self.t_start, self.t_end, begin.load_scale, is_bound)
         return automatic_grid(*known, is_a_stable=self.scheme.is_a_stable, longest=longest)
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:

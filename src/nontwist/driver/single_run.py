@@ -159,7 +159,7 @@ def run_of(
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
         if plan.output_times is None and plan.is_between:
-            swing = swing_rate(plan.systems, plan.load, begin.load_scale)
+            swing = swing_rate(plan.systems, plan.linearised(begin).load, begin.load_scale)
             own = own._replace(output_times=times_shown(plan, begin, steps.material_angular_velocity, swing))
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
@@ -278,7 +278,7 @@ def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = 
     is_quiet &= announce(notices.run_cost(scheme, whole, states), scheme, whole)
     if not plan.off_grid and plan.grid is not None:
         is_quiet &= warn_of_grid(load, plan.systems, plan.t_start, plan.t_end, grid)
-    return is_quiet & warn_of_step(scheme, whole)
+    return is_quiet & warn_of_step(scheme, replace(whole, load=plan.linearised(begin).load))
 
 
 def integrated(
@@ -454,7 +454,7 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
     messages = load_messages(load, plan.systems, plan.t_start, plan.t_end, grid)
     if not problems and (notice := notices.notice(cost)) is not None:
         messages.append(notice)
-    if not problems and (remark := scheme.remark(task)) is not None:
+    if not problems and (remark := scheme.remark(replace(task, load=plan.linearised(begin).load))) is not None:
         messages.append(remark)
     if isinstance(scheme, Compiled) and not plan.is_controlled:
         phase = math.degrees(phase_error(scheme, task, fastest))

@@ -13,6 +13,7 @@ tolerance bounds it.
    resolved only while they last: the start and every kink of a load excite them, and at the time t behind it those left
    have rates up to about 1/t. So steps begin at ``h = x/λ``, x by the estimate over T = 1/λ, and from t = 1/λ on are
    x t, until they are those of the motion (`grid.graded`): a number of steps like log(λ T), for all rates together.
+   Functions of the state count with the damping that they are at the start (`Plan.linearised`).
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
@@ -138,6 +139,7 @@ def controlled(
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
     goal, floor, (scheme, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
+    linear = plan.linearised(begin)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
@@ -155,10 +157,10 @@ def controlled(
                 floor = _distance(coarse, other, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)), swing)
+            scheme, better = first_step(linear, begin, float(coarse.speeds[coarse.done].max(initial=0.0)), swing)
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
-                grid = _grid(plan, begin, scheme, h)
+                grid = _grid(linear, begin, scheme, h)
                 continue
         fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
         if fine.has(Status.INTERRUPTED, Status.JUMP):
@@ -229,8 +231,9 @@ def apart_shown(plan: Plan, fastest: float, swing: float) -> float:
 
 def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
     """Return what a run or an ensemble begins with; `fastest`: |w|, if known."""
+    fastest, plan = plan.fastest(begin) if fastest is None else fastest, plan.linearised(begin)
     swing = swing_rate(plan.systems, plan.load, begin.load_scale)
-    scheme, h = first_step(plan, begin, plan.fastest(begin) if fastest is None else fastest, swing)
+    scheme, h = first_step(plan, begin, fastest, swing)
     return First(scheme, h, _grid(plan, begin, scheme, h), swing)
 
 

@@ -22,6 +22,7 @@ from .workspace import internal, turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
+TINY = 1e-280  # whose inverse is a number
 FOUND = fields(Work)["found"].offset
 W, C_MOMENT = (fields(StateCall)[name].offset for name in ("w", "c_moment"))
 
@@ -92,7 +93,7 @@ class Functions(NamedTuple):
         `LEAST_TURN`.
         """
         e, here = DIFFERENCE * taxicab(Om), f * Om
-        e = select(e > 0.0, e, e + DIFFERENCE)
+        e = select(e > TINY, e, e + DIFFERENCE)
         is_slow, speed = abs(f) * e < LEAST_TURN, _shrunk(here, Om) if is_shrinking else Om
         v = Variables(S=(total, total, total))
         for j in loop(3):  # so that the call stands once

@@ -172,9 +172,11 @@ class Integrator:
 
     def remark(self, problem: IVP) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""
-        if not self.any_times and (remark := undersampled(problem, self.nodes)) is not None:
-            return remark
-        return unresolved(problem, max(getattr(self, "order", 2), 2)) if self.is_a_stable else None
+        if self.any_times:
+            return None
+        return undersampled(problem, self.nodes) or unresolved(
+            problem, max(getattr(self, "order", 2), 2), self.is_a_stable
+        )
 
     @property
     def automatic(self) -> float | None:

@@ -15,7 +15,7 @@ from ..engine.bodies import bases_of, frames
 from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
 from ..loads import Load
-from ..loads.base import forces_sampled
+from ..loads.base import forces_sampled, state_moment_at
 from ..loads.terms import Function, Sine
 from ..models.stack import SystemStack
 from .problem import IVP
@@ -23,6 +23,7 @@ from .problem import IVP
 ONE, ZERO = np.ones(1), np.zeros(3)
 VARIES = 1.1  # the range of V over that of the attitudes that are tried
 MOMENTA = 2000  # times at which those of rotors are sampled
+APART = 2.0**-10  # differences of velocities, of their size
 GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
@@ -70,7 +71,28 @@ def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     return float((abs(scale) * rates + of_wheels).max())
 
 
-def unresolved(problem: IVP, order: int) -> str | None:
+def damping_at(load: Load, t: float, directors: Array, W: Array, slowest: float) -> Array:
+    """Return the matrix (3, 3), N m s, by which functions of the state damp a body as ``damping`` does; 0 if unknown.
+
+    It is the symmetric part of -∂M/∂W, by differences, without what drives. `slowest`: a rate of a body at rest, rad/s.
+    """
+    apart = max(float(np.linalg.norm(W)), slowest) * APART
+
+    def along(V: Array) -> Array:
+        return directors @ state_moment_at(load, t, directors, V @ directors)
+
+    try:
+        slopes = np.array([(along(W - d) - along(W + d)) / (2 * apart) for d in apart * np.eye(3)])
+    except Exception:  # a run says what is wrong with a function
+        return np.zeros((3, 3))
+    if not np.isfinite(slopes).all():
+        return np.zeros((3, 3))
+    values, axes = np.linalg.eigh((slopes + slopes.T) / 2)
+    found: Array = axes * np.maximum(values, 0.0) @ axes.T
+    return found
+
+
+def unresolved(problem: IVP, order: int, is_a_stable: bool) -> str | None:
     """Return what to say of damped modes in steps of h > order/λ, which do not resolve a decay at the rate λ.
 
     A kink of the load, as the start, excites such modes. Those of the rate order/h are gone in steps long after it.
@@ -83,10 +105,13 @@ def unresolved(problem: IVP, order: int) -> str | None:
     coarse = h[(h * rate > order) & (order * since < GONE * h)]
     if not coarse.size:
         return None
+    others = "none: a tolerance begins with steps as short"
+    if not is_a_stable:
+        others = "the integrator gauss, which takes damped modes in long steps"
     return (
         f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {coarse.max():.6g} s does not "
-        f"resolve: energy does not rise, but those modes are wrong; try step <= {order / rate:.1g}, or none: a "
-        "tolerance begins with steps as short"
+        f"resolve: {'energy does not rise, but ' * is_a_stable}those modes are wrong; try step <= {order / rate:.1g}, "
+        f"or {others}"
     )
 
 

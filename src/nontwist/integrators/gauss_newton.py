@@ -228,7 +228,7 @@ class Residuals:
     def change(self, W: Vector) -> Any:
         """Return the difference of velocities."""
         change = DIFFERENCE * taxicab(W)
-        return select(change > 0.0, change, DIFFERENCE)
+        return select(change > TINY, change, DIFFERENCE)
 
     def differentiate_functions(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
         """Return what functions give, with their derivatives as differences; one call stands in the code."""

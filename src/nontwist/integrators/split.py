@@ -233,7 +233,7 @@ class Split(Compiled):
 
 EPS, ITERATIONS = 2.0**-52, 50
 DIFFERENCE = sqrt(EPS)
-SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
+SMALLEST = 1e-280  # of velocities, rad/s: less is rest, and the inverse of a difference is a number
 
 
 class GaussRule(NamedTuple):
@@ -455,7 +455,7 @@ def solve_for_change(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any,
             v.inverse = inverse_of(c1, c2, c0) if parts.is_constrained else inverse_of(c0, c1, c2)
         d = v.inverse @ r
         v.y, size, is_small = v.y - d, taxicab(d), v.residual < 1e300
-        level = taxicab(W + v.y)
+        level = larger(taxicab(W + v.y), SMALLEST)
         v.found = is_small & ((size <= EPS * level) | ((size > 0.5 * v.size) & (size <= 1e-9 * level)))
         v.size, v.count = size, v.count + 1
         v.active = without(is_small & (size < 1e300) & (v.count < ITERATIONS), v.found)

@@ -232,13 +232,18 @@ def test_other_numbers_have_another_hash(write, tmp_path):
     assert first != second
 
 
-@pytest.mark.parametrize("text", [FREE, HELD])
+ORBIT = FREE.replace(
+    "[sweep]", 'load = [{ kind = "gravity_gradient", mean_motion = 5.0 }]\n[sweep]\nvariables = ["potential_energy"]'
+)
+
+
+@pytest.mark.parametrize("text", [FREE, HELD, ORBIT])
 def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
     store = tmp_path / "store"
     many = sweep(write(text), store, workers=1)
     for i in (0, 4):
         run = sweep_member(store, i)
-        for name in ("quaternion", "material_angular_velocity"):
+        for name in {"quaternion", "material_angular_velocity", "potential_energy"} & {*many}:
             assert run[name][-1].values.tobytes() == many[name][i].values.tobytes()
         assert abs(np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) - 1).max() < 0.1
         alone = simulate(read_run_file(write(run.attrs["run_file"], "member.toml")).problem)

@@ -208,8 +208,7 @@ def test_statistics_are_those_of_the_run(body, other):
     kinds = ["drift", "extrema", "averages", "total_twist"]
     with pytest.warns(UserWarning, match="^1 of 3 members have failed"):
         many = nt.simulate_ensemble(BODIES[body], material_angular_velocity=starts, reduce=kinds, **how)
-    assert np.isnan(many.energy_drift.values).tolist() == [False, False, True]
-    assert np.nanmax(many.energy_drift.values) < (1e-14 if body == "suslov" else 1e-13)
+    assert (many.energy_drift.values < (1e-14 if body == "suslov" else 1e-13)).tolist() == [True, True, False]
     for member, W in enumerate(starts[:2]):
         run = nt.simulate(BODIES[body], material_angular_velocity=W, **how)
         found = many.sel(member=member)

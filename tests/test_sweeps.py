@@ -232,12 +232,10 @@ def test_other_numbers_have_another_hash(write, tmp_path):
     assert first != second
 
 
-ORBIT = FREE.replace(
-    "[sweep]", 'load = [{ kind = "gravity_gradient", mean_motion = 5.0 }]\n[sweep]\nvariables = ["potential_energy"]'
-)
+ORBIT = 'load = [{ kind = "gravity_gradient", mean_motion = 5.0 }]\n[sweep]\nvariables = ["potential_energy"]'
 
 
-@pytest.mark.parametrize("text", [FREE, HELD, ORBIT])
+@pytest.mark.parametrize("text", [FREE, HELD, FREE.replace("[sweep]", ORBIT)])
 def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
     store = tmp_path / "store"
     many = sweep(write(text), store, workers=1)

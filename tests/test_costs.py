@@ -266,11 +266,15 @@ def test_the_steps_of_the_solver_are_about_those_forecast(case, method, monkeypa
     assert len(taken) / 4 < expected[0] < 25 * len(taken)
 
 
-def test_continuous_says_what_it_may_take_and_takes_no_more(slow, monkeypatch):
+@pytest.mark.parametrize(("every", "after"), [(1000, 601), (100, 100)])
+def test_continuous_says_what_it_may_take_and_takes_no_more(every, after, slow, monkeypatch):
     """Where it is not hopeless from the beginning: that may be fast and soon be over."""
-    monkeypatch.setattr(continuous, "MOST", 600)
+    for name, number in (("MOST", 600), ("CHECK_EVERY", every), ("PATIENCE", every)):
+        monkeypatch.setattr(continuous, name, number)
+    how = {"t_start": 1000, "times": [1000, 1100], "angular_velocity": (0, 2, 0), "integrator": "continuous"}
     with (
         pytest.warns(UserWarning, match=r"^the run will take about 1\.2 s and 1\.6 kB of memory, for 2 states$"),
-        pytest.raises(SimulationError, match=r"DOP853 would need more than 600 steps, after 601 it has come .* s far"),
+        pytest.raises(SimulationError, match=rf"would need more than 600 steps, after {after} it has come ") as info,
     ):
-        nt.simulate(nt.standard([3, 4, 5]), times=[0, 100], angular_velocity=(0, 2, 0), integrator="continuous")
+        nt.simulate(nt.standard([3, 4, 5]), **how)
+    assert after / float(re.search(r"come (.+) s far", str(info.value))[1]) > 600 / 100

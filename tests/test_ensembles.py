@@ -13,6 +13,7 @@ from conftest import BODIES, PAPER_J, random_inertia
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
 from nontwist.integrators import stack_march
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says, warned
 
 RNG = np.random.default_rng(8)
@@ -309,9 +310,15 @@ def test_progress_reaches_the_end(capsys, monkeypatch):
     how, seen = {"t_end": 0.1, "step": 0.01, "angular_velocity": np.ones((40, 3)), "progress": True}, []
     nt.simulate_ensemble(nt.standard(PAPER_J), **how)
     assert "members" in capsys.readouterr().err
-    monkeypatch.setattr("nontwist.driver.ensembles.progress_bar", lambda *_: nullcontext(seen.append))
-    nt.simulate_ensemble(nt.standard(PAPER_J), **how)
-    assert (seen, seen[-1]) == (sorted(seen), 1)
+    for module in ("ensembles", "single_run"):
+        monkeypatch.setattr(f"nontwist.driver.{module}.progress_bar", lambda *_: nullcontext(seen.append))
+    monkeypatch.setattr("nontwist.integrators.stack_march.NODES", 2)
+    nt.simulate_ensemble(nt.standard(PAPER_J), **how, integrator="lie-midpoint")
+    assert seen == pytest.approx(np.cumsum([16, 16, 8] * 5) / (40 * 5))
+    for scheme, count in (("lie-midpoint", 5), (ReferenceEnergyMomentum(), 10)):
+        seen.clear()
+        nt.integrate(nt.standard(PAPER_J), **how | {"angular_velocity": (1, 1, 1)}, integrator=scheme, store="end")
+        assert seen == pytest.approx(np.arange(1, count + 1) / count)
 
 
 def test_a_run_of_another_inertia_is_continued_with_a_warning():

@@ -6,17 +6,16 @@ import os
 import pickle
 import re
 import signal
+import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from rich.console import Console
-from rich.progress import Progress
 
 from conftest import BODIES
 from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import single_run
-from nontwist.driver.notices import shown_bar, sigterm_interrupts
+from nontwist.driver.notices import progress_bar, sigterm_interrupts
 from nontwist.errors import SimulationInterrupt, Status
 from nontwist.integrators import Continuous, split, stack_march
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
@@ -204,7 +203,7 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     assert info.value.partial.message == str(info.value)
 
 
-def test_a_bar_whose_terminal_is_gone_loses_nothing():
+def test_a_bar_whose_terminal_is_gone_loses_nothing(monkeypatch):
     class Gone:
         def write(self, text):
             if self.is_gone:
@@ -213,12 +212,15 @@ def test_a_bar_whose_terminal_is_gone_loses_nothing():
         def flush(self):
             pass
 
+        def isatty(self):
+            return True
+
         is_gone = False
 
     terminal = Gone()
-    bar = Progress(console=Console(file=terminal, force_terminal=True), auto_refresh=False)
-    with shown_bar(bar):
-        bar.add_task("steps", total=2)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with progress_bar(2) as report:
+        report(0.5)
         terminal.is_gone = True
 
 

@@ -182,6 +182,15 @@ def test_what_must_resolve_every_decay_names_what_need_not(scheme):
     assert grid.longest <= 1e-4 * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("make", [nt.standard, nt.nontwisting])
+@pytest.mark.parametrize(("scheme", "size"), [("split", 1e-12), ("split", 1.0), ("energy-momentum", 1e-12)])
+def test_drag_leaves_what_the_midpoint_rule_has_of_any_velocity(scheme, size, make):
+    start = {"t_start": 1, "material_angular_velocity": (size, -2 * size, 0)}
+    run = nt.integrate(make([2, 2, 2]), **start, t_end=2, step=0.125, load=nt.damping(3), integrator=scheme, order=2)
+    left = ((1 - 0.125 * 3 / 4) / (1 + 0.125 * 3 / 4)) ** 8
+    assert run.material_angular_velocity[-1] / size == pytest.approx([left, -2 * left, 0], rel=1e-14)
+
+
 def test_a_step_that_is_too_long_is_told_with_what_works():
     message = r"1e\+06 1/s, which step = 10.1937 s does not resolve: .*; try step <= 8e-06, or none: a tolerance begins"
     with pytest.warns(UserWarning, match=message):

@@ -28,3 +28,9 @@ def test_pinned_packages_accept_every_python_that_the_package_does():
             found = distribution(name)
             accepted = SpecifierSet(found.metadata.get("Requires-Python") or "")
             assert found.version != pinned or accepted.contains(least), name
+
+
+def test_the_recipe_asks_for_what_the_package_does():
+    lines = (ROOT / "recipe" / "meta.yaml").read_text(encoding="utf-8").partition("  run:\n")[2].partition("\n\n")[0]
+    asked = [line.strip(" -").replace("-base", "").replace(" ", "") for line in lines.splitlines()]
+    assert asked == [f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]]

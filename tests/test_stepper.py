@@ -217,6 +217,7 @@ def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, funct
         states(loop)
     assert (failed.value.status, failed.value.time, loop.time) == (Status.LOAD, 0.5, 0.5)
     said(str(failed.value))
+    assert f"the load {function.__name__} " in str(failed.value)  # which of them
     if make is not compiled_load:
         assert isinstance(failed.value.__cause__.__cause__, ZeroDivisionError)
     loop.reset()

@@ -157,6 +157,18 @@ def test_integrators_in_python_have_outputs_too():
             assert getattr(run, array) == pytest.approx(getattr(fast, array), abs=1e-11), array
 
 
+def test_a_step_in_python_to_an_output_may_be_stopped():
+    def striking(t, d, w):
+        if 0.105 < t < 0.115:  # seen from the step from 0.1 to 0.12 alone
+            raise KeyboardInterrupt
+        return 0.0, 0.0, 0.0
+
+    how = {"t_end": 0.3, "step": 0.1, "times": [0.05, 0.1, 0.12, 0.25], "integrator": ReferenceEnergyMomentum()}
+    with pytest.raises(SimulationInterrupt, match="after 1 of 3 steps") as info:
+        integrate(standard([3, 4, 5]), load=moment(striking), **how)
+    assert info.value.partial.time.tolist() == [0.05, 0.1]
+
+
 @pytest.mark.parametrize(("error", "kind"), [(KeyboardInterrupt, SimulationInterrupt), (ValueError, SimulationError)])
 def test_a_run_that_is_stopped_or_fails_keeps_its_outputs(error, kind):
     def ending(t, d, w):

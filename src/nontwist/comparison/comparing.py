@@ -19,13 +19,15 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from ..analysis.invariants import Invariant, invariants, quantities, scales
 from ..driver.grid import fits, inside, kinks, with_spin_kinks
+from ..driver.notices import progress_bar
 from ..driver.problem import OfComparison, Problem, posed, takes
 from ..geometry.arrays import Array
 from ..geometry.values import as_whole
@@ -148,7 +150,12 @@ def compare(
     case = Case(body, arguments, t1, exact, shared, invariants(body, load.description), sizes, known)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
-    outcomes = {key: compared(case, schemes[key[0]], found[key[1]]) for key in _shown(jobs, progress)}
+    outcomes = {}
+    with progress_bar(len(jobs), "comparing") if progress else nullcontext() as report:
+        for k, (name, h) in enumerate(jobs):
+            if report:
+                report(k / len(jobs))
+            outcomes[name, h] = compared(case, schemes[name], found[h])
     if integrators is None:
         schemes = {name: s for name, s in schemes.items() if outcomes[name, first].status != REFUSED}
     for key, seconds in shortest_times({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
@@ -156,15 +163,6 @@ def compare(
     table = {(name, h): outcomes[name, h if (name, h) in outcomes else first] for name in schemes for h in numbers}
     data = comparison_dataset(schemes, numbers, table, exact, case.invariants, sizes)
     return data.assign_attrs(meets_kinks=int(meets_kinks))
-
-
-def _shown(jobs: list[Any], show: bool) -> Iterable[Any]:
-    if not show:
-        return jobs
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(jobs, "comparing", console=Console(stderr=True), transient=True)
 
 
 def _few(shared: int) -> str:

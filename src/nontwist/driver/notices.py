@@ -15,7 +15,6 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from ..errors import warn
 from ..geometry.values import number_text
@@ -29,9 +28,6 @@ from ..models.stack import SystemStack
 from . import grid
 from .contacts import refusal
 from .grid import load_messages
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
 
 LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
 STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
@@ -214,18 +210,24 @@ def announce(cost: Cost, scheme: Integrator, problem: IVP) -> bool:
 
 
 @contextmanager
-def progress_bar(total: int, what: str = "steps") -> Iterator[Callable[[float], None]]:
-    """Show a bar on stderr; yield the function that sets the completed fraction of `total`.
+def progress_bar(total: float, what: str = "steps") -> Iterator[Callable[..., None]]:
+    """Show a bar on stderr; yield the function that takes the completed fraction of `total`, and words about it.
 
-    On a terminal it vanishes at the end; elsewhere its last state is printed.
+    On a terminal it vanishes at the end; elsewhere its last state is printed. A terminal that closes meanwhile raises
+    no error.
     """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TextColumn
 
-    console = Console(stderr=True)
-    with shown_bar(Progress(console=console, transient=console.is_terminal)) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda part: bar.update(task, completed=part * total)
+    console, words = Console(stderr=True), TextColumn("{task.fields[words]}")
+    bar = Progress(*Progress.get_default_columns(), words, console=console, transient=console.is_terminal)
+    task = bar.add_task(what, total=total, words="")
+    bar.start()
+    try:
+        yield lambda part, words="": bar.update(task, completed=part * total, words=words)
+    finally:
+        with suppress(OSError):
+            bar.stop()
 
 
 @contextmanager
@@ -256,14 +258,3 @@ def sigterm_interrupts() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def shown_bar(bar: Progress) -> Iterator[Progress]:
-    """Show a bar; a terminal that closes meanwhile raises no error."""
-    bar.start()
-    try:
-        yield bar
-    finally:
-        with suppress(OSError):
-            bar.stop()

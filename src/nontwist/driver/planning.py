@@ -82,7 +82,7 @@ class Plan(NamedTuple):
 
         Of several members it is the largest of some.
         """
-        if not self.load.called.terms:
+        if self.scheme.any_times or not self.load.called.terms:
             return self
         some = np.linspace(0, len(begin.velocity) - 1, min(len(begin.velocity), MEMBERS)).astype(int)
         slowest = 1 / (self.t_end - self.t_start)

@@ -139,12 +139,11 @@ def _output_march(parts: Parts) -> Kernel:
 
 def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) -> None:
     """Carry out the list for some members, as many as are marched at once: to an output, or onwards."""
-    x, observed = View(Work, doubles(b.workspace), parts.lanes), b.observed
+    x = View(Work, doubles(b.workspace), parts.lanes)
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
     for number in loop(head.calls, whilst=lambda: v.are_alive):
         row, rate = begin_call(b, head, number), head.rates[number]
         is_output = row.output_row != 0
-        b.observed = select(is_output, 0, observed.address)
         for _ in when(row.begins != 0):
             forget(b, head, first, last)
         for l in loop(last - first):
@@ -160,7 +159,6 @@ def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) ->
             v.are_alive = v.are_alive | (b.failures[size_of(Failure) * b.order[first + l]] == OK)
         for _ in when(is_output):
             write(parts, b, x, row.output_row, first, last)
-    b.observed = observed
 
 
 def take_sums(b: View, lane: View, i: Any, is_output: Any, rate: Any) -> None:

@@ -374,7 +374,7 @@ class Collocation:
 
     def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
-        b, h, adjoint = self.b, self.h, self.scratches["adjoint"]
+        b, adjoint = self.b, self.scratches["adjoint"]
         offsets, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
@@ -395,7 +395,7 @@ class Collocation:
         for j in range(count):
             dV = tangent(V, j)
             for r, x in enumerate((*(direct @ dV), *dV)):
-                ends[6 * j + r] = 0.0 * h + x
+                ends[6 * j + r] = x
         turn.begin(e, W, count)
         for i, stage in self.each():
             g = self.changed(i, stage, e)

@@ -245,9 +245,7 @@ class Residuals:
                 found[width * q + j] = x
             for c in loop(k) if k else ():
                 found[width * q + 9 + c] = e.memory.rate(stage, c)
-            is_sound = (q > 0) | (sum(map(taxicab, results), 0.0) <= OVERFLOW)
-            note_call(e, is_sound)
-            v.is_fine = v.is_fine & is_sound
+            v.is_fine = v.is_fine & ((q > 0) | (sum(map(taxicab, results), 0.0) <= OVERFLOW))
 
         def dual(j: int, by_velocity: bool) -> Dual:
             d = [found[width * q + j] - found[j] for q in range(1, 7)]
@@ -325,12 +323,6 @@ def three_tangents(x: Dual, first: int) -> Vector:
     return Vector(*found[:3])
 
 
-def note_call(e: Equations, is_sound: Any) -> None:
-    """Let it be known that a function has given what is no number."""
-    for _ in when(logical_not(is_sound)):
-        e.nodes.x.found.total = (float("nan"),) * 3
-
-
 @rare
 def newton(
     motion: str, parts: Parts, b: View, x: View, stages: Stages, memory: Any, buffer: Any, node: Any
@@ -346,7 +338,6 @@ def newton(
     if e.parts.calls and not e.memory:  # with memory it begins anew
         for i in loop(stages.number):
             v.is_fine = v.is_fine & (taxicab(stages.one(i).of_functions) <= OVERFLOW)
-        note_call(e, v.is_fine)
         v.goes = v.is_fine
     if e.has_rows:
         stages.fill(VECTOR, AXES)

@@ -261,7 +261,7 @@ class Equations:
         """Return what the equations say at P and g; on dual numbers as well. `inverse` gives C⁻¹ f."""
         body, parts = self.nodes.body, self.parts
         W, whole = body.velocity_of(P), P
-        if parts.is_constrained and (self.has_rows or body.coupling is not None):
+        if parts.is_constrained:
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
         drag = -(body.damping @ W) if parts.damping else None
         own = sum_of(loads.moving, drag, cross(loads.rotor, W) if parts.rotor else None, loads.of_memory)

@@ -14,13 +14,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from itertools import chain
-from math import frexp
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import body_rows
+from ..engine.bodies import body_rows, power_of_two
 from ..engine.functions import StateFunctions
 from ..engine.generalised import STAGE
 from ..engine.marching import Text, march_kernel
@@ -64,7 +63,7 @@ class StackMarch:
             if not SHORTEST <= h <= 1 / SHORTEST:
                 bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
-        self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
+        self.unit = float(power_of_two(np.max(sizes)))
         systems, self.load = as_marched(stack, director)
         assert not any(one.is_driven for one in self.load.wheels), "a body with wheels is marched as_gyrostat"
         acts_alone = not known.get("space", False)  # without a moment in space that is added to the load

@@ -132,14 +132,17 @@ class OnGrid:
 
     def stretch_of(self, k: Any) -> Any:
         """Return the numbers of the sections that contain the steps `k`."""
+        if len(self.grid.sizes) == 1:
+            return np.zeros(np.shape(k), np.int64)
         return np.searchsorted(self.grid.numbers[1:-1], k, side="right")
 
     def _at(self, k: Any, j: Any, parts: Any = 0.0) -> Array:
         """Return the times at the fractions `parts` of the steps `k`, which are in the stretches `j`."""
         borders, numbers = self._arrays
         b, c, n = borders[j], borders[j + 1], numbers[j]
-        inside: Array = np.clip(b + (c - b) * ((k - n) + parts) / (numbers[j + 1] - n), b, c)
-        return np.clip(inside, self.t_start, self.t_end)
+        inside = b + (c - b) * ((k - n) + parts) / (numbers[j + 1] - n)
+        found: Array = np.minimum(np.maximum(np.minimum(np.maximum(inside, b), c), self.t_start), self.t_end)
+        return found
 
     @cached_property
     def _arrays(self) -> tuple[Array, NDArray[np.int64]]:

@@ -1,7 +1,7 @@
 """Atomic writes of files and folders, by one process at a time; every writer of the package uses them.
 
 A file is written under a temporary name beside its place, forced to the disk and renamed: after a kill or a power cut
-there is all of it or none. A lock file beside it keeps a second writer out; it is a flock, which ends with its process.
+there is all of it or none. A lock file beside it keeps a second writer out; the lock ends with its process.
 The remains of a killed process, ``.NAME.part`` and ``.NAME.lock``, are removed by the next writer of NAME.
 """
 
@@ -73,7 +73,7 @@ def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Itera
 
     Notes
     -----
-    Where the system has no flock (Windows), or the file system refuses it, there is no lock.
+    Where the file system refuses locks, there is none.
     """
     place = Path(os.path.realpath(path))
     if not place.parent.is_dir():
@@ -144,20 +144,22 @@ def _keep_name(folder: Path) -> None:
 @contextmanager
 def locked(place: Path, name: str) -> Iterator[None]:
     """Lock a path for this process; a BlockingIOError where another process holds it."""
-    if os.name != "posix":
-        yield
-        return
     lock = place.with_name(f".{place.name}.lock")
     file = _lock(lock, name)
     try:
         yield
     finally:
-        lock.unlink(missing_ok=True)  # while it is locked: the next writer creates a new one
+        if os.name == "posix":
+            lock.unlink(missing_ok=True)  # while it is locked: the next writer creates a new one
         os.close(file)
+        if os.name != "posix":
+            with contextlib.suppress(OSError):  # another process has opened it
+                lock.unlink(missing_ok=True)
 
 
 def _lock(lock: Path, name: str) -> int:
-    import fcntl
+    from portalocker import LOCK_EX, LOCK_NB, AlreadyLocked, LockException
+    from portalocker import lock as lock_file
 
     while True:
         try:
@@ -165,11 +167,11 @@ def _lock(lock: Path, name: str) -> int:
         except OSError as error:
             raise OSError(error.errno, error.strerror, name) from None
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            lock_file(file, LOCK_EX | LOCK_NB)
+        except AlreadyLocked:
             os.close(file)
             raise BlockingIOError(f"another process is writing {name}; wait for it, or choose another name") from None
-        except OSError:  # a file system without locks
+        except LockException:  # a file system without locks
             return file
         if _is_still(lock, file):
             return file

@@ -14,7 +14,7 @@ from functools import lru_cache
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from ..driver.notices import cores, duration, shown_bar
+from ..driver.notices import cores, duration, progress_bar
 from ..geometry.values import as_whole, short_repr
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
@@ -138,20 +138,9 @@ class Progress(NamedTuple):
 
 @contextmanager
 def bar(members: int) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar, on a terminal until the end; yield the function that takes a `Progress`."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("members"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
-    console = Console(stderr=True)
-    with shown_bar(Bar(*columns, console=console, transient=console.is_terminal)) as one:
-        task = one.add_task("members", total=members, words="")
-
-        def report(now: Progress) -> None:
-            one.update(task, completed=now.done, words=words(now))
-
-        yield report
+    """Show a bar; yield the function that takes a `Progress`."""
+    with progress_bar(members, "members") as report:
+        yield lambda now: report(now.done / members, f"{now.done} of {members}, {words(now)}")
 
 
 def words(now: Progress) -> str:

@@ -282,7 +282,7 @@ def test_members_that_fail_do_not_stop_the_others(write, tmp_path, capsys):
     assert np.isfinite(many.quaternion.values[many.status.values == 0]).all()
     facts = json.loads(nontwist("sweep-show", tmp_path / "store", "--json").stdout)
     assert facts["failed"] == int((many.status != 0).sum())
-    assert shown[2:] == ["202/202", shown[3], "0", "s", "left,", str(facts["failed"]), "failed"]
+    assert shown[-5:] == ["0", "s", "left,", str(facts["failed"]), "failed"]
     assert facts["failures"][0]["members"] == 101
     assert "triangle inequality" in facts["failures"][0]["reason"]
     turned = next(one for one in facts["failures"] if "try step <=" in one["reason"])

@@ -67,6 +67,12 @@ def cross(a, b):
 PAPER_J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
 
 
+def shoelace(corners):
+    """Areas of polygons in the plane, positive where they turn to the left."""
+    (x, y), (u, v) = np.moveaxis(corners, -1, 0), np.moveaxis(np.roll(corners, -1, axis=-2), -1, 0)
+    return np.sum(x * v - u * y, axis=-1) / 2
+
+
 def random_euler(rng, block=False):
     """A random positive definite Euler inertia; with `block`, D3 principal."""
     a = rng.normal(size=(3, 3))

@@ -241,7 +241,12 @@ def test_help_fits_the_terminal_and_ends_with_the_option_of_all_commands(command
     shown = CliRunner().invoke(app, [command, "--help"], terminal_width=width - 2).stdout
     text, _, tables = re.split(r"\n(Arguments|Options):\n", shown, maxsplit=1)
     assert "…" not in shown
-    for option in get_command(app).commands[command].params:
+    assert "Default: ." not in shown
+    own = get_command(app).commands[command]
+    assert " ".join(own.help.split()) in " ".join(text.split())
+    usage = shown.partition("\n\n")[0]
+    assert ("..." in usage) == any(one.nargs == -1 for one in own.params if one.param_type_name == "argument")
+    for option in own.params:
         for name in (*option.opts, *option.secondary_opts):
             assert not name.startswith("--") or re.search(rf"{name}\b", tables), name
         assert option.is_eager or getattr(option, "is_flag", False) or option.metavar, option.name

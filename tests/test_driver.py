@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, PAPER_J
 from nontwist.driver.grid import count_steps, free_memory
-from nontwist.errors import SimulationError, Status
+from nontwist.errors import InputError, Option, SimulationError, Status
 from nontwist.integrators import INTEGRATORS
 from refusals import refused_as, says
 
@@ -125,6 +125,12 @@ def test_partial_holds_the_states_before_the_failure():
         assert error.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
         assert error.partial.status == Status.LOAD
         assert error.partial.to_dataset().attrs["message"] == str(error) == str(info.value)
+
+
+def test_an_input_error_reaches_another_process():
+    error = InputError("type", "run.toml", name=Option("rate"), words="a number", value="'x'")
+    again = pickle.loads(pickle.dumps(error))
+    assert (again.code, again.within, again.fields, again.args) == (error.code, error.within, error.fields, error.args)
 
 
 def test_automatic_step_turns_at_most_a_twentieth():

@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import PAPER_J
+from conftest import PAPER_J, shoelace
 from nontwist import plot
 from nontwist.comparison import second_quotient
 from nontwist.plot.journals import apart
@@ -110,6 +110,8 @@ def test_labels_come_from_the_attributes(runs):
     axes = plot.momenta(runs[0])
     assert axes.get_ylabel() == "spatial momentum $π$ (kg m$^{2}$ s$^{-1}$)"
     assert axes.get_xlabel() == "time $t$ (s)"
+    for first, limits in ((0.02, (0, 0.5)), (0.1, (0.1, 0.5))):  # 0 is shown where it is near
+        assert plot.momenta(runs[0].sel(time=slice(first, None))).get_xlim() == limits
     assert legends(plot.momenta(runs[0], frame="body")) == [["$Π_{1}$", "$Π_{2}$", "$Π_{3}$"]]
     run = runs[0].copy()
     run["kinetic_energy"].attrs = {"units": "eV", "symbol": "T_kin"}
@@ -236,6 +238,7 @@ def test_second_quotient_with_its_limit(runs):
         curve, limit = ys(axes)
         assert limit[0] == 4
         assert axes.get_ylim()[0] < curve.min() < curve.max() < axes.get_ylim()[1]
+    assert ys(plot.second_quotient(quotient, order=1))[1][0] == 2
     assert legends(plot.second_quotient({"a": quotient, "b": quotient})) == [["a", "b"]]
 
 
@@ -249,11 +252,24 @@ def test_path_hides_what_lies_behind(runs):
     assert 0.3 < hidden.mean() < 0.7
     assert np.linalg.norm(xy(near), axis=1).max() <= 1 + 1e-12
     assert start.get_marker() != end.get_marker()
-    backwards = [[0, 0, -1], [0, 1, 0], [1, 0, 0]]  # d3 = -x: the viewer stands where a short path is seen
-    run = nt.simulate(nt.standard([1, 2, 3]), **STILL, rotation=backwards, angular_velocity=[1, 2, 0])
-    near, far, *_ = path_of(plot.path(run))
-    assert np.isfinite(near.get_xdata()).all()
-    assert not np.isfinite(far.get_xdata()).any()
+
+
+def test_a_path_is_seen_from_its_side_or_from_the_azimuth_nearest_to_35_degrees_that_shows_it():
+    """Circles about a direction, of which small ones are seen from its side, and large ones where they are wide."""
+    for azimuth, elevation, radius, expected in (
+        (100, 0, 20, (120, 20)),
+        (100, 70, 20, (120, 50)),
+        (-60, 0, 50, (-40, 25)),
+        (130, 0, 90, (80, 25)),
+        (140, 0, 90, (5, 25)),
+    ):
+        around = np.column_stack([np.linspace(0, 360, 99), np.full(99, radius)])
+        centre = Rotation.from_euler("ZY", [azimuth, 90 - elevation], degrees=True)
+        axes = plot.path(nt.twist(centre * Rotation.from_euler("ZY", around, degrees=True), np.arange(99.0)))
+        x, y, z = (next(text.xy for text in axes.texts if text.get_text() == f"${name}$") for name in "xyz")
+        a = np.arctan2(-x[0], y[0])  # from what the arrows show of right and up
+        e = np.arctan2(-x[1] * np.cos(a) - y[1] * np.sin(a), z[1])
+        assert np.degrees([a, e]) == pytest.approx(expected, abs=0.3)
 
 
 def test_path_seen_from_above_is_its_projection(two):
@@ -285,6 +301,8 @@ def test_great_circle_is_where_a_free_body_stays(runs, two):
     assert leaves(two["non-twisting"], slice(0.5, None)) < np.radians(1)
     assert leaves(two["non-twisting"], slice(0, 0.3)) > 0.1
     assert leaves(two["standard"], slice(0.5, None)) > np.radians(4)
+    late = {"t_end": 1, "step": 0.01, "material_angular_velocity": [1.5, 4.5, 0], "load": nt.pulse((9, 9, 0), 0.5, 1)}
+    assert leaves(nt.simulate(nt.nontwisting(PAPER_J), **late), slice(0, 0.5)) < np.radians(1)
 
 
 def test_triads_are_the_other_directors(runs):
@@ -342,7 +360,7 @@ def test_curves_of_many_swings_are_laid_on_each_other():
     """33 swings of 60°: ψ is a thin line on the wide one of τ, whose dashes would merge; two runs look likewise."""
 
     def recorded(periods):
-        t = np.linspace(0, 9 * periods, 200 * periods + 1)
+        t = np.linspace(0, 9 * periods, round(200 * periods) + 1)
         turn, lean = np.sin(2 * np.pi * t / 9), 0.02 * np.sin(2 * np.pi * t / 9 + 1)
         swing = Rotation.from_euler("YX", np.stack([lean, 0.5 * turn], axis=1))
         return nt.twist(swing * Rotation.from_rotvec(np.outer(turn, [0, 0, 1])), t)
@@ -358,7 +376,8 @@ def test_curves_of_many_swings_are_laid_on_each_other():
     with plot.style():
         assert [line.get_color() for line in (thin, wide)] == [look["color"] for look in cycle()[:2]]
     assert {line.get_linewidth() for line in plot.twist_angle(long, swing=True, lw=0.9).lines[:3]} == {0.9}
-    few = plot.twist_angle(recorded(5), swing=True).lines[:3]
+    few, more = (plot.twist_angle(recorded(periods), swing=True).lines[:3] for periods in (10, 10.5))
+    assert (more[1].get_linestyle(), thin.get_zorder()) == ("-", few[0].get_zorder())
     assert ({line.get_linewidth() for line in few}, few[1].get_linestyle()) == ({1.1}, "--")
 
 
@@ -391,8 +410,15 @@ def test_polhode_lies_on_the_inertia_ellipsoid():
     axes = plot.polhode(nt.simulate(nt.standard([2, 2, 1]), **how), **ABOVE)
     assert np.ptp(np.linalg.norm(xy(*named(axes, "polhode")), axis=1)) < 1e-3
     assert legends(axes) == [["start", "end"]]
-    pushed = nt.simulate(nt.nontwisting(PAPER_J), t_end=0.2, step=0.01, load=nt.pulse((-1, -2, 0), start=0, end=0.1))
-    assert np.isfinite(xy(*path_of(plot.polhode(pushed), "polhode"))).all()
+    pushed = nt.simulate(nt.suslov(J, [0, 1, 1]), t_end=4, step=0.025, load=nt.pulse((-1, -2, 0), start=0, end=0.5))
+    axes = plot.polhode(pushed, **ABOVE)  # from rest, and then on the circle W·n = 0
+    circle = named(axes, r"$W\cdot n=0$", r"_$W\cdot n=0$, far side")
+    assert gap(xy(*path_of(axes, "polhode")), *circle) < np.radians(1)
+    axes = plot.polhode(nt.simulate(nt.standard([3, 4, 5]), **how), **ABOVE)
+    levels = [xy(line).T for line in axes.lines if line.get_label().lstrip("_").startswith(("level", "separatrix"))]
+    squares = ((9 * x**2 + 16 * y**2 + 5 * (3 - 3 * x**2 - 4 * y**2)) / 3 for x, y in levels)  # of |Π|² = 2K J
+    thirds = [3 + 2 * np.sin(np.radians(angle)) ** 2 for angle in (15, 30, 60, 75)]
+    assert np.unique(np.concatenate([*squares]).round(6)) == pytest.approx(sorted([*thirds, 4]), abs=1e-6)
     for moments in ([3, 4, 5], [1, 5, 5.5]):  # the ellipsoid fills its figure
         axes = plot.polhode(nt.simulate(nt.standard(moments), t_end=3, material_angular_velocity=(1.2, 2.5, 0.1)))
         outline, rows = boxes([axes.patches[0], axes.get_legend()])
@@ -567,6 +593,11 @@ def test_a_tube_closes_and_has_its_radius():
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 4).round(6) + 0.0
         ways = [tuple(sorted([tuple(e[:2]), tuple(e[2:])])) for e in edges]
         assert min(Counter(ways).values()) >= 2
+        far, near = np.split(shoelace(corners), 2)  # the near ones are drawn over the far ones, and seen from outside
+        assert (-far.sum(), near.sum()) == pytest.approx([np.pi * (3.5**2 - 2.5**2)] * 2, rel=0.02)
+    (faces,) = plot.ribbon(circle, circle, **ABOVE).collections  # of 12 % of the size, which is 6 √2
+    area = shoelace(np.array([path.vertices[:4] for path in faces.get_paths()])).sum()
+    assert abs(area) == pytest.approx(2 * np.pi * 3 * 0.12 * 6 * np.sqrt(2), rel=1e-3)
     (faces,) = plot.ribbon(circle, [(0, 0, 2)] * 200, width=0.4, elevation=0, azimuth=0).collections
     assert np.ptp([path.vertices[:, 1] for path in faces.get_paths()]) == pytest.approx(0.4)
 

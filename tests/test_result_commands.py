@@ -51,7 +51,7 @@ def test_info_tells_all(files):
     result = ended(0, "info", files / "top.nc")
     for text in (
         "heavy_top rigid body, split",
-        "checksum verified",
+        f"{(files / 'top.nc').stat().st_size / 1e6:.3g} MB, checksum verified",
         "heavy_top; principal moments (1, 2, 2.2) kg m²",
         "d1: (0, 0, -1.4715) N m; d3: (0, 0, -8.829) N m",
         "table of 3 moments of up to 2.828 N m along the directors; damping 0.1 N m s",
@@ -257,13 +257,6 @@ def test_a_file_with_a_blank_in_its_name_is_quoted_in_hints(files, tmp_path):
     assert f"next: nontwist view '{place}', nontwist export '{place}' --out" in nontwist("info", place).stderr
 
 
-def test_the_suffix_decides_the_format(files, tmp_path):
-    for suffix, first in {"csv": b"time [s]", "json": b'{"record"', "npz": b"PK"}.items():
-        place = tmp_path / f"x.{suffix}"
-        ended(0, "export", files / "free.nc", "--out", place)
-        assert place.read_bytes().startswith(first)
-
-
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_tables_cut_no_name(files, width):
     shown = nontwist("info", files / "top.nc", COLUMNS=str(width))
@@ -280,7 +273,7 @@ def test_tables_fit_the_terminal_and_units_are_written_one_way(capsys, monkeypat
     print_rows("title", {"name": "a" * 40})
     shown = capsys.readouterr().out
     assert shown.count("a") == 41
-    assert max(map(len, shown.splitlines())) <= 30
+    assert max(map(len, shown.splitlines())) == 30
     monkeypatch.setenv("COLUMNS", "60")
     title = "a body with a long title, which is wider than the table"
     print_rows(title, {"a": "b"})

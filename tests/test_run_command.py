@@ -302,7 +302,9 @@ def test_precision_gives_the_papers_second_quotients_and_errors(here):
 def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(f'{BODY}{START}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [9, 0, 0]\nend = 0.57\n')
     coarse = "expected 8: FAIL: the step is too coarse, or the load"
-    assert coarse in ended(1, "precision", "run.toml").stdout
+    shown = ended(1, "precision", "run.toml")
+    assert coarse in shown.stdout
+    assert shown.stderr.count("warning: ") == 1  # not for the half and the quarter of the step as well
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
     assert ended(0, "precision", "run.toml", "--set", 'integrator.name="split"').stdout.splitlines()[-2:] == [
         "no order can be observed: the runs differ by round-off only",
@@ -566,6 +568,7 @@ def test_steps_and_time_of_a_run_that_an_event_ends_are_those_taken(here):
         steps, states = (re.search(rf"│ {name} +│ (\d+)", shown)[1] for name in ("steps", "states"))
         assert int(steps) == int(states) - 1 == run.sizes["midtime"]
         assert (" of at most " in shown) == bool(load)
+        assert ", tolerance 1e-12 " in shown
     last = re.search(r"0 s to (\S+) s", nontwist("info", "run.nc").stdout)[1]
     here(BODY + f'[start]\nrun = "run.nc"\n[time]\nt_start = {last}\nt_end = 5\n', "more.toml")
     ended(0, "run", "more.toml", "--quiet")

@@ -167,6 +167,7 @@ def test_more_states_are_skipped_than_there_are(write):
 def test_a_byte_order_mark_and_carriage_returns_are_no_fault(write):
     text = (BODY + TIME).replace("\n", "\r\n")
     assert read(write, b"\xef\xbb\xbf" + text.encode()) == read(write, BODY + TIME)
+    assert lines(write, ONE_LINE["Latin-1"])[0].startswith("line 2: ")
 
 
 WRONG_ALL_OVER = """
@@ -259,13 +260,13 @@ J, OFFSET = [[1.2, 0.1, 0.0], [0.1, 1.5, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.1, 0.3]
 WEIGHT = f"mass = 0.5\ncentre_of_mass = {OFFSET}\ngravity = [0, 0, -2]\n"
 BODIES = {
     "nontwisting under gravity": (
-        f'kind = "nontwisting"\ninertia = {J}\n{WEIGHT}',
-        lambda: with_gravity(nontwisting_body(J), 0.5, OFFSET, (0, 0, -2)),
+        f'kind = "nontwisting"\ninertia = {J}\nmass = 0.5\ncentre_of_mass = {OFFSET}\n',
+        lambda: with_gravity(nontwisting_body(J), 0.5, OFFSET),
     ),
     "suslov": (f'kind = "suslov"\ninertia = {J}\naxis = [1, 2, 2]\n', lambda: suslov(J, [1, 2, 2])),
     "heavy top": (
-        f'kind = "heavy_top"\ninertia = {J}\nmass = 0.5\ncentre_of_mass = {OFFSET}\n',
-        lambda: heavy_top(J, 0.5, OFFSET),
+        f'kind = "heavy_top"\ninertia = {J}\n{WEIGHT}',
+        lambda: heavy_top(J, 0.5, OFFSET, (0, 0, -2)),
     ),
     "heavy box": (
         f'kind = "heavy_top"\ninertia = {{ cuboid = {{ mass = 2, lengths = [1, 2, 3] }}, offset = {OFFSET} }}\n',
@@ -394,6 +395,7 @@ def test_overrides(write):
     assert (run_file.body.kind, run_file.integrator.order) == ("suslov", 6)
     assert run_file.load[0].coefficient == 2
     assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
+    assert lines(write, text, "load.0.frequency=2")[0].endswith('; it belongs to kind = "sine"')
     assert lines(write, text, "load.1.x=2") == ["--set load.1.x=2: load has no entry 1 -> 0 to 0"]
     assert lines(write, text, "body.kind.x=2") == [
         '--set body.kind.x=2: body.kind is "standard", not a table -> a key of the file'
@@ -438,6 +440,7 @@ def test_a_result_tells_how_it_was_made_and_can_be_made_again(name, write):
 def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):
     write("t,a,b,c\n0,1,2,3\n1,0,0,0\n", "load.csv")
     first = read(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
+    assert forecast(first).loads == ("csv (load.csv: 2 rows, 0 s to 1 s, up to 3 N m along an axis)",)
     text = first.text()
     assert read(write, text).text() == text
     write("t,a,b,c\n0,1,2,3.1\n1,0,0,0\n", "load.csv")

@@ -126,6 +126,8 @@ def test_a_key_draws_the_same_whatever_stands_beside_it():
     alone, among = table(over=EVERY_KIND[3:4], seed=5), table(over=EVERY_KIND, seed=5)
     assert values(alone, 0, 1)["n"].tobytes() == values(among, 0, 1)["n"].tobytes()
     assert values(table(over=EVERY_KIND[3:4], seed=6), 0, 1)["n"] != values(alone, 0, 1)["n"]
+    part = values(table(over=[{"key": "n", "kind": "uniform", "low": 0, "high": 1}], seed=5), 0, 1)["n"]
+    assert values(alone, 0, 1)["n"] == pytest.approx(stats.norm(2, 3).ppf(part))
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol", "halton"])
@@ -511,7 +513,8 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert ran.stderr == "written: sweep.zarr; next: nontwist sweep-show sweep.zarr\n"
     assert "10, 0 failed" in ran.stdout
     write(HELD.replace("[1.0, -2.0, 1.0]", "[1e3, 0.0, 0.0]").replace("step = 0.125", "step = 1.0"), "coarse.toml")
-    said(nontwist("sweep", "coarse.toml").stderr)
+    said(failed := nontwist("sweep", "coarse.toml").stderr)
+    assert "5 of 5 members failed; nontwist sweep-show coarse.zarr" in failed
     shown = nontwist("sweep-show", "sweep.zarr")
     plotted = "--plot body.axis.0 body.axis.1 material_angular_velocity"
     assert shown.stderr == f"next: nontwist sweep-show sweep.zarr {plotted}\n"

@@ -117,7 +117,7 @@ def _name_levels(ax: Axes, runs: xarray.Dataset, least: float) -> None:
     """Put their names on the horizontal lines of integrators without steps, at the smallest step."""
     look: dict[str, Any] = {"fontsize": "x-small", "color": "0.3", "textcoords": "offset points", "zorder": 1}
     step = float(runs["step"].min())
-    for name, error in zip(runs["integrator"].values, runs["attitude_error_max"].isel(step=0).values, strict=True):
+    for name, error in zip(runs["integrator"].values, runs["attitude_error_max"].max("step").values, strict=True):
         if np.isfinite(error):
             ax.annotate(str(name), (step, max(error, least)), (0, 2), **look)
 

@@ -71,7 +71,7 @@ def view(elevation: float | None, azimuth: float | None, points: Array) -> Array
 
 def _width_seen(x: Array) -> float:
     """Return how wide points spread on the screen across their longest direction, counting the near ones most."""
-    weights = np.maximum(x[:, 2], 0) / len(x)
+    weights = np.maximum(x[:, 2], 0)
     away = x[:, :2] - weights @ x[:, :2] / max(weights.sum(), 1e-9)
     return float(np.linalg.eigvalsh((away.T * weights) @ away)[0])
 

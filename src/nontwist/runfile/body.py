@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, create_model
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import AXES, Array
 from ..models.bodies import BODIES
 from ..models.catalogue import with_gravity
 from ..models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
@@ -58,7 +58,7 @@ class Cylinder(Solid):
     radius: Positive = entry("a positive number, m")
     length: Positive = entry("a positive number, m")
     inner_radius: float = entry("a number from 0 to the radius, m", 0.0, ge=0)
-    axis: Axis = entry(AN_AXIS + "along the cylinder, in body components", [0.0, 0.0, 1.0])
+    axis: Axis = entry(AN_AXIS + "along the cylinder, in body components", AXES["z"])
 
 
 class Ellipsoid(Solid):
@@ -80,7 +80,7 @@ class Points(Maker):
         """Return mass, centre of mass and inertia."""
         if len(self.masses) != len(self.positions):
             raise ValueError(f"{len(self.masses)} masses, but {len(self.positions)} positions")
-        m, x = np.array(self.masses), np.array(self.positions).reshape(-1, 3) + offset
+        m, x = np.array(self.masses), np.reshape(self.positions, (len(self.masses), 3)) + offset
         J = of_points(m, x)
         return MassProperties(float(m.sum()), m @ x / m.sum(), J)
 

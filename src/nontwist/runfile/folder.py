@@ -102,7 +102,7 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         numbers = np.array([np.nan if (x := number(cell)) is None else x for cell in cells.tolist()])
         if (bad := ~(abs(numbers) <= LARGEST_NUMBER)).any():
             row = int(np.argmax(bad))
-            is_empty = cells[row] is None or cells[row] != cells[row]
+            is_empty = cells[row] != cells[row]  # not a number
             holds = "is empty" if is_empty else f"contains {str(cells[row])!r}, not a finite number,"
             raise InputError("table-cell", name=name, holds=holds, place=place(row, table.lines))
         columns.append(numbers)

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, create_model
 
 from ..driver.named_events import NamedEvent, axis_crosses, spin_below
+from ..geometry.arrays import AXES
 from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import FIT
@@ -282,8 +283,8 @@ class AxisCrosses(EventSection):
 
     makes = axis_crosses
     kind: Literal["axis-crosses"]
-    axis: Axis = entry(AN_AXIS + "components along the directors", [0.0, 0.0, 1.0])
-    normal: Axis = entry(AN_AXIS + "of the plane, in space", [0.0, 0.0, 1.0])
+    axis: Axis = entry(AN_AXIS + "components along the directors", AXES["z"])
+    normal: Axis = entry(AN_AXIS + "of the plane, in space", AXES["z"])
     cosine: float = entry(
         "a number between -1 and 1: of the angle between axis and normal, 0 for the plane", 0.0, gt=-1, lt=1
     )

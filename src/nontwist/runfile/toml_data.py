@@ -183,7 +183,7 @@ def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
+        line = content[: error.start].count(b"\n") + 1
         given = f"the byte 0x{content[error.start]:02x}, which is not UTF-8"
         raise _refused(name, f"line {line}", given, "UTF-8 text: save the file in this encoding") from error
     return parsed(name, text.replace("\r\n", "\n"))

@@ -339,18 +339,18 @@ FACTORS, GRAVITY = ("mass", "centre_of_mass", "gravity"), (0.0, 0.0, -9.81)
 
 
 class Weight(NamedTuple):
-    """The direction of gravity in space, that of the centre of mass in the body, and √m ρ where it is known."""
+    """The direction of gravity in space, and that of the centre of mass in the body, or √m ρ where it `is_known`."""
 
     down: Array
-    towards: Array
-    scaled: Array | None = None
+    centre: Array
+    is_known: bool = False
 
     def box(self, system: DirectorSystem) -> dict[str, Array]:
         """Return the box of this body, and the centre of mass, in components of the body."""
-        if self.scaled is None:
-            return box_of(system.euler_inertia) | {"centre_of_mass": TOWARDS * self.towards}
-        E, edges = np.linalg.eigh(system.euler_inertia - np.outer(self.scaled, self.scaled))
-        half, centre = np.sqrt(3 * np.maximum(E, 0.0)), self.scaled
+        if not self.is_known:
+            return box_of(system.euler_inertia) | {"centre_of_mass": TOWARDS * self.centre}
+        E, edges = np.linalg.eigh(system.euler_inertia - np.outer(self.centre, self.centre))
+        half, centre = np.sqrt(3 * np.maximum(E, 0.0)), self.centre
         signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
         scale = REACH / np.linalg.norm(centre + signs * half @ edges.T, axis=1).max()
         return {
@@ -384,11 +384,10 @@ def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None
         rho = as_array(body["centre_of_mass"], "centre_of_mass", (3,))
         gravity = as_array(body.get("gravity", GRAVITY), "gravity", (3,))
         if abs(mass * np.outer(rho, gravity) - system.dead_force).max() <= SAME * size[0]:
-            return Weight(gravity / np.linalg.norm(gravity), rho / np.linalg.norm(rho), np.sqrt(mass) * rho)
-    towards, down = left[:, 0], right[0]
-    first = next(x for x in down[::-1] if abs(x) > SAME)
+            return Weight(gravity / np.linalg.norm(gravity), np.sqrt(mass) * rho, True)
+    first = next(x for x in right[0][::-1] if abs(x) > SAME)
     sign = -1.0 if first > 0 else 1.0
-    return Weight(sign * down, sign * towards)
+    return Weight(sign * right[0], sign * left[:, 0])
 
 
 # Descriptions of the body and the integrator of a run, from its attributes.
@@ -422,7 +421,7 @@ def box_in_words(weight: Weight | None) -> str:
     """Return what the box of a run is, and where it is."""
     if weight is None:
         return "the inertia of the body"
-    if weight.scaled is None:
+    if not weight.is_known:
         return "the inertia about the pivot; the line points to the centre of mass, at a distance that is not recorded"
     return "the inertia about the centre of mass, to which the line leads from the pivot"
 

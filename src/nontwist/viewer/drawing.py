@@ -146,11 +146,10 @@ def _turned_up(up: Array) -> Array:
     """Return the smallest rotation that turns `up` to z, as a matrix; about x where it is opposite."""
     from scipy.spatial.transform import Rotation
 
-    axis, angle = np.cross(up, [0.0, 0.0, 1.0]), np.arctan2(np.hypot(up[0], up[1]), up[2])
-    size = np.linalg.norm(axis)
+    size = np.hypot(up[0], up[1])
     if size == 0:
         return np.eye(3) if up[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    turned: Array = Rotation.from_rotvec(angle / size * axis).as_matrix()
+    turned: Array = Rotation.from_rotvec(np.arctan2(size, up[2]) / size * np.array([up[1], -up[0], 0.0])).as_matrix()
     return turned
 
 
@@ -241,9 +240,7 @@ def label_places(tips: list[Array]) -> list[Array]:
     """
     places: list[Array] = []
     for k, tip in enumerate(tips):
-        size = float(np.hypot(*tip))
-        first = np.arctan2(tip[1], tip[0]) if size > 1e-9 else np.pi / 2  # one may point to the reader
-        turns = first + np.radians([0, 40, -40, 80, -80, 120, -120])
+        turns = np.arctan2(tip[1], tip[0]) + np.radians([0, 40, -40, 80, -80, 120, -120])
         tries = tip + LABEL * np.stack([np.cos(turns), np.sin(turns)], axis=1)
         shafts = [_distance(tries, other) / CLEAR[0] for j, other in enumerate(tips) if j != k]
         labels = [np.hypot(*(tries - other).T) / CLEAR[1] for other in places]
@@ -314,7 +311,7 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
                 _line(ax, radius * along, view, near, zorder, color=ink["frame"], lw=0.8)
     for d in frame:
         if (d @ view[2] >= 0) == near:
-            _line(ax, np.outer([0, RING[1]], d), view, near, zorder, color=ink["frame"], lw=1.2)
+            ax.plot(*np.outer(view[:2] @ d, [0, RING[1]]), color=ink["frame"], lw=1.2, zorder=zorder)
 
 
 def _wheel(ax: Axes, axis: Array, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:

@@ -225,7 +225,6 @@ def test_integrals_have_the_order_of_the_integrator(order):
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35), name
 
 
-@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
 @pytest.mark.parametrize(("integrator", "order", "near"), [("gauss", 4, 1e-9), ("split", 6, 1e-4)])
 def test_statistics_one_by_one_are_those_of_lanes(integrator, order, near):
     """A load of the state sends the members through `integrate`; the numbers stay."""
@@ -235,7 +234,9 @@ def test_statistics_one_by_one_are_those_of_lanes(integrator, order, near):
     how |= {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
     many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load, order=4, **how)
     load = load + more if integrator == "gauss" else load
-    other = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load, integrator=integrator, order=order, **how)
+    with pytest.warns(UserWarning, match="runs in Python") if integrator == "gauss" else nullcontext():
+        bodies = nt.DirectorSystem.stack(bodies)
+        other = nt.simulate_ensemble(bodies, load=load, integrator=integrator, order=order, **how)
     assert set(many.data_vars) == set(other.data_vars)
     for key in set(many.data_vars) - {"status", "quaternion"}:
         close = near * float(1 + abs(many[key]).max())

@@ -86,3 +86,4 @@ def test_too_few_samples_count_for_intervals(monkeypatch):
     for fit in (free, swung):
         assert np.isnan(fit.principal.ratio_intervals).all()
         assert "without an interval" in str(fit)
+        assert fit.table()["residual"].endswith(" samples count: no intervals")

@@ -234,7 +234,7 @@ class Search:
     def guess(self, fit: Solution, first: int, at: int) -> Guess:
         """Return a fit that begins at one sample as a guess of a fit from another one before it."""
         unknowns, model = fit.unknowns, fit.problem.model
-        down = unknowns.starts[0, 3:6]
+        down = unknowns.starts[0, 3:]
         downs = [] if model.pivot is None else [turns(self.time[first : at + 1], self.rates[first : at + 1])[-1] @ down]
         return Guess(model, unknowns.inertia, unknowns.more, downs)
 

@@ -19,6 +19,11 @@ CASES = {
     "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
     "two forces": (lambda: TWO_FORCES, None, {"total_energy"}),
     "heavy nontwisting": (lambda: nt.with_gravity(BODIES["nontwisting"](), 1, (0, 0.2, 0.4)), None, {"total_energy"}),
+    "vectors along a line": (
+        BODIES["standard"],
+        nt.potential([0.1, 0.2, 0.7], linear=[1, 0, 2]) + nt.potential([0.3, 0.6, 2.1], linear=[0, 1, 0]),
+        {"total_energy", "vertical_momentum"},
+    ),
     "pushed": (BODIES["standard"], PULSE, {"energy_balance"}),
     "heavy and pushed": (BODIES["heavy_top"], PULSE, {"energy_balance"}),
 }

@@ -11,6 +11,7 @@ from nontwist.integrators import INTEGRATORS
 
 PULSE = nt.pulse([1, 2, 3], 0.1, 0.5, frame="space")
 TWO_FORCES = nt.DirectorSystem(np.diag([1.0, 1.2, 0.8]), dead_force=np.diag([1.0, 1.0, 0.0]))
+ALONG_A_LINE = nt.potential([0.1, 0.2, 0.7], linear=[1, 0, 2]) + nt.potential([0.3, 0.6, 2.1], linear=[0, 1, 0])
 CASES = {
     "standard": (BODIES["standard"], None, {"kinetic_energy", "spatial_momentum"}),
     "nontwisting": (BODIES["nontwisting"], None, {"kinetic_energy", "material_momentum"}),
@@ -19,11 +20,7 @@ CASES = {
     "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
     "two forces": (lambda: TWO_FORCES, None, {"total_energy"}),
     "heavy nontwisting": (lambda: nt.with_gravity(BODIES["nontwisting"](), 1, (0, 0.2, 0.4)), None, {"total_energy"}),
-    "vectors along a line": (
-        BODIES["standard"],
-        nt.potential([0.1, 0.2, 0.7], linear=[1, 0, 2]) + nt.potential([0.3, 0.6, 2.1], linear=[0, 1, 0]),
-        {"total_energy", "vertical_momentum"},
-    ),
+    "vectors along a line": (BODIES["standard"], ALONG_A_LINE, {"total_energy", "vertical_momentum"}),
     "pushed": (BODIES["standard"], PULSE, {"energy_balance"}),
     "heavy and pushed": (BODIES["heavy_top"], PULSE, {"energy_balance"}),
 }

@@ -148,7 +148,6 @@ def test_automatic_steps_are_shortened_by_the_speed_that_is_reached(end):
     load = nt.moment(lambda t, d, w: (0.0, 0.0, 5 * end), compiled=True)
     run = nt.integrate(nt.standard([3, 4, 5]), t_end=1, load=load, integrator="lie-midpoint")
     assert len(run.time) - 1 == np.ceil(1.02 * end / 0.05)
-    assert run.material_angular_velocity[-1] == pytest.approx([0, 0, end], rel=1e-12)
 
 
 def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():

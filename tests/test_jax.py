@@ -195,6 +195,12 @@ def test_matrices_and_axes_are_extended():
     assert np.sum(g["rotation"] * t["rotation"]) == pytest.approx(float(expected), rel=1e-8)
 
 
+def test_principal_moments_go_with_the_axes_of_the_body(plain):
+    Q, moments = np.linalg.eigh(J)[1], np.array([2.5, 4.5, 6])
+    one, same = plain({"principal_inertia": moments}), plain({"inertia": (Q * moments) @ Q.T})
+    assert all(abs(one[name] - same[name]).max() < 1e-14 for name in WEIGHTS)
+
+
 def test_second_derivatives_are_refused(plain):
     for second in (jax.hessian, lambda f: jax.grad(lambda x: jax.grad(f)(x)[0])):
         with says(NotImplementedError):

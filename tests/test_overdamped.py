@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
@@ -220,9 +221,11 @@ def test_more_decays_than_round_off_allows_are_refused_with_what_works(extra, mo
 
 
 @pytest.mark.parametrize("viscous", [1.0, 1e3])
-def test_a_wheel_that_its_bearing_stops_at_once(viscous):
+@pytest.mark.parametrize("is_function", [False, True])
+def test_a_wheel_that_its_bearing_stops_at_once(viscous, is_function):
     """``Ω' = -b (1/I + 1/(J - I)) Ω``, at rates of 200 and 2e5 1/s in a run of 10 s."""
-    load = nt.wheel("z", 0.005, speed=100, viscous=viscous)
+    friction = {"friction": lambda speed: viscous * speed} if is_function else {"viscous": viscous}
+    load = nt.wheel("z", 0.005, speed=100, **friction)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run = nt.simulate(nt.standard([3, 4, 5]), t_end=10, angular_velocity=(0, 0, 0.3), load=load)
@@ -230,6 +233,18 @@ def test_a_wheel_that_its_bearing_stops_at_once(viscous):
     assert run.sizes["time"] < 1500
     assert run.wheel_speed.values[:, 0] == pytest.approx(100 * np.exp(-rate * run.time.values), abs=1e-8)
     assert run.wheel_loss.values[-1, 0] == pytest.approx(100**2 / 2 * viscous / rate, rel=1e-8)
+
+
+@pytest.mark.parametrize("c", [1e2, 1e5])
+def test_an_actuator_that_lags_by_no_time(c):
+    """``J W' = -z, z' = -c (z - W)``, about x: a linear motion."""
+    functions = lambda t, z, d, w: -c * (z - w[:1]), lambda t, z, d, w: -z[0] * np.array([1, 0, 0])
+    lag = nt.memory_load(*functions, [0.0], scale=1.0, compiled=True)
+    run = nt.integrate(nt.standard([3.0, 4, 5]), t_end=10, angular_velocity=(0.3, 0, 0), load=lag)
+    expected = [expm(np.array([[0, -1 / 3], [c, -c]]) * t) @ [0.3, 0] for t in run.time[::40]]
+    found = np.column_stack([run.material_angular_velocity[:, 0], run.states.internal[:, 0]])[::40]
+    assert found == pytest.approx(np.array(expected), abs=1e-8 * 0.3)
+    assert run.stretches.steps < 700
 
 
 def test_the_fastest_rate_of_wheels_is_that_of_the_linear_motion():

@@ -12,7 +12,7 @@ from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
-from ..integrators.costs import damping_at, largest_velocity
+from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate
 from ..integrators.time_grid import Stretches, stretched
 from ..integrators.wheels import carrier
 from ..integrators.wheels import internal_states as first_states
@@ -89,6 +89,16 @@ class Plan(NamedTuple):
         states = zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)
         found = [damping_at(self.load.called, self.t_start, q, W, slowest) for q, W in states]
         return self._replace(load=self.load + damping(max(found, key=np.linalg.norm)))
+
+    def decay(self, begin: Starts) -> float:
+        """Return the largest rate at which anything decays at a start, 1/s, about."""
+        rate = damping_rate(self.systems, self.load, begin.load_scale)
+        if not self.load.memories:
+            return rate
+        z = internal_states(self.systems, self.load, begin, self.t_start)
+        assert z is not None
+        q, W = directors(begin.quaternion[0]), begin.velocity[0]
+        return max(rate, memory_rate(self.load, self.t_start, q, W, z[0]))
 
     def fastest(self, begin: Starts, is_bound: bool = False) -> float:
         """Return the largest |w| of its runs from a start, rad/s: about, or a bound."""

@@ -7,6 +7,7 @@ with W along it taken out by the moment that the plane leaves.
 import json
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from conftest import PAPER_J, random_inertia
 from nontwist.inertia import convected_inertia, euler_inertia, principal_frame
 from nontwist.split_form import split_inertia
 from refusals import refused_as
+
+allclose = partial(np.allclose, rtol=0)
 
 
 def test_euler_inertia_is_the_second_moment_of_mass():
@@ -56,14 +59,9 @@ def test_plates_rods_and_inertias_with_round_off_are_bodies():
     assert np.linalg.eigvalsh(nt.standard([1, 1, 1e-9]).euler_inertia)[0] == pytest.approx(5e-10)
     tiny = nt.standard([1, 1, 2 + 3e-9]).euler_inertia
     assert np.diag(tiny) == pytest.approx([1 + 1.5e-9, 1 + 1.5e-9, 0], abs=1e-15)
-    with pytest.raises(ValueError, match="triangle"):
-        nt.standard([1, 1, 2 + 1e-8])
     J = PAPER_J.copy()
     J[0, 1] += 5e-13
     assert np.array_equal(nt.standard(J).euler_inertia, nt.standard(J).euler_inertia.T)
-    J[0, 1] += 5e-11
-    with pytest.raises(ValueError, match="not symmetric"):
-        nt.standard(J)
     J = PAPER_J.copy()
     J[0, 2] = J[2, 0] = 1e-10  # nearly principal
     body = nt.nontwisting(J)
@@ -80,6 +78,10 @@ def test_gravity_adds_to_every_body():
     assert body.axis is not None
     with pytest.warns(UserWarning, match="gravity has no moment"):
         nt.heavy_top([2, 2, 1], mass=1, centre_of_mass=(0, 0, 0))
+    for tilt, length in ((0.98e-12, 1), (1.02e-12, 0)):  # of forces that have a direction in common, or have none
+        forces = [(0, 0, 0), (0, 0, -3), (0, 3 * tilt, 2)]
+        stack = nt.DirectorSystem.stack([nt.DirectorSystem(np.eye(3), dead_force=forces)])
+        assert np.array_equal(stack.vertical, [[0, 0, -length]])
 
 
 def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
@@ -108,6 +110,7 @@ def test_a_body_is_short_to_show_and_has_its_inertia():
     stack = nt.DirectorSystem.stack([nt.standard([3, 4, 5])] * 1000)
     assert repr(stack) == "<SystemStack 'standard': 1000 bodies, the first of inertia diag(3, 4, 5) kg m²>"
     assert np.array_equal(stack.inertia, stack.convected_inertia)
+    assert len(repr(nt.DirectorSystem(np.eye(3), name="x" * 90)).partition(":")[0]) == len("<DirectorSystem ") + 80
 
 
 def test_axes_have_letters():
@@ -154,9 +157,9 @@ def test_the_published_momentum_of_hairer_lubich_and_wanner():
     """Π(100), printed by GeometricProblems.jl and by DOP853."""
     J, W = FREE["Hairer, Lubich and Wanner"]
     printed = [-0.17734831, -0.59041852, 0.78737129]
-    assert np.allclose(nt.exact.free_standard(J, W, [100.0], physical=False)[1][0] * J, printed, atol=1e-8)
+    assert allclose(nt.exact.free_standard(J, W, [100.0], physical=False)[1][0] * J, printed, atol=1e-8)
     run = nt.simulate(nt.standard(J, physical=False), t_end=100, material_angular_velocity=W)
-    assert np.allclose(run.material_momentum.values[-1], printed, atol=1e-7)
+    assert allclose(run.material_momentum.values[-1], printed, atol=1e-7)
 
 
 @pytest.mark.parametrize("name", FREE)
@@ -165,15 +168,15 @@ def test_free_bodies_of_the_literature(name):
     body = nt.standard(J, physical=False)
     Lam, end = reference(body, W, 10.0)
     found, velocity = nt.exact.free_standard(J, W, [10.0], physical=False)
-    assert np.allclose(found[0], Lam, atol=1e-11)
-    assert np.allclose(velocity[0], end, atol=1e-11)
+    assert allclose(found[0], Lam, atol=1e-11)
+    assert allclose(velocity[0], end, atol=1e-11)
     for how, tolerance in (
         ({"integrator": "exact"}, 1e-10),
         ({"integrator": "gauss", "order": 8, "step": 0.05}, 1e-10),
         ({"integrator": "continuous", "step": 0.05}, 1e-8),
     ):
         run = nt.simulate(body, t_end=10.0, material_angular_velocity=W, **how)
-        assert np.allclose(run.directors.values[-1].T, Lam, atol=tolerance), how
+        assert allclose(run.directors.values[-1].T, Lam, atol=tolerance), how
 
 
 @pytest.mark.parametrize("name", TOPS)
@@ -181,7 +184,7 @@ def test_tops_of_the_literature(name):
     body, W = nt.heavy_top(*TOPS[name], physical=False), (0, 0, 50.0)
     Lam, _ = reference(body, W, 1.0, TILTED)
     run = nt.simulate(body, t_end=1.0, step=2.5e-3, order=8, rotation=TILTED, material_angular_velocity=W)
-    assert np.allclose(run.directors.values[-1].T, Lam, atol=1e-10)
+    assert allclose(run.directors.values[-1].T, Lam, atol=1e-10)
     with pytest.raises(ValueError, match="physical=False"):
         nt.heavy_top(*TOPS[name])
 
@@ -229,7 +232,7 @@ def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(name, body, order):
     how = {"integrator": name, "step": 0.01 if order == 8 else 1e-3} | ({"order": order} if order else {})
     run = nt.simulate(body, t_end=1.0, rotation=TILTED, material_angular_velocity=W, **how)
     tolerance = 1e-5 if order == 2 else 1e-8
-    assert np.allclose(run.directors.values[-1].T, Lam, atol=tolerance)
+    assert allclose(run.directors.values[-1].T, Lam, atol=tolerance)
     if body.physical:
         x0, v0 = np.array(TILTED)[:, 2], np.cross(TILTED @ W, np.array(TILTED)[:, 2])
 
@@ -238,7 +241,7 @@ def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(name, body, order):
             return np.append(v, g - (g @ x + v @ v) * x)
 
         end = solve_ivp(sphere, (0, 1), [*x0, *v0], method="DOP853", rtol=1e-13, atol=1e-14).y[:3, -1]
-        assert np.allclose(run.directors.values[-1, 2], end, atol=tolerance)
+        assert allclose(run.directors.values[-1, 2], end, atol=tolerance)
 
 
 @pytest.mark.filterwarnings("error")
@@ -258,14 +261,14 @@ def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():
     point, sphere = (nt.exact.free_nontwisting(J, W, times)[0] for J in ([1, 1, 0], [1, 1, 1]))
     assert np.array_equal(point, sphere)
     run = nt.simulate(nt.nontwisting([1, 1, 0]), times=times, material_angular_velocity=W, integrator="exact")
-    assert np.allclose(run.directors.values[-1].T, point[-1], atol=1e-14)
+    assert allclose(run.directors.values[-1].T, point[-1], atol=1e-14)
     J = nt.inertia.of_points([2.0], [(0, 0, 0.5)])
-    assert np.allclose(J, np.diag([0.5, 0.5, 0]), atol=1e-15)
+    assert allclose(J, np.diag([0.5, 0.5, 0]), atol=1e-15)
     assert nt.nontwisting(J).inertia[2, 2] == 0
     how = {"physical": False}
     T = nt.exact.momentum_period([1, 2, 6], (0.1, 2, 0.1), **how)
     again = nt.exact.free_standard([1, 2, 6], (0.1, 2, 0.1), [T], **how)[1]
-    assert np.allclose(again, [[0.1, 2, 0.1]], atol=1e-12)
+    assert allclose(again, [[0.1, 2, 0.1]], atol=1e-12)
 
 
 def test_the_word_goes_with_the_body():
@@ -276,14 +279,14 @@ def test_the_word_goes_with_the_body():
     assert "physical=False" in repr(replace(body, name="x"))
     assert "physical" not in ordinary.to_json()
     assert np.array_equal(nt.standard([3, 4, 5], physical=False).euler_inertia, ordinary.euler_inertia)
-    assert np.allclose(principal_frame(body.inertia, physical=False)[0], [1, 2, 6])
+    assert allclose(principal_frame(body.inertia, physical=False)[0], [1, 2, 6])
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
     runs = nt.simulate_ensemble(nt.DirectorSystem.stack([body, ordinary]), **how)
     alone, ahead, behind = (nt.simulate(nt.standard([1 + e, 2, 6], physical=False), **how) for e in (0, 1e-5, -1e-5))
     assert abs(runs.quaternion.values[0][-1] @ alone.quaternion.values[-1]) == pytest.approx(1, abs=1e-14)
     slope = nt.sensitivities(body, wrt=["inertia"], **how)
     change = (ahead.material_angular_velocity.values[-1] - behind.material_angular_velocity.values[-1]) / 2e-5
-    assert np.allclose(slope.d_material_angular_velocity.values[-1][:, 0], change, atol=1e-8)
+    assert allclose(slope.d_material_angular_velocity.values[-1][:, 0], change, atol=1e-8)
 
 
 test_refused_by_name = refused_as(

@@ -88,7 +88,7 @@ def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(written, monkeypatch):
     monkeypatch.setattr(exact_solution, "free_members", None)
     load = nt.sine([1, 0, 0], 1e8)
     with pytest.raises(ValueError, match=re.escape(MANY)):
-        nt.simulate(FREE, t_end=1, step=0.1, integrator="exact", load=load)
+        nt.simulate(FREE, t_start=3, t_end=4, step=0.1, integrator="exact", load=load)
     result = ended(3, "check", written(BODY + EXACT + SINE))
     assert result.stdout == ""
     assert result.stderr.startswith(f'run.toml: integrator.name: "exact" ({MANY}) -> ')
@@ -102,6 +102,8 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
     load = nt.body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
     with says():
         nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
+    for count in (299, 301):  # of times; 400 pieces are expected, a hundred more than times are allowed
+        assert (loaded_body.too_many(nt.sine([1, 0, 0], 80), np.linspace(2, 3, count)) is None) == (count == 301)
 
 
 @pytest.mark.parametrize("frequency", [0.3, 123.4])

@@ -5,7 +5,7 @@ import pytest
 import xarray
 
 from conftest import BODIES
-from nontwist import DirectorSystem, integrate, open_run, rotation, save_run, simulate, sine
+from nontwist import DirectorSystem, integrate, open_run, rotation, rotor, save_run, simulate, sine
 from nontwist.analysis.variables import DERIVATIVES, EVENTS, FRICTION, INTERNAL, MEMBERS, ROTORS, VARIABLES, WHEELS
 from nontwist.comparison import observed_order, second_quotient
 from refusals import says
@@ -71,6 +71,13 @@ def test_observables_are_the_papers(run):
     W = run.material_angular_velocity[0].values
     assert run.material_momentum[0].values == pytest.approx(body.convected_inertia @ W, abs=1e-12)
     assert float(run.kinetic_energy[0]) == pytest.approx(W @ body.convected_inertia @ W / 2)
+
+
+def test_a_trajectory_has_what_its_dataset_has_and_nothing_that_it_has_not():
+    run = integrate(BODIES["standard"](), **KICK | {"load": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5])})
+    assert np.array_equal(run.rotor_momentum, run.to_dataset().rotor_momentum)
+    plain = integrate(BODIES["standard"](), times=[0, 0.1], angular_velocity=[1, -2, 0.5], integrator="exact")
+    assert (plain.rotor_momentum, plain.t_events, plain.origin, plain.step) == (None, [], None, None)
 
 
 def test_rotation_and_quaternion_map_body_to_space(run):

@@ -200,22 +200,23 @@ def test_a_stepper_takes_the_steps_of_the_run(body, limit):
     assert loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) == states[11]
 
 
-def test_statistics_are_those_of_the_run():
+@pytest.mark.parametrize(("body", "other"), [("suslov", "reaction_moment"), ("top", "potential_energy")])
+def test_statistics_are_those_of_the_run(body, other):
     load = nt.wheel(AXES[0], 0.2, 2.0, viscous=0.03, coulomb=0.05) + nt.dry_friction(0.05, (0.6, 0, 0.8))
     how = {"t_end": 3, "step": 0.05, "load": load, "project": True}
     starts = np.array([W0, -0.5 * W0, 1e5 * W0])
     kinds = ["drift", "extrema", "averages", "total_twist"]
     with pytest.warns(UserWarning, match="^1 of 3 members have failed"):
-        many = nt.simulate_ensemble(BODIES["suslov"], material_angular_velocity=starts, reduce=kinds, **how)
-    assert np.isnan(many.energy_drift.values).tolist() == [False, False, True]
-    assert np.nanmax(many.energy_drift.values) < 1e-14
+        many = nt.simulate_ensemble(BODIES[body], material_angular_velocity=starts, reduce=kinds, **how)
+    assert (many.energy_drift.values < (1e-14 if body == "suslov" else 1e-13)).tolist() == [True, True, False]
     for member, W in enumerate(starts[:2]):
-        run = nt.simulate(BODIES["suslov"], material_angular_velocity=W, **how)
+        run = nt.simulate(BODIES[body], material_angular_velocity=W, **how)
         found = many.sel(member=member)
-        for name in ("kinetic_energy", "spatial_momentum", "twist_rate", "reaction_moment"):
+        for name in ("kinetic_energy", "spatial_momentum", "twist_rate", other):
             assert found[f"{name}_max"].values == pytest.approx(run[name].values.max(axis=0), abs=1e-12)
             assert found[f"{name}_min"].values == pytest.approx(run[name].values.min(axis=0), abs=1e-12)
-        assert found.reaction_moment_mean == pytest.approx(run.reaction_moment.values.mean(), abs=1e-12)
+        if body == "suslov":
+            assert found.reaction_moment_mean == pytest.approx(run.reaction_moment.values.mean(), abs=1e-12)
         mean = np.trapezoid(run.kinetic_energy.values, run.time.values) / 3
         assert found.kinetic_energy_mean == pytest.approx(mean, rel=1e-3)
         assert found.kinetic_energy_mean != mean

@@ -37,13 +37,13 @@ def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
 @pytest.mark.parametrize(("letters", "middle"), [("ZXZ", 0.0), ("zyz", np.pi), ("ZYX", np.pi / 2), ("xyz", -np.pi / 2)])
 def test_in_gimbal_lock_the_outer_rates_are_infinite_and_said_to_be(letters, middle):
     start = {"rotation": Rotation.from_euler(letters, [0.2, middle, 0.4]), "material_angular_velocity": (1, 2, 3)}
-    run = simulate(standard([3, 4, 5]), t_end=1, step=0.5, **start)
+    run = simulate(standard([3, 4, 5]), t_start=0.25, t_end=1, step=0.25, **start)
     with warned("gimbal-lock") as said:
-        found = with_euler(run, letters)
-    assert said[0].fields == {"letters": letters, "count": 1, "along": "time", "first": "0"}
-    assert np.argwhere(np.isinf(found.euler_rates.values)).tolist() == [[0, 0], [0, 2]]
+        found = with_euler(run.isel(time=[2, 0, 1]), letters)
+    assert said[0].fields == {"letters": letters, "count": 1, "along": "time", "first": "0.25"}
+    assert np.argwhere(np.isinf(found.euler_rates.values)).tolist() == [[1, 0], [1, 2]]
     assert not np.isnan(found.euler_rates.values).any()
-    turned = Rotation.from_euler(letters, found.euler_angles.values[0])
+    turned = Rotation.from_euler(letters, found.euler_angles.values[1])
     assert (turned.inv() * start["rotation"]).magnitude() < 1e-7
 
 

@@ -14,7 +14,7 @@ from conftest import ended
 from fit_errors import csv, model_of, off, off_by, recorded, share_covered
 from nontwist.fitting.bodies import TRACELESS, Model, entries
 from nontwist.fitting.motions import Motion, RunawayError, response
-from nontwist.fitting.readings import correlation, noise_of
+from nontwist.fitting.readings import correlation, noise_of, require_turning
 from nontwist.fitting.reports import _number as number_in_words
 from nontwist.fitting.shooting import stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
@@ -174,6 +174,8 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
     assert np.isnan(fit.inertia[[0, 1, 2, 0], [0, 1, 2, 1]]).all()
     assert "turn it about a second axis" in fit.table()["undetermined"]
     assert beyond_the_wall(fit.solution, fit.told) == 0
+    by = entries(fit.untold[-1].matrix) * [1, 1, 1, 2, 2, 2]
+    assert by @ fit.covariance @ by == pytest.approx(1e4)  # as moments are parts of their sum
     with pytest.raises(ValueError, match="does not determine the whole inertia"):
         fit.problem()
     assert len(fit.plot().figure.axes) == 3
@@ -247,7 +249,7 @@ test_bad_recordings_are_refused = refused_as(
         "slow": lambda: nt.fit_inertia(free_part(1 / 60)),
         "coarse": lambda: nt.fit_inertia(free_part(60)),
         "short": lambda: nt.fit_inertia(tuple(one[:11] for one in free_part())),
-        "saturated": lambda: nt.fit_inertia((free_part()[0], np.clip(free_part()[1], -8, 8)), interval="all"),
+        "saturated": lambda: nt.fit_inertia((free_part()[0], np.maximum(free_part()[1], -12.768)), interval="all"),
         "a hand": lambda: nt.fit_inertia(hand()[:2], interval="all"),
         "two bodies": lambda: nt.fit_inertia([throw(4)[1], throw(4, phone=False)[1]], interval="all"),
         "not in it": lambda: nt.fit_inertia(hand()[:2], interval=(3, 4)),
@@ -264,6 +266,10 @@ test_bad_recordings_are_refused = refused_as(
         "plot": lambda: nt.fit_inertia(throw(1)[1], interval="all").plot(1),
     }
 )
+
+
+def test_twelve_samples_and_a_radian_are_enough():
+    require_turning(Model(), np.arange(12.0), np.tile([0, 0, 0.1], (12, 1)), "it")
 
 
 def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(tmp_path, monkeypatch):
@@ -285,19 +291,17 @@ def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(tmp_path
 
 
 UNITS = {
-    "deg/s": ["Gyroscope X (deg/s)", "gx (°/s)", "wx_dps"],
-    "rad/s": ["gyr_x [rad/s]", "GyroX [rad·s⁻¹]", "gx_rad_s", "gx (rad s^-1)", "rotationRateX (radians/second)"],
-    "mdeg/s": ["gyro x (mdps)"],
-    "rpm": ["omega_x (rpm)"],
-    None: ["gx", "gx (g)"],
+    "deg/s": ["Gyroscope {1} (deg/s)", "g{0} (°/s)", "w{0}_dps"],
+    "rad/s": ["gyr_{0} [rad/s]", "Gyro{1} [rad·s⁻¹]", "g{0}_rad_s", "g{0} (rad s^-1)", "w{1} (radians/second)"],
+    "mdeg/s": ["gyro {0} (mdps)"],
+    "rpm": ["omega_{0} (rpm)"],
+    None: ["g{0}", "g{0} (g)"],
 }
 
 
 @pytest.mark.parametrize(("unit", "header"), [(unit, one) for unit, headers in UNITS.items() for one in headers])
 def test_gyroscopes_are_found_by_their_headers(header, unit):
-    three = tuple(
-        re.sub(r"([xX])(?=[^a-zA-Z]|$|_)", lambda m, y=y: y if m[1] == "x" else y.upper(), header) for y in "xyz"
-    )
+    three = tuple(header.format(x, x.upper()) for x in "xyz")
     found = three_axes(["time", *three, "ax", "ay", "az"], GYROSCOPE)
     assert [one[1] for one in found] == [three]
     assert {rate_unit(one) for one in three} == {unit}

@@ -55,7 +55,7 @@ def test_intervals_of_95_percent_cover_as_often():
     assert 0.90 <= ours <= 0.98
 
 
-@pytest.mark.parametrize(("n", "part"), [(400, 1 / 80), (2000, 1 / 20)])
+@pytest.mark.parametrize(("n", "part"), [(400, 1 / 600), (2000, 1 / 20)])
 def test_slow_noise_is_called_correlated_and_no_misfit(n, part):
     (fit,) = fits(1, n, part)
     assert fit.is_explained

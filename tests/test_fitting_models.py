@@ -264,7 +264,7 @@ def test_intervals_that_meet_the_wall_are_those_of_the_likelihood_of_bodies():
         assert reach < 1.001
     assert np.diff(fit.principal.intervals)[2, 0] < 0.75 * 2 * loose[2] * fit.size  # the wall counts
     flat = model.nearest(1e-3 * np.eye(3), np.zeros(0))  # where no fit starts, as L has no slope there
-    assert model.thinnest(flat, np.zeros(0)) > 1e-8
+    assert model.thinnest(flat, np.zeros(0)) == pytest.approx(1e-4 * 3e-3)
     assert ((fit.principal.intervals[:, 0] < true) & (true < fit.principal.intervals[:, 1])).all()
 
 
@@ -394,6 +394,14 @@ def test_free_motion_is_found_between_hands(tmp_path, case):
         (c, *_), ((low, high), *_) = fit.damping
         assert low < 4e-4 / np.trace(J) < high < 1.1 * c
         assert fit.table()["damping"].endswith(" s⁻¹, of the sum of the moments")
+
+
+def test_a_speed_has_four_times_as_many_knots_as_its_readings_ask_for():
+    t = np.linspace(0, 1, 401)
+    assert [len(as_speed(t, one).knots) for one in (3 + t, abs(t - 0.25), np.sin(90 * t))] == [2, 17, 65]
+    assert [len(as_speed(t[:n], np.sin(90 * t[:n])).knots) for n in (4, 100)] == [2, 33]
+    with pytest.raises(ValueError, match="3 readings of the speed are too few"):
+        as_speed(t[:3], t[:3])
 
 
 def test_the_error_of_a_rotor_is_in_the_intervals():

@@ -46,6 +46,7 @@ def test_a_pendulum_sticks_and_stays(axis, how):
     angle = np.arctan2(run.directors[-1, 2, 1], -run.directors[-1, 2, 2]).item()
     assert angle == pytest.approx(rest_angle(), abs=1e-6 if "integrator" in how else 1e-11)
     assert angle == pytest.approx(-0.0746508, abs=1e-6)
+    assert run.moment.values[-1] == pytest.approx([9.81 * np.sin(angle), 0, 0], abs=1e-13)  # it carries the weight
     t, W = run.time.values, run.material_angular_velocity.values
     rests = (t > 0) & (W == 0).all(axis=1)
     assert t[rests][0] == pytest.approx(5.150753, abs=max(how.get("step", 0.02), 1e-3) + 1e-6)

@@ -140,12 +140,13 @@ def test_continuous_keeps_what_its_solver_has_passed(form):
     assert partial.moment[:, 2] == pytest.approx(1)
 
 
-def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
+@pytest.mark.parametrize("by", ["", "interrupted (SIGHUP)"])
+def test_a_complete_run_survives_an_interrupt_of_its_dataset(by, monkeypatch):
     def struck(*arguments):
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(by)
 
     monkeypatch.setattr("nontwist.analysis.trajectory.observables_of_one", struck)
-    with pytest.raises(SimulationInterrupt, match="partial holds the complete run") as info:
+    with pytest.raises(SimulationInterrupt, match=f"^{re.escape(by or 'interrupted')} while") as info:
         simulate(BODIES["standard"](), **HOW)
     assert info.value.partial.status == Status.OK
     assert info.value.partial.time.size == 129

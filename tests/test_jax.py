@@ -106,6 +106,7 @@ def test_derivatives_by_all_parameters_are_those_of_differences(everything):
     terms = {name: np.sum(back[name] * change[name]) for name in ALL}
     assert abs(sum(terms.values()) - slope) < 1e-12 * sum(map(abs, terms.values()))
     zero = {name: np.zeros(np.shape(value)) for name, value in ALL.items()}
+    assert abs(jax.jvp(along, (zero,), (start[1],))[1] - slope) < 1e-14 * abs(slope)  # the derivative is linear
     for name, term in terms.items():
         assert abs(along(zero | {name: start[1][name]}) - term) < 1e-12 * sum(map(abs, terms.values())), name
     two = jax.vmap(along)(jax.tree.map(lambda x: jnp.stack([x, 3 * x]), start[1]))  # fewer than parameters
@@ -192,6 +193,12 @@ def test_matrices_and_axes_are_extended():
 
     expected = (8 * (nearest(1e-4) - nearest(-1e-4)) - nearest(2e-4) + nearest(-2e-4)) / 12e-4
     assert np.sum(g["rotation"] * t["rotation"]) == pytest.approx(float(expected), rel=1e-8)
+
+
+def test_principal_moments_go_with_the_axes_of_the_body(plain):
+    Q, moments = np.linalg.eigh(J)[1], np.array([2.5, 4.5, 6])
+    one, same = plain({"principal_inertia": moments}), plain({"inertia": (Q * moments) @ Q.T})
+    assert all(abs(one[name] - same[name]).max() < 1e-14 for name in WEIGHTS)
 
 
 def test_second_derivatives_are_refused(plain):

@@ -36,6 +36,7 @@ def test_a_divided_run_is_that_of_one_piece(integrator, tmp_path):
     assert np.array_equal(again.directors, found.directors)
     further = [nt.simulate(BODY, t_end=4, start=run, **how) for run in (parts[-1], found)]
     assert np.array_equal(further[0].directors, further[1].directors)
+    assert further[0].quaternion.values[0] == pytest.approx(parts[-1].quaternion.values[-1], abs=1e-15)
 
 
 def test_other_loads_steps_and_events_are_joined():

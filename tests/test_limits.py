@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from nontwist import Problem, integrate, sine, standard, wheel
+import nontwist as nt
+from nontwist import Problem, exact, integrate, rotations, sine, sphere, standard, wheel
+from nontwist.curves import nontwisting_frame, ribbon_twist, writhe
 from nontwist.errors import RunFileError
 from nontwist.runfile import folder
 
@@ -89,6 +92,36 @@ def test_of_arguments():
     integrate(standard([1, 1, 1]), load=sine((1e100, 0, 0), 1.0), **how)
     with pytest.raises(ValueError, match=r"1e\+?100"):
         integrate(standard([1, 1, 1]), load=sine((1.01e100, 0, 0), 1.0), **how)
+
+
+Z, CIRCLE = np.array([0, 0, 1]), np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+DEPARTURES = {  # what pages call a vector, a rotation, a body: by how much it may be off; the rest is what is too small
+    "d3": (lambda x: nontwisting_frame([Z, (0, 0, 1 + x)]), 1e-9),
+    "tensor that splits": (lambda x: sphere.split_tensor([(2, 0, 0), (0, 1, 0), (2 * x, 0, 1)], Z, Z), 1e-9),
+    "rotation": (lambda x: rotations.log(np.diag([1, 1, 1 + x])), 0.5e-9),
+    "symmetric inertia": (lambda x: standard([(3, 5 * x, 0), (0, 4, 0), (0, 0, 5)]), 1e-12),
+    "flat body": (lambda x: standard([1, 1, 2 + 8 * x]), 1e-9),
+    "principal axis": (lambda x: nt.nontwisting([(3, 0, 5 * x), (0, 4, 0), (5 * x, 0, 5)]), 1e-9),
+    "axis of a spin": (lambda x: nt.DirectorSystem([(3, 0, 5 * x), (0, 2, 0), (5 * x, 0, 1)], Z, spin=1), 1e-9),
+    "curve that turns back": (lambda x: writhe([(0, 0, 0), (1, 0, 0), (0, 1e-14 / x, 0)], closed=False), 1e-7),
+    "mass": (lambda x: nt.with_gravity(standard([3, 4, 5]), 1 + 12 * x, Z), 1e-9),
+    "damping": (lambda x: nt.damping([1, 2, -2 * x]), 1e-12),
+    "normal of an orbit": (lambda x: nt.gravity_gradient(1, (1, 0, 0), (x, 0, 1)), 1e-9),
+    "no twist": (lambda x: exact.suslov_velocity([3, 4, 5], Z, (2, 0, 2 * x), [0]), 1e-9),
+    "opposite d3": (lambda x: nontwisting_frame([Z, (0, np.sin(1e-14 / x), -np.cos(1e-14 / x))]), 1e-7),
+    "d1 along d3": (lambda x: nontwisting_frame([Z], (1e-16 / x, 0, 1)), 1e-8),
+    "d1 along a curve": (lambda x: ribbon_twist(CIRCLE, np.roll(CIRCLE, -1, axis=0) + 1e-16 / x * Z), 1e-8),
+    "side of a polygon": (lambda x: exact.polygon_turn([(1, 0, 0), (1, 1e-24 / x, 0)]), 1e-12),
+    "axes of friction": (lambda x: nt.dry_friction(1, (1e-24 / x, 0, 1)) + nt.dry_friction(1, Z), 1e-12),
+}
+
+
+@pytest.mark.filterwarnings("ignore:d3")
+@pytest.mark.parametrize(("call", "limit"), DEPARTURES.values(), ids=DEPARTURES)
+def test_of_departures_from_what_is_asked_for(call, limit):
+    call(0.98 * limit)
+    with pytest.raises(ValueError):  # noqa: PT011 - of whatever sentence
+        call(1.02 * limit)
 
 
 @pytest.mark.parametrize(("scheme", "least"), [("gauss", 0.5), ("lie-midpoint", 2.0)])

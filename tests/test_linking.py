@@ -123,8 +123,10 @@ def test_frames_of_a_report_close_and_twist_evenly(knot, turns):
     assert share == pytest.approx(float(report.twist) * lengths / lengths.sum(), abs=1e-12)
     assert 2 * np.pi * float(report.twist) == pytest.approx(2 * np.pi * turns - float(report.holonomy), abs=1e-10)
     assert report.length == pytest.approx(lengths.sum())
-    assert report.arc_length[-1] == pytest.approx(lengths[:-1].sum())
+    assert report.arc_length.values == pytest.approx(np.cumsum(lengths) - lengths)
     assert report.mean_crossings >= abs(report.writhe)
+    edges = (np.roll(x, -1, axis=0) - x) / lengths[:, None]
+    assert report.turning_angle.values == pytest.approx(np.arccos(np.sum(edges * np.roll(edges, 1, axis=0), axis=1)))
     assert report.total_curvature == pytest.approx(report.turning_angle.sum())
     assert report.total_curvature >= (4 if knot == (2, 3) else 2) * np.pi - 1e-9
     units = {name: variable.attrs.get("units") for name, variable in report.data_vars.items()}

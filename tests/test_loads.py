@@ -339,6 +339,22 @@ class Tips(DirectorForces):
         return self.tips
 
 
+@dataclass(frozen=True, eq=False)
+class Ruled(Wave):
+    """One with more fields."""
+
+    times: Annotated[Array, Spec("", shape=(None,), rule="increasing")]
+    matrix: Annotated[Array, Spec("", shape=(2, 2), rule="symmetric")]
+
+
+@pytest.mark.parametrize("wrong", [{"times": [1, 1]}, {"matrix": [[1, 2], [2.1, 3]]}, {"rate": 0}, {"wave": (1, 2)}])
+def test_fields_of_ones_own_are_what_their_rules_say(wrong):
+    good = {"wave": (1, 2, 3), "rate": 1, "times": [0, 1], "matrix": [[1, 2], [2 + 4e-13, 3]]}
+    assert Ruled(**good).matrix.tolist() == [[1, 2 + 2e-13], [2 + 2e-13, 3]]
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Ruled(**good | wrong)
+
+
 KINDS = {"needle": Needle, "cord": Cord, "wave": Wave, "tips": Tips}
 SPRING = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8)
 PAIRS = {  # a load, that of the package, and a number of the first as one of the other, and how many times it changes

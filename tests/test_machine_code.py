@@ -68,6 +68,7 @@ def test_it_runs_read_only_and_homeless_and_isolated_and_in_an_archive(is_archiv
         ("znver4", "+avx,+avx2,+fma,+avx512f", "+avx,+avx2,+fma,+avx512f", 8),
         ("haswell", "+avx,+avx2,+fma,-avx512f", "+avx,+avx2,+fma,-avx512f", 4),
         ("nehalem", "-avx,-fma", "-avx,-fma", 2),
+        ("core2", "+sse2", "+sse2", 2),
     ],
 )
 def test_processors_have_the_vectors_that_are_fast_on_them(name, features, found, lanes, monkeypatch):

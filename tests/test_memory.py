@@ -262,7 +262,10 @@ def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit):
     ],
 )
 def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
-    made = memory_load(derivative, moment, 1.0, compiled=True)
+    smooth = memory_load(
+        lambda t, z, d, w: (-z[1], z[0]), lambda t, z, d, w: (0.01 * z[0], 0, 0), (1, 0), compiled=True
+    )
+    made = smooth + memory_load(derivative, moment, 1.0, compiled=True)
     with pytest.raises(nt.errors.SimulationError) as found:
         simulate(standard(J), t_end=6, material_angular_velocity=(-1, 0, 0), load=made)
     assert found.value.status == nt.errors.Status.JUMP

@@ -56,13 +56,18 @@ def test_files(reproductions):
     assert h2.attrs["step"] == 0.0025
     scheme = {"name": "energy-momentum", "order": 2, "dissipation": 0.0, "moments": "paper"}
     assert json.loads(h2.attrs["integrator"]) == scheme
-    data = np.genfromtxt(folders[0] / "path_data.csv", delimiter=",", names=True)
-    assert np.array_equal(data["d3_y"], h.directors.sel(director=3, axis="y"))
+    tip, momentum = h.directors.sel(director=3, axis="y"), h.material_momentum.sel(director=2)
+    columns = {"d3_y": tip, "material_momentum_2": momentum, "kinetic_energy": h.kinetic_energy}
+    for name, (column, shown) in zip(("path", "momenta", "energy"), columns.items(), strict=True):
+        data = np.genfromtxt(folders[0] / f"{name}_data.csv", delimiter=",", names=True)
+        assert np.array_equal(data["time"], shown.time)
+        assert np.array_equal(data[column], shown)
     with (folders[0] / "invariants.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert rows[0].keys() == {"time", "quantity", "unit", "printed", "computed", "difference", "agrees"}
     K = float(h.kinetic_energy.sel(time=1, method="nearest"))
     assert float(rows[2]["computed"]) == pytest.approx(K, abs=1e-12)
+    assert float(rows[2]["difference"]) == pytest.approx(K - float(rows[2]["printed"]), abs=1e-12)
 
 
 def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reproductions, visit):

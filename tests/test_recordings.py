@@ -20,9 +20,12 @@ from scipy.spatial.transform import Rotation
 
 from conftest import ended
 from nontwist import read_motion, rotation, twist
+from nontwist.recordings.checks import evidence_of
 from nontwist.recordings.formats import READERS
-from nontwist.recordings.formats.apart import read_apart
+from nontwist.recordings.formats.apart import read_apart, rotations
+from nontwist.recordings.formats.arrays import loaded
 from nontwist.recordings.reading import read_rates
+from nontwist.recordings.table import Table
 from nontwist.recordings.times import BITS, counted_on
 from recordings import makers
 from recordings.makers import R as MOVED
@@ -110,6 +113,26 @@ def test_rows_out_of_order_are_compared_with_the_gyroscope_in_the_order_of_time(
     source = table({name: values[order] for name, values in columns.items()})
     with warned("reading-by-evidence"):
         same(read_motion(source), R[order])
+
+
+OTHER = Rotation.from_rotvec(np.outer(np.sin(9 * T), [0.3, -0.2, 0.1]))
+SLOW = Rotation.from_rotvec(np.outer(T / T[-1], [0.0, 0, 0.5]))
+
+
+@pytest.mark.parametrize(("motion", "measured", "factor", "codes"), [
+    (R, R, 1.08, []), (R, R, 1.15, ["time-contradicted"]), (R, OTHER, 1, ["no-reading-fits"]),
+    (SLOW, OTHER, 1, ["no-reading-fits"]), (SLOW**0.5, OTHER, 1, []),
+])  # fmt: skip
+def test_a_gyroscope_that_agrees_with_no_reading_is_said(motion, measured, factor, codes):
+    """Or with another unit of times; a body that turns by less than 0.3 rad contradicts nothing."""
+    rates = {f"{name} (deg/s)": factor * one for name, one in gyroscope(measured).items()}
+    with warned(*codes):
+        same(read_motion(table({"time (s)": T, **backwards(motion.inv()), **rates})), motion)
+
+
+def test_of_many_rows_twenty_blocks_are_compared():
+    given = evidence_of(Table(), 60_000, None)
+    assert np.array_equal(given.rows, (np.linspace(0, 59_000, 20).astype(int)[:, None] + np.arange(1000)).ravel())
 
 
 def test_frames_of_mvn_without_times_are_those_of_the_rate(tmp_path):
@@ -542,16 +565,27 @@ def test_times_in_a_file_are_taken_before_its_rate(rate, is_said, tmp_path):
     np.savez(tmp_path / "b.npz", fps=rate, time=["noon"] * N, R=R.as_matrix())
     found = read_motion(tmp_path / "b.npz")
     assert np.array_equal(found.time, np.arange(N) / rate)
-    assert "time: not used: the column 'time' holds 'noon'" in found.notes
+    assert found.notes.count("time: not used: the column 'time' holds 'noon'") == 1
+    assert {"orientation: matrix of 'R'", "time: as the format defines, s"} <= set(found.notes.split("; "))
     with refused("not-a-time"):
         read_motion(tmp_path / "b.npz", time_column="time")
     np.savez(tmp_path / "c.npz", **quaternion(), fps=rate)
     assert read_motion(tmp_path / "c.npz").time.values == pytest.approx(np.arange(N) / rate)
 
 
-def test_pages_of_matlab_7_3(tmp_path):
-    makers.mat73(tmp_path / "a.mat", {"time": T, "R": np.moveaxis(R.as_matrix(), 0, 2)})
+def test_pages_of_matlab_7_3_and_what_another_process_returns_of_others(tmp_path):
+    pages = {"R": np.moveaxis(R.as_matrix(), 0, 2), "time": T}
+    makers.mat73(tmp_path / "a.mat", pages)
     same(read_motion(tmp_path / "a.mat"))
+    makers.mat(tmp_path / "a.mat", {"s": pages, "u": [pages] * 2, "v": "x"})
+    found = loaded(str(tmp_path / "a.mat"))
+    assert [*found] == ["s.R", "s.time"]
+    same(found["s.R"])
+    makers.needed(made("", "a.c3d"))
+    makers.c3d(tmp_path / "a.c3d", labels=("one", "other"))
+    found = rotations(str(tmp_path / "a.c3d"))
+    assert (found["rate"], [*found["labels"]]) == (50, ["one", "other"])
+    assert abs(found["matrices"][:3, :3, 1] - np.moveaxis(MOVED.as_matrix(), 0, 2)).max() < 1e-6
 
 
 def test_a_unit_that_a_header_contradicts_is_refused():
@@ -775,6 +809,16 @@ def test_angular_velocities_are_named_likewise():
     source.seek(0)
     found = read_rates(source, rate=100)
     assert (found.time.tolist(), found.warnings) == (t.tolist(), ())
+
+
+def test_angular_velocities_are_those_of_one_of_two_devices():
+    """Told apart by a column, or by what is empty."""
+    names, nothing = [f"g{x} (rad/s)" for x in "xyz"], np.full((N, 4), np.nan)
+    for other, column, told in ((0 * Q, ["hand", "arm"] * N, {"body": "hand"}), (nothing, [np.nan, 12.5] * N, {})):
+        both = zip(names, np.stack([Q, other], axis=1).reshape(-1, 4)[:, :3].T, strict=True)
+        found = read_rates(table({"device": column, "time": np.repeat(T, 2), **dict(both)}), **told)
+        assert np.array_equal(found.rates, Q[:, :3])
+        assert (found.left_out, found.warnings) == (0, ())
 
 
 def test_duplicates_in_a_part_alone_are_not_rounded_times():

@@ -88,6 +88,7 @@ def test_what_is_kept_and_what_is_recorded(tmp_path):
     assert "rotor_momentum" not in simulate(standard(J), t_end=2, material_angular_velocity=W0)
     assert repr(load) == "<Load: rotor about (0, 0, 1), table of 2 momenta from 0 to 3 kg m² s⁻¹>"
     assert repr(rotor((1, 0, 0), 2)) == "<Load: rotor of 2 kg m² s⁻¹ about (1, 0, 0)>"
+    assert rotor((1, 0, 0), np.arange(30), np.ones(30)).terms[0].varying == ["rotor", "values"]  # however many
 
 
 @pytest.mark.parametrize("scheme", [LieMidpoint, EnergyMomentum])

@@ -180,6 +180,7 @@ def test_a_short_pulse_is_resolved_where_it_acts():
     grid = stretches_of(load, 0.0, 100.0, 1.0)
     assert (grid.numbers, grid.longest) == ((0, 50, 70, 120), 1.0)
     assert stretches_of(load + nt.sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
+    assert stretches_of(load, 0.0, 100.0, 2.0, even=True, higher=5).numbers == (0, 26, 30, 56)
 
 
 def test_a_long_table_is_marched_in_one_call():

@@ -234,13 +234,16 @@ def test_other_numbers_have_another_hash(write, tmp_path):
     assert first != second
 
 
-@pytest.mark.parametrize("text", [FREE, HELD])
+ORBIT = 'load = [{ kind = "gravity_gradient", mean_motion = 5.0 }]\n[sweep]\nvariables = ["potential_energy"]'
+
+
+@pytest.mark.parametrize("text", [FREE, HELD, FREE.replace("[sweep]", ORBIT)])
 def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
     store = tmp_path / "store"
     many = sweep(write(text), store, workers=1)
     for i in (0, 4):
         run = sweep_member(store, i)
-        for name in ("quaternion", "material_angular_velocity"):
+        for name in {"quaternion", "material_angular_velocity", "potential_energy"} & {*many}:
             assert run[name][-1].values.tobytes() == many[name][i].values.tobytes()
         assert abs(np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) - 1).max() < 0.1
         alone = simulate(read_run_file(write(run.attrs["run_file"], "member.toml")).problem)
@@ -281,7 +284,7 @@ def test_members_that_fail_do_not_stop_the_others(write, tmp_path, capsys):
     assert np.isfinite(many.quaternion.values[many.status.values == 0]).all()
     facts = json.loads(nontwist("sweep-show", tmp_path / "store", "--json").stdout)
     assert facts["failed"] == int((many.status != 0).sum())
-    assert shown[2:] == ["202/202", shown[3], "0", "s", "left,", str(facts["failed"]), "failed"]
+    assert shown[-5:] == ["0", "s", "left,", str(facts["failed"]), "failed"]
     assert facts["failures"][0]["members"] == 101
     assert "triangle inequality" in facts["failures"][0]["reason"]
     turned = next(one for one in facts["failures"] if "try step <=" in one["reason"])

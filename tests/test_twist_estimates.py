@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from many_digits import exact, mp_cross, mp_dot
 from nontwist import twist
 from nontwist.curves import frame_error_estimate, nontwisting_frame, solid_angle
-from nontwist.recordings.twist_noise import noise_level
+from nontwist.recordings.twist_noise import noise_level, rounding
 
 
 def axis_path(rng):
@@ -184,3 +184,13 @@ def test_rounding_is_noise_that_recurs(tilt, rate, unit, inverse):
     assert np.all(error[1:] < 4 * found.noise_estimate[1:])
     assert error.max() > found.noise_estimate.max() / 30
     assert found.error_estimate[-1] < 0.06
+
+
+@pytest.mark.parametrize(("unit", "is_one"), [(0.7e-6, False), (1.5e-6, True), (0.09, True), (0.15, False)])
+def test_units_of_rounding_are_from_a_millionth_to_a_tenth(unit, is_one):
+    motion = Rotation.random(9000, rng=1)
+    for values, squares in ((motion.as_quat(), 3), (motion.as_matrix(), 24)):
+        given = np.round(values / unit) * unit
+        assert rounding(given) == pytest.approx(is_one * unit / math.sqrt(squares), rel=1e-6)
+        given[10] += 1.5e-3 * unit
+        assert rounding(values) == rounding(given) == rounding(given[:11]) == 0

@@ -1,8 +1,10 @@
 """Units of the keys of run files, which axes of figures and headers of tables show."""
 
+import pytest
+
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import UNITS, unit_of
-from nontwist.units import in_datasets
+from nontwist.units import MOMENT, in_datasets
 
 FILE = """
 body = { kind = "heavy_top", inertia = [2, 2, 1], mass = 2.0, centre_of_mass = [0, 0, 0.3], gravity = [0, 0, -9.81] }
@@ -47,3 +49,12 @@ def test_the_units_of_keys(tmp_path):
     assert unit_of(turned, "start.angular_velocity.body.2") == "rpm"
     path.write_text(SHAPE, encoding="utf-8")
     assert unit_of(read_run_file(path), "body.inertia.cuboid.lengths.0") == "m"
+
+
+def test_moments_are_those_of_their_force_and_arm():
+    g, lb = 9.80665, 0.45359237
+    forces = {"N": 1, "mN": 1e-3, "µN": 1e-6, "kN": 1e3, "MN": 1e6, "lbf": lb * g, "ozf": lb * g / 16}
+    forces |= {"kgf": g, "gf": g / 1000}
+    arms = {"m": 1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048, "in": 0.0254}
+    both = {force + arm: size * length for force, size in forces.items() for arm, length in arms.items()}
+    assert pytest.approx({unit: both[unit] for unit in MOMENT}, rel=1e-7) == MOMENT

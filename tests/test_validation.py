@@ -3,7 +3,6 @@
 import json
 import re
 from dataclasses import replace
-from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -17,8 +16,8 @@ from conftest import ended
 from nontwist import validate
 from nontwist.validation import GROUPS, KINDS, Check, sphere_and_rotations
 from nontwist.validation.free_bodies import many_digits
-from nontwist.validation.problems import drift, error, furthest, slope, turns_apart
-from nontwist.validation.report import numbers, share
+from nontwist.validation.problems import all_are, drift, error, order, turns_apart
+from nontwist.validation.report import module_of, numbers, share
 from refusals import said, says
 from test_labels import labels
 
@@ -32,33 +31,25 @@ def rows(page):
     return [[cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table]
 
 
-QUICK = {  # the functions of validation that stand in place of tests, but for those of minutes
-    "paper_digits": "multiplier closed_form remainder impulse parameter",
-    "equations_of_motion": "both_forms transported_momentum identities variations runs",
-    "free_bodies": "nontwisting_body digits continuous symmetric gyrostat driven_wheel montgomery euler_angles fitted",
-    "loaded_bodies": "fixed_axis quadratures multipliers friction orbit lagging_magnets",
-    "suslov_bodies": "digits continuous asymptotes orders",
-    "tops": "precession",
-    "measured_orders": "resampling orders:1",  # of those that take longer, the first check
-    "conserved": "balances constraints million_steps:1",
-    "sampled_frames": "orders closed_paths callables",
-    "known_twists": "orders codman random_motions runs",
-    "nonreversible": "against_dop853:1 long_runs:1",
-    "compiled_steps": "parity:1",
-}
+CHECKS = {f"{GROUPS[group]}-{check.__name__}": check for group in GROUPS for check in module_of(group).CHECKS}
+FIRST = {"measured_orders-orders": 1, "conserved-million_steps": 1, "nonreversible-against_dop853": 6}
+FIRST |= {"nonreversible-long_runs": 3, "compiled_steps-parity": 2}  # of those that take longer, the first checks
+MINUTES = {f"conserved-{name}" for name in ("random_bodies", "exchange", "forced")}
+MINUTES |= {"loaded_bodies-oil", "tops-benchmark", "tops-pendulum", "sampled_frames-long_paths"}
 
 
-@pytest.mark.parametrize(("module", "name"), [(module, name) for module in QUICK for name in QUICK[module].split()])
-def test_quick_checks_hold(module, name):
-    """And their tolerances, kinds and sources are those that the page promises."""
-    name, _, count = name.partition(":")
-    checks = getattr(import_module(f"nontwist.validation.{module}"), name)()
-    found = list(islice(checks, int(count) if count else None))
+@pytest.mark.parametrize("name", [name for name in CHECKS if name not in MINUTES])
+def test_quick_checks_hold(name):
+    """And what is known, tolerances, kinds and sources are those that the page promises, and orders as they were."""
+    found = list(islice(CHECKS[name](), FIRST.get(name)))
     assert found
     assert [check for check in found if not check.holds] == []
-    promised = {check["name"]: [check[key] for key in ("tolerance", "kind", "source")] for check in COMMITTED["checks"]}
+    promised = {check["name"]: check for check in COMMITTED["checks"]}
     for check in found:
-        assert [check.tolerance, check.kind, check.source] == promised[check.name]
+        for key in ("expected", "tolerance", "kind", "source"):
+            assert getattr(check, key) == promised[check.name][key]
+        if check.kind == "order":
+            assert check.measured == pytest.approx(promised[check.name]["measured"], abs=0.002)
 
 
 def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
@@ -124,9 +115,9 @@ def test_numbers_as_text_and_shares_of_the_tolerance():
 
 
 def test_measures():
-    assert slope([10, 20, 40], [1, 0.25, 0.0725], 2) == pytest.approx(np.log2(0.25 / 0.0725))
-    assert slope([10, 30], [1, 3.0**-4], 4) == pytest.approx(4)
-    assert furthest([1.9, 2.2, 2.1], 2) == 2.2
+    assert order("", 2, [10, 20, 40], [1, 0.25, 0.0725], 0.1, "Bloch").measured == pytest.approx(np.log2(0.25 / 0.0725))
+    assert order("", 4, [10, 30], [[1, 3.0**-4], [1, 3.0**-3.9]], 0.1, "Bloch").measured == pytest.approx(3.9)
+    assert all_are("", 2, [1.9, 2.2, 2.1], 0.1, "Bloch", "printed").measured == 2.2
     assert drift(np.array([4.0, 3, 5])) == pytest.approx(0.2)
     assert turns_apart(3.0 + 2 * np.pi, [3.0, 2.5]) == pytest.approx([0, 0.5])
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 import warnings
 from enum import IntEnum
+from functools import partial
 from typing import Any
 
 __all__ = [
@@ -79,7 +80,7 @@ class Worded:
 
     def __reduce__(self) -> Any:
         """Return what makes a copy, as pickle needs it."""
-        return _again, (type(self), self.code, self.within, self.fields)
+        return partial(type(self), self.code, self.within, **self.fields), ()
 
 
 class InputError(Worded, ValueError):
@@ -285,10 +286,6 @@ class SweepStoreError(ValueError):
     ...     print(error)
     empty is not the store of a sweep: it is not a Zarr group with a folder blocks
     """
-
-
-def _again(kind: Any, code: str, within: str, fields: dict[str, Any]) -> Any:
-    return kind(code, within, **fields)
 
 
 def warn(message: str | Warning) -> None:

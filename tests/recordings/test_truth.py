@@ -7,7 +7,7 @@
 import hashlib
 import json
 import warnings
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
@@ -347,6 +347,7 @@ BEFORE = json.loads(RECORDED.read_text(encoding="utf-8"))
 SAME_MACHINE = machine() == BEFORE["machine"]
 # Not in 0.2.0, which took two recordings of one day for such as begin together.
 SINCE = {"time time of day": {"start": 43200.5}, "time time of day, AM": {"start": 0.5}}
+STARTS = {None, START, DATES[0].replace(tzinfo=UTC).timestamp(), *(one["start"] for one in SINCE.values())}
 
 
 def same_times(found, expected, start):
@@ -369,6 +370,8 @@ def test_motions(name, tmp_path):
         assert "time" not in found.coords
     elif row.times is not None:
         same_times(found.time.values, row.times, found.attrs.get("start"))
+        assert found.attrs.get("start") in STARTS
+        assert "rate" not in row.options or found.time[0] == 0
     if (row.exact or SAME_MACHINE) and not RENEW:
         assert told(found) == BEFORE["motions"][name] | SINCE.get(name, {})
 

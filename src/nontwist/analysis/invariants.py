@@ -300,10 +300,13 @@ def in_words(name: str) -> str:
     return name.replace("_", " ").replace("jacobi", "Jacobi")
 
 
-def twist_defect(run: xarray.Dataset) -> float | None:
+def twist_defect(run: xarray.Dataset | Trajectory) -> float | None:
     """Return the largest |w·Λn - c|, rad/s, c the prescribed spin, 0 without; None for a body without the axis n."""
-    system = DirectorSystem.from_json(run.attrs["system"])
+    if isinstance(run, Trajectory):
+        system, time, rate = run.system, run.time, run.observables("twist_rate")["twist_rate"]
+    else:
+        system = DirectorSystem.from_json(run.attrs["system"])
+        time, rate = run["time"].values, run["twist_rate"].values
     if system.axis is None:
         return None
-    prescribed = 0.0 if system.spin is None else system.spin.at(run["time"].values)
-    return float(abs(run["twist_rate"].values - prescribed).max())
+    return float(abs(rate - (0.0 if system.spin is None else system.spin.at(time))).max())

@@ -67,7 +67,7 @@ def named(
 
     def add(name: str, base: str, words: str, symbol: str, values: Array) -> None:
         dims, units, long_name, letter = VARIABLES[base]
-        values = values if values.shape[1] > 1 else values[:, 0]
+        values = values if dims[1:] else values[:, 0]
         found[name] = (
             ("member", *dims[1:]),
             values,

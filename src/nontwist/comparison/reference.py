@@ -27,9 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..analysis.invariants import Invariant, drift, quantities
+from ..analysis.invariants import Invariant, drift, quantities, twist_defect
 from ..analysis.trajectory import Trajectory
-from ..analysis.variables import observables_of_one
 from ..driver import completion
 from ..driver.grid import count_steps, kinks, stretches_of, with_spin_kinks
 from ..driver.notices import COARSE_STEP
@@ -196,10 +195,8 @@ def compared(case: Case, scheme: Integrator, grid: Stretches) -> Outcome:
     found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
     x = quantities(run)
     found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
-    if case.system.axis is not None:
-        spin = case.system.spin
-        rate = observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]
-        found["twist_defect"] = abs(rate - (0.0 if spin is None else spin.at(run.time))).max()
+    if (defect := twist_defect(run)) is not None:
+        found["twist_defect"] = defect
     issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - case.known_warnings)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
 
@@ -325,10 +322,10 @@ def run_on(
 ) -> Trajectory:
     """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
     load, t_start, given = arguments["load"], arguments["t_start"], {name: arguments[name] for name in STARTS}
-    begin, every = start_of_one(system, **given, t_start=t_start), 1 if isinstance(store, np.ndarray) else store
-    plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, every, begin.time)
+    begin = start_of_one(system, **given, t_start=t_start)
+    plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, "end", begin.time)
     if not isinstance(store, np.ndarray):
-        return run_of(plan._replace(grid=grid), begin)
+        return run_of(plan._replace(grid=grid, store=store), begin)
     problem = replace(plan.problem(begin, grid, store), intervals=True)
     return trajectory(plan, problem, completion.march(scheme, problem))
 
@@ -367,4 +364,4 @@ def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
 
 def material_momentum(run: Trajectory) -> Array:
     """Return Π, (n, 3)."""
-    return observables_of_one(("material_momentum",), run.system, run.states)["material_momentum"]
+    return run.observables("material_momentum")["material_momentum"]

@@ -159,7 +159,7 @@ def _failed_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, 
         if ends := list(_ends_of_member(problem, outcome, i)):
             good, reason = min(ends, key=itemgetter(0))
             yield i, good, problem.failed(good, Status.NOT_FINITE, reason)
-        elif done[i] and outcome.observed is not None and not (fine := _finite_columns(problem, outcome)[i]).all():
+        elif done[i] and outcome.observed is not None and not (fine := _finite_columns(outcome)[i]).all():
             name = str(COLUMN_NAMES[fine.argmin()])
             yield i, 1, problem.failed(1, Status.NOT_FINITE, OVERFLOW.format(name))
 
@@ -175,16 +175,14 @@ def _is_safe(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:
         with np.errstate(all="ignore"):
             squares = [np.square(array).reshape(m, -1).sum(axis=1) for array in arrays]
             safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool) & (abs(squares[0] - k) < LENGTH)
-    return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(problem, outcome).all(axis=1))
+    return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(outcome).all(axis=1))
 
 
-def _finite_columns(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:
-    """Whether what was observed is finite, (m, COLUMNS); a reaction moment has no first value, a free body none."""
+def _finite_columns(outcome: Outcome) -> NDArray[np.bool_]:
+    """Whether what was observed is finite, (m, COLUMNS); a reaction moment has no first value."""
     assert outcome.observed is not None
     finite = np.isfinite(outcome.observed)
     finite[:, FIRST, -1] = True
-    if problem.systems.axis is None:
-        finite[:, :, -1] = True
     return np.asarray(finite.all(axis=1), dtype=np.bool_)
 
 

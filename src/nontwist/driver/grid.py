@@ -248,7 +248,7 @@ def inside(breakpoints: tuple[float, ...], t_start: float, t_end: float) -> Arra
     if not breakpoints:
         return np.empty(0)
     x = (np.array(breakpoints) - t_start) / (t_end - t_start)
-    return x[(x > FIT) & (x < 1 - FIT)]
+    return x[(x > 0) & (x < 1)]
 
 
 def fits(x: Array, N: int) -> bool:

@@ -63,7 +63,7 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import View, matrix_at, put, scratch, vector_at, view_in
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from ..models.catalogue import D3
-from ..models.system import checked_inertia
+from ..models.system import SYMMETRY, checked_inertia
 from .border import Motion, checked_attitude, checked_times, checked_velocity, planar
 from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
 from .free_step import FreeMotion, free_motion, free_until, set_origin
@@ -140,7 +140,7 @@ def rotations_about(R: Array, axis: Array, angles: Array) -> Array:
     half = np.sin(0.5 * angles)
     s, c = 2.0 * half * half, 2.0 * half * np.cos(0.5 * angles)
     found: Array = R.ravel() + c[:, None] * once.ravel() + s[:, None] * twice.ravel()
-    return found.reshape(-1, 3, 3)
+    return found.reshape(len(angles), 3, 3)
 
 
 @kernel("f8[:, :, :], i8, f8[:], i8, i8, i8, f8[:, :, :], f8[:, :, :] -> i8, i8")
@@ -176,9 +176,6 @@ def free_members(
         for _ in when(v.status != OK):
             v.member = i
     return v.status, v.member
-
-
-_SYMMETRY = 1e-12
 
 
 def free_standard(
@@ -312,7 +309,7 @@ def symmetric_top(
     """
     J = checked_inertia(inertia, physical)
     A, C = float(J[0, 0] + J[1, 1]) / 2, float(J[2, 2])
-    if abs(J - np.diag([A, A, C])).max() > _SYMMETRY * abs(J).max():
+    if abs(J - np.diag([A, A, C])).max() > SYMMETRY * abs(J).max():
         raise ValueError(f"inertia must be diag(A, A, C), symmetric about the third axis, got {J.tolist()}")
     W, t, R = checked_velocity(material_angular_velocity), checked_times(times), checked_attitude(rotation)
     s = (A - C) / A * W[2]

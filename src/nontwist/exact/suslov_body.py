@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..engine.marching import exponential, magnus
 from ..geometry.arrays import Array, as_direction
 from ..geometry.stacks import EPS
-from ..kernels.control import Variables, loop, when
+from ..kernels.control import Variables, loop
 from ..kernels.elements import cosh, real, select, sqrt, tanh
 from ..kernels.kernel import kernel
 from ..kernels.memory import matrix_at, put, vector_at
@@ -167,8 +167,9 @@ def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
     inner = sign * window
     inner = inner[(inner > 0) & (inner < abs(t).max(initial=0.0))]
     ends = sign * np.unique(np.concatenate([[0.0], abs(t), inner]))
-    middle = (ends[1:] + ends[:-1]) / 2
-    steps = np.ceil(abs(np.diff(ends)) * max(fastest, A) / _TURN)
+    gaps = np.diff(ends, prepend=0.0)
+    middle = ends - gaps / 2
+    steps = np.ceil(abs(gaps) * max(fastest, A) / _TURN)
     steps[(middle < window[0]) | (middle > window[1])] = 0
     return ends, steps.astype(np.int64)
 
@@ -208,17 +209,16 @@ def _turn(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
 
 @kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
 def _set_attitudes(R: Any, B: Any, y0: Any, A: Any, times: Any, steps: Any, out: Any) -> None:
-    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from k to k + 1, one exponential where that is 0."""
+    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from the one before, an exponential where it is 0."""
     start, plane = matrix_at(R), Matrix(vector_at(B[0]), vector_at(B[1]))
-    v = Variables(q=Quaternion(1.0, 0.0, 0.0, 0.0), count=0, is_steady=False)
+    v = Variables(q=Quaternion(1.0, 0.0, 0.0, 0.0), now=0.0)
     for k in loop(times.shape[0]):
-        now = times[select(k > 0, k - 1, 0)]
-        for _ in when(k > 0):
-            v.is_steady = steps[k - 1] == 0
-            v.count = select(v.is_steady, 1, steps[k - 1])
-        h = (times[k] - now) / real(select(k == 0, 1, v.count))
-        for i in loop(v.count):
-            q = v.q @ _turn(plane, A * (now + (real(i) + 0.5) * h) + y0, A, h, v.is_steady)
+        is_steady = steps[k] == 0
+        count = select(is_steady, 1, steps[k])
+        h = (times[k] - v.now) / real(count)
+        for i in loop(count):
+            q = v.q @ _turn(plane, A * (v.now + (real(i) + 0.5) * h) + y0, A, h, is_steady)
             v.q = q / sqrt(q[0] * q[0] + q.vector @ q.vector)
+        v.now = times[k]
         for a, row in enumerate(start @ attitude(v.q)):
             put(out[k, a], row)

@@ -261,7 +261,7 @@ class Task:
         speed = max(float(abs(one.rates).max()) for one in stretches)
         if not stretches[0].has_gyroscope:  # of gaps between short arcs alone
             return tilt * speed
-        return self.sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed, 1e-9)
+        return self.sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed)
 
     def cut(self, one: Rates, model: Model) -> tuple[int, int, str]:
         """Return the samples to fit, from the first to before the last, and how they were found."""

@@ -20,8 +20,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_array, as_floats, as_positive, require_finite
-from .frames import TOLERANCE, first_d1, frames_along, in_range, indices_of, unit_directors, vectors
+from .arrays import Array, as_array, as_floats, as_positive, refuse, require_finite
+from .frames import first_d1, frames_along, in_range, indices_of, unit_directors, vectors
+from .stacks import TOLERANCE
 from .values import as_function
 
 _PIECES = 32  # at least, at the start
@@ -79,7 +80,7 @@ def frame_along(
     knots = np.append(cuts.ravel(), t[-1])
     grid = knots[:-1, None] + np.diff(knots)[:, None] * _STEP
     u = np.empty((*grid.shape, 3))
-    u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(-1, 8, 3)
+    u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(len(grid), 8, 3)
     last = _evaluate(function, t[-1:])
     u[:, -1] = np.concatenate([u[1:, 0], last])
     evaluations_left = _EVALUATIONS if tolerance >= _ROUND_OFF else 0
@@ -210,8 +211,7 @@ def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None 
     require_finite(x, "points")
     require_finite(given, "tangents")
     size = np.abs(given).max(axis=-1, keepdims=True)
-    if not np.all(size):
-        raise ValueError(f"tangents{[int(i) for i in np.argwhere(size == 0)[0][:-1]]} must not be zero")
+    refuse(size[..., 0] == 0, "tangents", "must not be zero")
     given /= size
     u, lead = unit_directors(given / np.linalg.norm(given, axis=-1, keepdims=True), "tangents")
     frames = np.empty((*u.shape, 3))

@@ -73,9 +73,8 @@ def inner_roll(l: Any, lm: Any, lp: Any, kl: Any, kr: Any) -> Any:
 
 
 def outer_roll(l: Any, near: Any, far: Any, k: Any, next_k: Any) -> Any:
-    """Return the roll of a segment of length l at an end, extrapolated; `far` is 0 where there is no third segment."""
-    has_slope = (far > 0.0) & (far >= SHORT * near)
-    middle = k - select(has_slope, (near + 0.5 * l) / (l + near + far) * (next_k - k), 0.0)
+    """Return the roll of a segment of length l at an end, extrapolated; of two segments, far is near and k next_k."""
+    middle = k - select(far >= SHORT * near, (near + 0.5 * l) / (l + near + far) * (next_k - k), 0.0)
     return select(near >= SHORT * l, middle, 0.0) * l * l * l / 12.0
 
 
@@ -98,27 +97,23 @@ def _segment_rolls(u: Any, nodes: Any, count: Any, is_closed: Any, lengths: Any,
         for _ in when(is_inner):
             roll[i] = inner_roll(lengths[i], lengths[before], lengths[after], kappa[i], kappa[after])
         for _ in when(logical_not(is_inner) & (segments > 1)):  # kappa of the node next to it, and of the one beyond
-            one = select(i == 0, 1, i)
-            near, next_one = select(i == 0, 1, i - 1), select(i == 0, 2, i - 1)
-            v = Variables(far=0.0, k=kappa[one])
-            for _ in when(segments > 2):
-                v.far, v.k = lengths[select(i == 0, 2, i - 2)], kappa[next_one]
-            roll[i] = outer_roll(lengths[i], lengths[near], v.far, kappa[one], v.k)
+            one, near = select(i == 0, 1, i), select(i == 0, 1, i - 1)
+            far = select(segments > 2, select(i == 0, 2, i - 2), near)
+            next_one = select(segments > 2, select(i == 0, 2, i - 1), one)
+            roll[i] = outer_roll(lengths[i], lengths[near], lengths[far], kappa[one], kappa[next_one])
 
 
 @kernel("f8[:, :, :], i8, f8[:, :], i8[:, :], i8[:], f8[:, :]")
 def smooth_rolls(u: Any, closed: Any, roll: Any, node: Any, nodes: Any, scratch: Any) -> None:
     """Set ``roll[k, i]``, the roll on arriving at sample i from the node before it, and which samples are nodes.
 
-    Working space: `nodes` (n,), `scratch` (3, n).
+    `roll` and `node` hold 0 and 1 before. Working space: `nodes` (n,), `scratch` (3, n).
     """
     for k in loop(u.shape[0]):
         count = _choose_nodes(u[k], u.shape[1], nodes)
         _segment_rolls(u[k], nodes, count, closed != 0, scratch[0], scratch[1], scratch[2])
-        for i in loop(u.shape[1]):
-            roll[k, i] = 0.0
+        for i in loop(1, u.shape[1]):
             node[k, i] = 0
-        node[k, 0] = 1
         for i in loop(1, count):
             roll[k, nodes[i]] = scratch[2, i - 1]
             node[k, nodes[i]] = 1

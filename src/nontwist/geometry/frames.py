@@ -58,13 +58,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.vectors import Vector, cross
-from .arrays import Array, as_array, as_floats, require_finite
+from .arrays import Array, as_array, as_floats, refuse, require_finite
 from .frame_kernels import ANTIPODAL
-from .stacks import principal_angle
+from .stacks import TOLERANCE, principal_angle
 from .values import among, as_whole
-
-# Largest deviation of directors from unit length; they are normalised to round-off.
-TOLERANCE = 1e-9
 
 
 def vectors(value: ArrayLike, name: str) -> Array:
@@ -133,18 +130,13 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
         require_finite(given, "d1")
         largest = np.abs(preferred).max(axis=1, keepdims=True)
         preferred = preferred / np.where(largest > 0.0, largest, 1.0)
-    start = preferred
-    for _ in range(2):  # the second time removes the round-off of the first
-        start = start - np.sum(start * first, axis=1, keepdims=True) * first
+    start: Array = preferred - np.sum(preferred * first, axis=1, keepdims=True) * first
     size = np.linalg.norm(start, axis=1, keepdims=True)
-    bad = np.flatnonzero(size[:, 0] <= 1e-8 * np.linalg.norm(preferred, axis=1))
-    if bad.size:
-        member = [int(i) for i in np.unravel_index(bad[0], lead)] if lead else ""
-        raise ValueError(f"d1{member} must not be zero or parallel to the first director")
+    bad = size[:, 0] <= 1e-8 * np.linalg.norm(preferred, axis=1)
+    refuse(bad.reshape(lead), "d1", "must not be zero or parallel to the first director")
     start /= size
-    start -= np.sum(start * first, axis=1, keepdims=True) * first
-    found: Array = start / np.linalg.norm(start, axis=1, keepdims=True)
-    return found
+    start -= np.sum(start * first, axis=1, keepdims=True) * first  # what round-off left, at most 1e-8
+    return start
 
 
 def triad_about(n: Array) -> Array:

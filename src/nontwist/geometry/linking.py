@@ -45,7 +45,7 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import load, store
 from ..kernels.tracing import width
 from ..kernels.vectors import Vector, cross
-from .arrays import Array, as_array, as_flag
+from .arrays import Array, as_array, as_flag, refuse
 from .frame_kernels import length, reflected
 from .frames import solid_angle
 from .stacks import dot, norm
@@ -177,9 +177,7 @@ def ribbon_twist(points: ArrayLike, d1: ArrayLike, *, closed: bool = True) -> fl
         raise ValueError(f"d1 must have one vector for each of the {len(x)} points, got {len(v)}")
     v = v / np.where((size := np.abs(v).max(axis=1)) > 0, size, 1.0)[:, None]
     v -= dot(v, tangents)[:, None] * tangents
-    short = np.flatnonzero(norm(v) < 1e-8)
-    if short.size:
-        raise ValueError(f"d1[{short[0]}] is zero or parallel to the tangent there")
+    refuse(norm(v) < 1e-8, "d1", "is zero or parallel to the tangent there")
     return float(_twists(v, edges, tangents, closed).sum())
 
 

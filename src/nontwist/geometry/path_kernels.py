@@ -120,12 +120,12 @@ def _settle(s: View) -> None:
     for _ in when(count <= 4.0):
         s.rolls, s.roll_squares, s.roll_most, s.settled = 0.0, 0.0, 0.0, s.start
         for _ in when(count == 3.0):
-            _roll_on(s, s.n1, s.n2, outer_roll(c2, c3, 0.0 * c3, k2, k2))
+            _roll_on(s, s.n1, s.n2, outer_roll(c2, c3, c3, k2, k2))
         for _ in when(count == 4.0):
             _roll_on(s, s.n0, s.n1, outer_roll(c1, c2, c3, k1, k2))
     s.roll = 0.0
     for _ in when(count == 3.0):
-        s.roll = outer_roll(c3, c2, 0.0 * c2, k2, k2)
+        s.roll = outer_roll(c3, c2, c2, k2, k2)
     for _ in when(count >= 4.0):
         _roll_on(s, s.n1, s.n2, inner_roll(c2, c1, c3, k1, k2))
         s.roll = outer_roll(c3, c2, c1, k2, k1)

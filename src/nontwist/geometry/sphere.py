@@ -468,5 +468,5 @@ def _checked_cross_and_dot(d0: Array, d: Array) -> tuple[Array, Array, Array]:
     """d0 × d, its length and d0·d, antipodal points refused."""
     n, c = _cross_and_dot(d0, d)
     s = norm(n)
-    refuse((c < 0.0) & (s <= 2 * EPS), "d", "is antipodal to d0: the geodesic between them is not unique")
+    refuse(s <= -2 * EPS * c, "d", "is antipodal to d0: the geodesic between them is not unique")
     return n, s, c

@@ -93,7 +93,7 @@ def angles(first: Any, frames: Any, psi: Any) -> None:
         angle = _angle(vector_at(first[i]), vector_at(frames[i, 2]), vector_at(frames[i, 0]))
         for _ in when(i == 0):
             v.base = angle
-        v.last = select(i == 0, 0.0, _nearest(angle - v.base, v.last))
+        v.last = _nearest(angle - v.base, v.last)
         psi[i] = v.last
 
 

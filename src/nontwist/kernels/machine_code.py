@@ -95,11 +95,10 @@ def simplify(module: Any, target: Any) -> None:
     """Run the passes on a module for a target."""
     llvm = binding()
     module.triple, module.data_layout = target.triple, str(target.target_data)
-    options, manager = llvm.create_pipeline_tuning_options(speed_level=3), llvm.create_new_module_pass_manager()
-    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+    manager = llvm.create_new_module_pass_manager()
     for name in PASSES:
         getattr(manager, f"add_{name}_pass")()
-    manager.run(module, llvm.create_pass_builder(target, options))
+    manager.run(module, llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()))
 
 
 def pointer_address(pointer: Any) -> int:

@@ -61,11 +61,11 @@ class ForceTable(DirectorForces):
 
     def columns(self, times: Any) -> list[Any]:
         """Return the nine interpolated numbers in their frame, one after the other."""
-        return within(self.times, self.forces_of.reshape(-1, 9), times)
+        return within(self.times, self.forces_of.reshape(len(self.times), 9), times)
 
     def rows(self, times: Array) -> Array:
         """Return the interpolated forces in their frame, (n, 3, 3)."""
-        return np.stack(self.columns(times), axis=1).reshape(-1, 3, 3)
+        return np.stack(self.columns(times), axis=1).reshape(len(times), 3, 3)
 
     def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces in space."""

@@ -99,7 +99,7 @@ class Potential(ForceTerm):
 
     def slope(self, gamma: Array) -> Array:
         """Return the gradient of V at γ, (k, 3), without the factor."""
-        return np.array(self.text(checked, gamma.ravel().tolist())[1:]).reshape(-1, 3)
+        return np.array(self.text(checked, gamma.ravel().tolist())[1:]).reshape(gamma.shape)
 
     @property
     def dead_force(self) -> Array | None:

@@ -166,7 +166,7 @@ class Term(ABC):
         """Return the components of a moment of time at (n,) times, (n, 3), without the factor."""
         if self.columns is not None:
             return np.stack(self.columns(times), axis=1)
-        return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(-1, 3)
+        return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(len(times), 3)
 
     def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
         """Return what a text gives, row by row, by a way to call functions (`calls`).
@@ -518,7 +518,7 @@ def chord(known: Array, values: Array, times: Array) -> Array:
 
 def nonzero_intervals(times: Array, values: Array) -> Array:
     """Return where values that are linear between `times`, and 0 outside, are not zero: from when to when, (k, 2)."""
-    rows = np.any(values.reshape(len(times), -1) != 0, axis=1, keepdims=True)[:, 0]
+    rows = np.asarray(values.reshape(len(times), -1).any(axis=1))
     change = np.diff(np.concatenate([[False], rows[1:] | rows[:-1], [False]]).astype(np.int64))
     return np.stack([times[change == 1], times[change == -1]], axis=1)
 

@@ -140,7 +140,7 @@ class Wheel(Memory):
             return found
         T, y = self.times, self.values
         t = np.clip(times, T[0], T[-1])
-        k = np.clip(np.searchsorted(T, t, side="right") - 1, 0, max(len(T) - 2, 0))
+        k = np.minimum(np.searchsorted(T, t, side="right") - 1, len(T) - 2)
         sums = np.append(0.0, np.cumsum(np.diff(T) * (y[1:] + y[:-1]) / 2))
         found = found + sums[k] + (t - T[k]) * (y[k] + np.interp(t, T, y)) / 2
         return found

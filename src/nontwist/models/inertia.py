@@ -29,7 +29,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_direction, as_positive
+from ..geometry.arrays import Array, as_array, as_direction, as_positive, refuse
 from .system import SYMMETRY, checked_inertia, convected_inertia, euler_inertia, require_mass
 
 ON_A_LINE = 1e-14  # second moment across the line through all points, relative to that along it: below is round-off
@@ -71,9 +71,7 @@ def of_points(
     """
     m = as_array(masses, "masses", (None,))
     x = as_array(positions, "positions", (len(m), 3))
-    if (m < 0).any():
-        i = int(np.argmax(m < 0))
-        raise ValueError(f"masses[{i}] must not be negative, got {m[i]:g} kg")
+    refuse(m < 0, "masses", lambda i: f"must not be negative, got {m[i]:g} kg")
     if not m.any():
         raise ValueError(f"the {len(m)} masses add up to 0 kg: there is no body")
     if isinstance(about, str):

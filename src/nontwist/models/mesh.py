@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.arrays import Array, as_array, as_positive, refuse
 from .system import convected_inertia
 
 Indices = NDArray[np.int64]
@@ -144,16 +144,14 @@ def _surface(vertices: ArrayLike | str | os.PathLike[str], faces: ArrayLike | No
     index = as_array(faces, "faces", (None, 3))
     if len(index) == 0:
         raise ValueError("the mesh has no faces")
-    bad = np.argwhere((index < 0) | (index >= len(x)) | (index != np.floor(index)))
-    if len(bad):
-        i, j = bad[0]
-        raise ValueError(f"faces[{i}, {j}] = {index[i, j]:g} names none of the {len(x)} vertices, counted from 0")
+    bad = (index < 0) | (index >= len(x)) | (index != np.floor(index))
+    refuse(bad, "faces", lambda at: f"= {index[at]:g} names none of the {len(x)} vertices, counted from 0")
     used, f = np.unique(index.astype(np.int64), return_inverse=True)
     x = x[used]
     order, new = _sorted_rows(x)
     where = np.empty(len(x), dtype=np.int64)
     where[order] = np.cumsum(new) - 1
-    return x[order[new]], where[f].reshape(-1, 3)
+    return x[order[new]], where[f].reshape(index.shape)
 
 
 def _sorted_rows(rows: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:

@@ -142,7 +142,7 @@ class SystemStack:
         names = list(dict.fromkeys(body.name for body in bodies))
         spin, factor = _shared_spin(bodies)
         E, dead = (
-            np.array([getattr(body, name) for body in bodies]).reshape(-1, 3, 3)
+            np.array([getattr(body, name) for body in bodies]).reshape(len(bodies), 3, 3)
             for name in ("euler_inertia", "dead_force")
         )
         axes = np.array([body.axis for body in bodies]) if any(constrained) else None

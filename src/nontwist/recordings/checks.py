@@ -163,7 +163,7 @@ def evidence_of(
     found = {GYROSCOPE: gyroscope, SPIN: None if spin is None else -spin, OTHER: other, GRAVITY: accelerometer}
     places = np.arange(count)
     if count > MOST:
-        starts = np.linspace(0, count - 1 - MOST // BLOCKS, BLOCKS).astype(int)
+        starts = np.linspace(0, count - MOST // BLOCKS, BLOCKS).astype(int)
         places = np.unique((starts[:, None] + np.arange(MOST // BLOCKS)).ravel())
     rows = places if time is None or len(time) != count else np.argsort(time, kind="stable")[places]
     there = {what: one[rows] for what, one in found.items() if one is not None and len(one) == count >= FEWEST}

@@ -72,11 +72,11 @@ def values(sweep: Sweep, first: int, last: int) -> Values:
     return {one.key: found[one.key] for one in sweep.over}
 
 
-def spread(sweep: Sweep, count: int, runs: int = 16) -> Values:
-    """Return the numbers of about `count` members, taken in `runs` runs of neighbours all over the sweep."""
-    members = sweep.members
+def spread(sweep: Sweep, count: int) -> Values:
+    """Return the numbers of about `count` members, taken in 16 runs of neighbours all over the sweep."""
+    members, runs = sweep.members, 16
     length = max(1, min(count, members) // runs)
-    starts = np.unique(np.linspace(0, members - length, min(runs, members)).astype(np.int64)).tolist()
+    starts = np.unique(np.linspace(0, members - length, runs).astype(np.int64)).tolist()
     parts = [values(sweep, first, first + length) for first in starts]
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 

@@ -19,7 +19,6 @@ from ..geometry.values import as_whole, short_repr
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
 from ..models.bodies import BODIES
-from .members import spread
 from .store import MISSING, Done, SweepStore, open_store
 
 _opening = threading.Lock()
@@ -54,7 +53,6 @@ def _opened(path: str, seal: str) -> SweepStore:
     store = open_store(path)
     if store.blocks.seal != seal:
         raise ValueError(f"{path} is another store on this worker")
-    store.members.run(spread(store.members.sweep, 1, 1))
     return store
 
 

@@ -18,19 +18,19 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from .. import exact
 from ..driver.runs import integrate
 from ..fitting import fit_inertia
 from ..geometry import rotations
+from ..geometry.arrays import Array
 from ..integrators import Split
 from ..io.results import with_euler
 from ..loads import rotor, wheel
 from ..models.catalogue import standard
 from .checks import Check
-from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, error, turns_apart, velocity
+from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, error, solved, turns_apart, velocity
 
 RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
 GYROSTAT, FIT = "Wittenburg 1977", "nontwist.fitting.shooting"
@@ -185,11 +185,11 @@ def fitted() -> Iterator[Check]:
     """Fit moments to angular velocities that DOP853 finds, alone and with a rotor that gives the scale."""
     J, W0, t, axis = np.array([1.0, 1.6, 2.1]), [3.0, 2.0, 4.0], np.linspace(0, 2, 801), np.array([0.0, 0.6, 0.8])
 
-    def rates(t: float, W: Any, h: float) -> Any:
-        return np.cross(J * W + h * axis, W) / J
+    def rates(t: float, y: Array) -> Array:
+        return np.append(np.cross(J * y[:3] + y[3] * axis, y[:3]) / J, 0.0)
 
     for name, h in {"of a throw": 0.0, "of a throw with a rotor, kg m²": 0.8}.items():
-        W = solve_ivp(rates, (0, 2), W0, method="DOP853", rtol=1e-13, atol=1e-14, t_eval=t, args=(h,)).y.T
+        W = solved(rates, t, [*W0, h])[:, :3]
         how: dict[str, Any] = {"rotor": {"axis": axis, "inertia": 0.1, "speed": h / 0.1}} if h else {}
         found = fit_inertia((t, W), interval="all", noise=1e-6, bias=1e-9, scale=1e-9, **how).principal.moments
         yield error(f"moments {name}, fitted", found - (J if h else J / J.sum()), 1e-9, FIT, "independent")

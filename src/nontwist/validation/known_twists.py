@@ -16,7 +16,7 @@ from ..driver.runs import simulate
 from ..loads import sine
 from ..recordings.twisting import twist
 from .checks import Check
-from .problems import SAMPLES, error, slope, turns_apart
+from .problems import SAMPLES, all_are, error, order, turns_apart
 from .sampled_frames import ORDERS, integral, path, turning
 
 COUNTS = (160, 320, 640)
@@ -32,7 +32,7 @@ def orders() -> Iterator[Check]:
             theta, phi = path(t)
             R = Rotation.from_euler("ZYZ", np.stack([phi, theta, t**2], axis=1))
             errors.append(abs(float(twist(R, t, order=k).twist_angle[-1]) - exact))
-        yield Check(f"twist of order {k}, ZYZ angles", k, slope(COUNTS, errors, k), 0.1, "eq-w_twist", "order")
+        yield order(f"twist of order {k}, ZYZ angles", k, COUNTS, errors, 0.1, "eq-w_twist")
 
 
 def codman() -> Iterator[Check]:
@@ -43,8 +43,8 @@ def codman() -> Iterator[Check]:
     back = Rotation.from_rotvec(np.outer(s, [-1, 0, 0])) * front[-1]
     end = twist(Rotation.concatenate([up, front[1:], back[1:]]), order=2).isel(time=-1)
     yield error("Codman's paradox: twist, rad", float(end.twist_angle), 1e-12, "Codman 1934", "closed form")
-    tau = float(end.swing_twist_angle)
-    yield Check("Codman's paradox: swing–twist angle, rad", -np.pi / 2, tau, 1e-12, "Codman 1934", "closed form")
+    name = "Codman's paradox: swing–twist angle, rad"
+    yield all_are(name, -np.pi / 2, end.swing_twist_angle, 1e-12, "Codman 1934", "closed form")
 
 
 def random_motions() -> Iterator[Check]:

@@ -22,7 +22,7 @@ from ..models.catalogue import standard
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .checks import Check
-from .problems import SAMPLES, SHARP, Arguments, pushed, slope
+from .problems import SAMPLES, SHARP, Arguments, order, pushed
 
 TOLERANCE = 0.2
 HIGHEST = 8  # order that shows in these motions; higher ones reach round-off within a few steps (tests/test_gauss.py)
@@ -60,7 +60,7 @@ def measured(title: str, body: DirectorSystem, w: tuple[float, float, float], lo
             runs = [integrate(body, step=2 / n, integrator=name, order=k, **how) for n in counts]
             errors = [np.linalg.norm(run.directors[-1] - end) for run in runs]
             source = cls.sources.get("order", cls.__module__)
-            yield Check(f"{name} {k}: {title}", k, slope(counts, errors, k), TOLERANCE, source, "order")
+            yield order(f"{name} {k}: {title}", k, counts, errors, TOLERANCE, source)
 
 
 def resampling() -> Iterator[Check]:
@@ -70,8 +70,7 @@ def resampling() -> Iterator[Check]:
     for n in counts:
         run = simulate(standard(J), t_end=2, step=2 / n, angular_velocity=w, integrator="energy-momentum")
         errors.append(abs(resample(run, times).directors.values - truth.mT).max())
-    measured = slope(counts, errors, 2)
-    yield Check("resample, free standard body", 2, measured, TOLERANCE, "nontwist.driver.resampling", "order")
+    yield order("resample, free standard body", 2, counts, errors, TOLERANCE, "nontwist.driver.resampling")
 
 
 CHECKS = (orders, resampling)

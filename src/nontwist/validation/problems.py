@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ..analysis import variables as obs
@@ -23,6 +25,7 @@ FINE, SHARP = Continuous(rtol=1e-13, atol=1e-14), Continuous(rtol=3e-14, atol=1e
 Arguments = dict[str, Any]  # of `integrate`
 PAPER_J = np.array(INERTIA)
 FULL_J = np.array(FULL)
+SCHEMES = (("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2))
 KICK = (1.0, -2.0, 0.1)  # rad/s, without spin about TILTED
 
 SAMPLES = sample_bodies()  # checks of all kinds call sample_bodies() again, as kinds may be added
@@ -97,6 +100,13 @@ def attitude(run: Trajectory) -> Array:
     return np.swapaxes(run.directors, 1, 2)
 
 
+def solved(rates: Callable[[float, Array], Any], times: ArrayLike, start: ArrayLike) -> Array:
+    """Return the solution of ``y' = rates(t, y)`` at the `times`, (k, n), from the first one on, by SciPy alone."""
+    t = np.asarray(times, dtype=np.float64)
+    y: Array = solve_ivp(rates, (t[0], t[-1]), start, "DOP853", t, rtol=FINE.rtol, atol=FINE.atol).y.T
+    return y
+
+
 # Reduction of arrays to the number of a check.
 
 
@@ -110,16 +120,17 @@ def drift(values: Array) -> float:
     return float(abs(values - values[0]).max() / abs(values).max())
 
 
-def furthest(values: ArrayLike, expected: float) -> float:
-    """Return the one of the `values` that lies furthest from `expected`."""
+def all_are(name: str, expected: float, values: ArrayLike, tolerance: float, source: str, kind: Kind) -> Check:
+    """Return the check that each of `values` is the expected one: of the one furthest off."""
     flat = np.ravel(np.asarray(values, dtype=np.float64))
-    return float(flat[np.argmax(abs(flat - expected))])
+    return Check(name, expected, float(flat[np.argmax(abs(flat - expected))]), tolerance, source, kind)
 
 
-def slope(counts: ArrayLike, errors: ArrayLike, expected: float) -> float:
-    """Return the order that `errors` show, of runs with `counts` steps, from each to the next: the one furthest off."""
+def order(name: str, k: float, counts: ArrayLike, errors: ArrayLike, tolerance: float, source: str) -> Check:
+    """Return the check that `errors`, (..., n), of runs with `counts` steps have the order k from each to the next."""
     e, n = np.asarray(errors, dtype=np.float64), np.asarray(counts, dtype=np.float64)
-    return furthest(np.log(e[:-1] / e[1:]) / np.log(n[1:] / n[:-1]), expected)
+    slopes = np.log(e[..., :-1] / e[..., 1:]) / np.log(n[1:] / n[:-1])
+    return all_are(name, k, slopes, tolerance, source, "order")
 
 
 def turns_apart(one: ArrayLike, other: ArrayLike) -> Array:

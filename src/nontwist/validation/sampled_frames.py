@@ -18,7 +18,7 @@ from ..geometry.arrays import Array
 from ..geometry.curves import frame_along, frame_of_curve
 from ..geometry.frames import closed_frame, holonomy, nontwisting_frame, solid_angle
 from .checks import Check
-from .problems import error, furthest, slope, turns_apart
+from .problems import all_are, error, order, turns_apart
 
 BISHOP, REFLECTION, GIRARD = "Bishop 1975; eq-non-twisting", "Wang, Jüttler, Zheng & Liu 2008", "Girard, Gauss–Bonnet"
 TRANSPORT = "eq-parallel-transport-2-sphere"
@@ -74,14 +74,14 @@ def orders() -> Iterator[Check]:
                 d1 = transported(t)
                 frames = nontwisting_frame(sphere(*path(t))[2], d1[0], order=k)
                 errors.append(np.linalg.norm(frames[:, 0] - d1, axis=1).max())
-            yield Check(f"frames of order {k}, {name}", k, slope(COUNTS, errors, k), tolerance, BISHOP, "order")
+            yield order(f"frames of order {k}, {name}", k, COUNTS, errors, tolerance, BISHOP)
     errors = []
     for n in COUNTS:
         t = np.linspace(0, 3, n + 1)
         d1, tangents = transported(t), sphere(*path(t))[2]
         curve = integral(lambda s: sphere(*path(s))[2], t)
         errors.append(np.linalg.norm(frame_of_curve(curve, tangents, d1[0])[:, 0] - d1, axis=1).max())
-    yield Check("frames of a curve, double reflection", 4, slope(COUNTS, errors, 4), 0.1, REFLECTION, "order")
+    yield order("frames of a curve, double reflection", 4, COUNTS, errors, 0.1, REFLECTION)
 
 
 def closed_paths() -> Iterator[Check]:
@@ -100,33 +100,33 @@ def closed_paths() -> Iterator[Check]:
         gap = np.array([float(solid_angle(d3, pole=(0, 0, 1))) - polygon, float(exact.latitude_turn(theta)) - cap])
         yield error(f"{circle}: solid angles of polygon and cap, sr", gap, 1e-12, GIRARD, "closed form")
     corners = np.eye(3)
-    turns = np.array([holonomy(corners), solid_angle(corners), closed_frame(corners, order=2)[1]])
-    octant = furthest(np.append(turns, exact.polygon_turn(corners)), np.pi / 2)
-    yield Check("octant: turn, four ways, rad", np.pi / 2, octant, 1e-13, GIRARD, "closed form")
+    turns = np.array([f(corners) for f in (holonomy, solid_angle, exact.polygon_turn)])
+    turns = np.append(turns, closed_frame(corners, order=2)[1])
+    yield all_are("octant: turn, four ways, rad", np.pi / 2, turns, 1e-13, GIRARD, "closed form")
     d1 = nontwisting_frame(np.concatenate([corners, corners[:1]]), order=2)[:, 0]
     gap = np.cross(d1[0], d1[-1]) - corners[0]
     yield error("octant: d1 transported around, a quarter turn", gap, 1e-13, TRANSPORT, "closed form")
 
 
 def long_paths() -> Iterator[Check]:
-    """Follow a path of 10⁶ samples, and a great circle six times around."""
+    """Follow a path of 10⁶ samples."""
     d3 = sphere(*path(np.linspace(0, 300, 10**6)))[2]
     for k in ORDERS:
         frames = nontwisting_frame(d3, order=k)
         gram = frames @ frames.mT - np.eye(3)
         yield error(f"frames of order {k}, 10⁶ samples: orthonormality", gram, 1e-14, "eq-non-twisting", "invariant")
+
+
+def smooth_paths() -> Iterator[Check]:
+    """Follow a great circle six times around, and transport a frame along a function instead of samples."""
     t = np.linspace(0, 40, 5001)
     south, _, d3 = sphere(t, np.full_like(t, 0.3))
     gap = nontwisting_frame(d3, south[0])[:, 0] - south
     yield error("great circle, six times around: d1", gap, 1e-13, TRANSPORT, "closed form")
-
-
-def callables() -> Iterator[Check]:
-    """Transport a frame along a function instead of samples."""
     t = np.linspace(0, 3, 7)
     d1 = transported(np.linspace(0, 3, 601))[::100]
     gap = frame_along(lambda s: sphere(*path(np.array(s)))[2], t, d1[0], rtol=1e-10)[:, 0] - d1
     yield error("frame along a function, rtol = 1e-10: d1", gap, 1e-9, BISHOP, "closed form")
 
 
-CHECKS = (orders, closed_paths, long_paths, callables)
+CHECKS = (orders, closed_paths, long_paths, smooth_paths)

@@ -73,6 +73,18 @@ def test_a_function_of_the_state_damps_as_well(c):
     assert run.warning is None
 
 
+def test_a_damper_that_begins_later():
+    """About a principal axis W stays, then ``W = W_0 exp(-c (t - 1)/J)``."""
+    c, times = 2e6, np.array([1.0, 1.0 + 1e-6, 5.0])
+    load = nt.moment(lambda t, d, w: -np.where(t > 1, c, 0.0) * w, breakpoints=(1.0,), compiled=True)
+    run = nt.integrate(nt.standard([1.5, 2, 2.5]), times=times, angular_velocity=(0, 0.3, 0), load=load)
+    left = np.array([1, np.exp(-1), 0])
+    assert run.material_angular_velocity[:, 1] == pytest.approx(0.3 * left, abs=1e-9)
+    angle = Rotation.from_quat(run.quaternion).as_rotvec()[:, 1]
+    assert angle == pytest.approx(0.3 * (1 + 2.0 / c * (1 - left)), abs=1e-9)
+    assert run.stretches.steps < 6000
+
+
 @pytest.mark.parametrize(("integrator", "c"), [("gauss", 1e4), ("lie-midpoint", 2e3), ("split", 1e4)])
 def test_velocities_fall_below_the_smallest_number(integrator, c):
     """By a function of the state, whose derivatives are differences; a step resolves no decay, as each run says."""

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, LOADS, PAPER_J, cross, thinned
 from nontwist.inertia import convected_inertia
-from nontwist.integrators import Continuous, Gauss
+from nontwist.integrators import Continuous, EnergyMomentum, Gauss, LieMidpoint
 from nontwist.integrators.gauss_coefficients import matrix, nodes, weights
 
 ORDERS = Gauss.orders
@@ -191,11 +191,7 @@ def test_drag_never_lets_the_energy_rise_and_stiff_moments_are_solved(order):
 
 def test_a_run_says_that_damped_modes_are_not_resolved():
     how = {"t_end": 1, "step": 0.25, "integrator": "gauss", "order": 4, "angular_velocity": [1, 0, 0]}
-    message = (
-        r"damping slows the body down at a rate of up to 20 1/s, which step = 0.25 s does not resolve: energy does not "
-        r"rise, but those modes are wrong; try step <= 0.2"
-    )
-    with pytest.warns(UserWarning, match=message):
+    with pytest.warns(UserWarning, match=r"a rate of up to 20 1/s, which step = 0\.25 s .* try step <= 0\.2"):
         nt.simulate(nt.standard([3, 4, 5]), load=nt.damping([60, 1, 1]), **how)
     with pytest.warns(UserWarning, match="at a rate of up to 40 1/s"):
         nt.simulate_ensemble(nt.standard([3, 4, 5]), load=nt.damping([60, 1, 1]), load_scale=[0.1, 2], **how)
@@ -232,15 +228,11 @@ def test_needles_keep_their_energy_though_their_spin_is_round_off(order):
     assert abs(E - E[0]).max() <= (1e-10 if linear else 1e-12) * abs(E).max()
 
 
-def test_the_lag_of_a_steady_rotation_in_rows():
-    body, h = nt.nontwisting([3, 3, 5]), 0.05
-    how = {"material_angular_velocity": [6, -8, 0], "t_end": 40 * h, "step": h, "store": "end"}
-    exact = nt.integrate(body, integrator="exact", **how)
-    for order in (2, 4):
-        scheme = Gauss(order=order)
-        run = nt.integrate(body, integrator=scheme, load=1e-200 * nt.sine([1, 0, 0], 1.0), **how)
-        off = (run.rotation[-1].inv() * exact.rotation[-1]).magnitude()
-        assert 40 * scheme.lag(10 * h) == pytest.approx(off, rel=1e-6)
+@pytest.mark.parametrize("scheme", [LieMidpoint(), EnergyMomentum(), *map(Gauss, (2, 4, 6, 8))])
+def test_the_lag_of_a_steady_rotation_in_rows(scheme):
+    start = {"material_angular_velocity": (0, 0.9, 0), "load": nt.space_moment([0, 1], np.zeros((2, 3)))}
+    run = nt.integrate(nt.standard([3, 4, 5]), t_end=1, step=1, integrator=scheme, **start)
+    assert scheme.lag(0.9) == pytest.approx(abs(run.rotation[1].magnitude() - 0.9), rel=1e-6)
 
 
 @pytest.mark.long

@@ -61,3 +61,10 @@ def test_turns_below_the_resolution_of_an_attitude_add_up(name):
     ).states.quaternion
     turned = Rotation.from_quat(q[0]).inv() * Rotation.from_quat(q[-1])
     assert abs(turned.as_rotvec() - [0, steps * turn, 0]).max() < 4e-16
+
+
+def test_needles_keep_their_energy_though_their_spin_is_round_off():
+    W = np.random.default_rng(0).uniform(-0.7, 0.7, (40, 3)) * (1e-3, 1, 1)
+    how = {"variables": "kinetic_energy", "store": 1, "integrator": "lie-midpoint", "t_end": 40, "step": 1}
+    K = nt.simulate_ensemble(nt.standard([1e-8, 1, 1 + 5e-9]), material_angular_velocity=W, **how).kinetic_energy.values
+    assert abs(K / K[:, :1] - 1).max() <= 1e-14

@@ -19,7 +19,6 @@ from nontwist import (
     damping,
     heavy_top,
     inertia,
-    integrate,
     pulse,
     simulate,
     sine,
@@ -31,7 +30,6 @@ from nontwist import nontwisting as nontwisting_body
 from nontwist.analysis.invariants import drifts
 from nontwist.cli.run_commands import example_names
 from nontwist.errors import RunFileError, SimulationError
-from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile import read_run_file
@@ -483,16 +481,6 @@ def test_the_page_on_run_files_holds_one_that_runs(write):
     for keys in (section.model_fields for section in (Body, Start, Time, Integrator, Output)):
         assert all(f"`{key}`" in page for key in keys)
     assert all(f"`{kind}`" in page for kind in (*Tables(), *MAKERS))
-
-
-@pytest.mark.parametrize(("name", "order"), [("lie-midpoint", 2), ("energy-momentum", 2)])
-def test_the_expected_lag_is_that_of_a_steady_rotation(name, order):
-    body, W, h, N = nontwisting_body([3, 3, 5]), np.array([6.0, -8.0, 0.0]), 0.05, 40
-    how = {"material_angular_velocity": W, "t_end": h * N, "step": h, "store": "end"}
-    run = integrate(body, integrator=name, order=order, **how)
-    exact = integrate(body, integrator="exact", **how)
-    off = (run.rotation[-1].inv() * exact.rotation[-1]).magnitude()
-    assert N * INTEGRATORS[name](order=order).lag(10 * h) == pytest.approx(off, rel=1e-6)
 
 
 def test_a_coarse_step_is_forecast():

@@ -1,6 +1,5 @@
 """split: measured orders, what it keeps exactly, and the exact motion without load at any step."""
 
-import re
 from functools import cache
 from itertools import product
 from math import fsum
@@ -84,11 +83,6 @@ def test_multiplier_work_and_moment(name, load):
     assert run.reaction_moment.values == pytest.approx(fine.reaction_moment.values, abs=1e-7)
     assert run.load_work.values == pytest.approx(fine.load_work.values, abs=1e-9)
     assert run.moment.values == pytest.approx(fine.moment.values, abs=2e-5)
-
-
-def test_an_order_that_there_is_not_is_refused():
-    with pytest.raises(ValueError, match=re.escape("split has the order 2, 4, 6; got order = 3")):
-        Split(order=3)
 
 
 REST = {

@@ -210,6 +210,15 @@ def late_compiled(t, directors, angular_velocity):
 FAILING = [(nt.body_moment, late), (nt.moment, late), (compiled_load, late_compiled)]
 
 
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
+def test_a_load_that_is_too_steep_is_called_with_numbers_alone(integrator):
+    seen = []
+    steep = nt.moment(lambda t, d, w: seen.append([*d.ravel(), *w]) or tuple(1e200 * (1 + w**2)))
+    with pytest.raises(SimulationError):
+        nt.stepper(FREE, H, load=steep, integrator=integrator).step()
+    assert np.isfinite(seen).all()
+
+
 @pytest.mark.parametrize(("make", "function"), FAILING)
 def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, function):
     loop = nt.stepper(FREE, H, load=make(function))

@@ -18,10 +18,8 @@ from ..geometry.attitudes import attitudes, directors
 from ..geometry.values import number_text, vector_text
 from ..integrators.base import IVP, Failure, Integrator, Status
 from ..integrators.problem import onward
-from ..integrators.wheels import wheel_columns
 from ..loads.base import state_moment_at
-from ..loads.calls import checked
-from ..loads.memory import MOMENTS, Memory
+from ..loads.memory import Memory
 from ..loads.terms import Term
 from ..loads.wheels import Wheel
 from . import completion
@@ -74,32 +72,16 @@ def _values(problem: IVP) -> Iterator[tuple[Term, Value, str]]:
     for term in load.terms:
         if term.kind in ("state", "forces") and not term.in_kernels:
             yield term, lambda t, q, W, z, term=term: state_moment_at(term.load, t, q, W @ q), "N m"  # type: ignore[misc]
-    for term, place in _remembering(problem):
-        if not any(term is one for one in load.memories):
-            continue
-        if isinstance(term, Wheel):
-            yield term, lambda *at, own=(term, place): _answer(*own, *at)[1][:1], "N m"  # torque less friction
-        else:
-            yield term, lambda *at, own=(term, place): _answer(*own, *at)[0], "N m"
-            yield term, lambda *at, own=(term, place): _answer(*own, *at)[1], ""
-
-
-def _remembering(problem: IVP) -> Iterator[tuple[Memory, int]]:
-    """Yield the terms with internal states, and the places of these."""
-    yield from wheel_columns(problem.load)
-    place = sum(one.state0.size for one in problem.load.wheels)
-    for term in problem.load.remembering:
+    for term, place in load.placed:
         if not isinstance(term, Wheel):
-            yield term, place
-            place += term.state0.size
+            yield term, lambda *at, own=(term, place): _answers(*own, *at)[0], "N m"
+            yield term, lambda *at, own=(term, place): _answers(*own, *at)[1], ""
+        elif not term.is_driven:
+            yield term, lambda *at, own=(term, place): _answers(*own, *at)[1][:1], "N m"  # torque less friction
 
 
-def _answer(term: Memory, place: int, t: float, q: Array, W: Array, z: Array) -> tuple[Array, Array]:
-    """Return the moment of a term with memory in space, and the rates of its internal states."""
-    one = term.unscaled if isinstance(term, Wheel) else term
-    own = z[place : place + one.state0.size]
-    found = np.array(one.text(checked, [*q.ravel().tolist(), *(W @ q).tolist(), *W.tolist(), *own.tolist(), t]))
-    return one.scale * (found[:3] + found[3:MOMENTS] @ q), found[MOMENTS:][: len(own)]
+def _answers(term: Memory, place: slice, t: float, q: Array, W: Array, z: Array) -> tuple[Array, Array]:
+    return term.answers(t, q, W, z[place])
 
 
 def _path(at: Contacts, t: float, p: Array, W: Array, z: Array) -> Callable[[float], tuple[Array, Array, Array]]:
@@ -108,8 +90,8 @@ def _path(at: Contacts, t: float, p: Array, W: Array, z: Array) -> Callable[[flo
 
     q, rates = directors(p), np.zeros_like(z)
     turning = at.Q @ at.forces(t, q, W, z.copy() if z.size else None)[0]
-    for term, place in _remembering(at.problem):
-        rates[place : place + term.state0.size] = _answer(term, place, t, q, W, z)[1]
+    for term, place in at.problem.load.placed:
+        rates[place] = _answers(term, place, t, q, W, z)[1]
 
     def state(s: float) -> tuple[Array, Array, Array]:
         turned = attitudes(p) @ Rotation.from_rotvec(s * W + s * s / 2 * turning).as_matrix()

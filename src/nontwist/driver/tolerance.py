@@ -13,7 +13,8 @@ tolerance bounds it.
    resolved only while they last: the start and every kink of a load excite them, and at the time t behind it those left
    have rates up to about 1/t. So steps begin at ``h = x/λ``, x by the estimate over T = 1/λ, and from t = 1/λ on are
    x t, until they are those of the motion (`grid.graded`): a number of steps like log(λ T), for all rates together.
-   Functions of the state count with the damping that they are at the start (`Plan.linearised`).
+   Functions of the state count with the damping that they are at the start (`Plan.linearised`), loads with memory with
+   the rates at which their internal states decay there.
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
@@ -49,7 +50,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import damping_rate, gyration_rate, highest_frequency, swing_rate
+from ..integrators.costs import gyration_rate, highest_frequency, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from . import completion
@@ -197,7 +198,7 @@ def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple
     span = plan.t_end - plan.t_start
     rate = max(HARMONICS * fastest, swing, 1e-3 / span)
     if not plan.scheme.is_a_stable:
-        rate = max(rate, damping_rate(plan.systems, plan.load, begin.load_scale))
+        rate = max(rate, plan.decay(begin))
 
     def step(scheme: Integrator, rate: float, longer: float = 1.0) -> float:
         h = _resolving(plan, scheme, span * rate) / rate
@@ -240,7 +241,7 @@ def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
 def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stretches:
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
     higher, steps = 1 if plan.is_shown else HIGHER, (plan.t_end - plan.t_start) / longest
-    rate, part = damping_rate(plan.systems, plan.load, begin.load_scale), 1.0
+    rate, part = plan.decay(begin), 1.0
     if scheme.is_a_stable and rate * (plan.t_end - plan.t_start) > DECAYS:
         raise ValueError(_too_fast(plan, begin, rate))
     if plan.tolerance is not None and not steps <= MOST:

@@ -261,7 +261,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         turn = abs(h) * taxicab(parts.velocity(nodes.body, v.state.s))
         far = v.alive & (turn > FARTHEST)
         for _ in when(any_of(far)):
-            note_failure(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
+            note_failure(parts, x, far, turn < 0.0, far, begin, NAN, turn)
             v.alive = without(v.alive, far)
     if parts.observes:
         see(v.state)
@@ -310,9 +310,9 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
     end, loaded_from, state_after = b.first + b.steps, b.loaded_from, text.flow(nodes, v.state)
     mu = cross(v.state.s, parts.velocity(nodes.body, v.state.s))[2] if parts.is_constrained else 0.0 * h
     v.at = larger(b.first, begin)
-    far, nothing = state_after(h * (loaded_from - begin))[1], NAN + 0.0 * h
+    far = state_after(h * (loaded_from - begin))[1]
     for _ in when(far):
-        note_failure(parts, x, far, h != h, far, v.at, nothing, nothing)
+        note_failure(parts, x, far, h != h, far, v.at, NAN, NAN)
         v.alive = without(v.alive, far)
     for _ in whilst(lambda: any_of(v.alive) & (v.at < end)):
         until = smaller(stored[v.done + 1], end)

@@ -92,7 +92,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
         i, lane, rate = b.order[first + l], x.lane(l), b.step[1]
         row, body = i * b.output_count + k, lane.body
         B, unit = body.basis, body.unit
-        f = select(lane.failure.status == OK, 1.0 + 0.0 * unit, NAN)
+        f = select(lane.failure.status == OK, 1.0, NAN)
         s, *v = lane.state.p @ body.frame.inverse
         q = b.quaternions.shifted(row * 4)
         p, before = (*v, s), q.shifted(-4)
@@ -148,12 +148,12 @@ def note_failure(
     parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any
 ) -> None:
     """Note why bodies cannot go on."""
-    status = select(stalled, STALLED, select(far, TURN, BROKEN + 0.0 * x.scale))
+    status = select(stalled, STALLED, select(far, TURN, BROKEN))
     if parts.calls:
         m = x.found.total
         status = select(without(stalled, abs(m[0]) + abs(m[1]) + abs(m[2]) < 1e300), LOAD, status)
     before = x.failure.read()
-    x.failure.write(select(bad, Failure(status, real(number) + 0.0 * x.scale, residual, turn), before))
+    x.failure.write(select(bad, Failure(status, real(number), residual, turn), before))
 
 
 def entered(body: Any, q: Any, w: Any) -> tuple[Quaternion, Vector]:

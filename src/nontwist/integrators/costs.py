@@ -6,6 +6,7 @@ steps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
 from ..loads import Load
 from ..loads.base import forces_sampled, state_moment_at
+from ..loads.memory import Memory
 from ..loads.terms import Function, Sine
 from ..models.stack import SystemStack
 from .problem import IVP
@@ -23,7 +25,7 @@ from .problem import IVP
 ONE, ZERO = np.ones(1), np.zeros(3)
 VARIES = 1.1  # the range of V over that of the attitudes that are tried
 MOMENTA = 2000  # times at which those of rotors are sampled
-APART = 2.0**-10  # differences of velocities, of their size
+APART, BENT = (2.0**-10, 2.0**-12), 0.1  # differences, of the size of numbers; by how much slopes differ
 GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
@@ -74,22 +76,39 @@ def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
 def damping_at(load: Load, t: float, directors: Array, W: Array, slowest: float) -> Array:
     """Return the matrix (3, 3), N m s, by which functions of the state damp a body as ``damping`` does; 0 if unknown.
 
-    It is the symmetric part of -∂M/∂W, by differences, without what drives. `slowest`: a rate of a body at rest, rad/s.
+    It is the symmetric part of -∂M/∂W without what drives. `slowest`: a rate of a body at rest, rad/s.
     """
-    apart = max(float(np.linalg.norm(W)), slowest) * APART
-
-    def along(V: Array) -> Array:
-        return directors @ state_moment_at(load, t, directors, V @ directors)
-
-    try:
-        slopes = np.array([(along(W - d) - along(W + d)) / (2 * apart) for d in apart * np.eye(3)])
-    except Exception:  # a run says what is wrong with a function
-        return np.zeros((3, 3))
-    if not np.isfinite(slopes).all():
-        return np.zeros((3, 3))
-    values, axes = np.linalg.eigh((slopes + slopes.T) / 2)
+    size = np.full(3, max(float(np.linalg.norm(W)), slowest))
+    slopes = _slopes(lambda V: directors @ state_moment_at(load, t, directors, V @ directors), W, size)
+    values, axes = np.linalg.eigh(-(slopes + slopes.T) / 2)
     found: Array = axes * np.maximum(values, 0.0) @ axes.T
     return found
+
+
+def memory_rate(load: Load, t: float, directors: Array, W: Array, z: Array) -> float:
+    """Return the largest rate at which internal states of loads with memory, z, decay, 1/s; 0 if unknown."""
+    fastest = 0.0
+    for term, place in load.placed:
+
+        def rates(own: Array, term: Memory = term) -> Array:
+            return term.answers(t, directors, W, own)[1]
+
+        slopes = _slopes(rates, z[place], np.maximum(abs(z[place]), term.state_scale))
+        fastest = max(fastest, -np.linalg.eigvals(slopes).real.min())
+    return fastest
+
+
+def _slopes(function: Callable[[Array], Array], x: Array, size: Array) -> Array:
+    """Return the derivatives of a function at x, rows, by differences; 0 where it fails, or jumps or bends nearby."""
+    try:
+        coarse, fine = (
+            np.array([(function(x + d) - function(x - d)) / (2 * d.sum()) for d in np.diag(apart * size)])
+            for apart in APART
+        )
+    except Exception:  # a run says what is wrong with a function
+        return np.zeros((x.size, x.size))
+    is_smooth = abs(coarse - fine).max() <= BENT * abs(fine).max()  # also not where a number is none
+    return fine if is_smooth else np.zeros((x.size, x.size))
 
 
 def unresolved(problem: IVP, order: int, is_a_stable: bool) -> str | None:

@@ -199,7 +199,7 @@ class Expansion:
         for one, at in zip(self.unknowns, (P[0], P[1], third, *q, *more[3:]), strict=True):
             one.set_coefficient(0, at)
         for one, at in zip(self.rows, (x for v in self.equations().start for x in v), strict=True):
-            one.set_coefficient(0, at + 0.0 * w)
+            one.set_coefficient(0, at)
 
     def equations(self) -> Equations:
         """Return the equations in the frame of the end."""
@@ -284,7 +284,7 @@ def find_outputs(parts: Parts, run: View, i: Any, first: Any) -> None:
             v.k = v.k + MORE
     a, b = (at_middle(each[:STATE], v.k) for each in series)
     dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
-    sign = select(dot < 0.0, -1.0, 1.0 + 0.0 * dot)
+    sign = select(dot < 0.0, -1.0, 1.0)
     d = [x - y for x, y in zip(a, (*b[:3], *(sign * y for y in b[3:])), strict=True)]
     off = larger(taxicab(d) / (taxicab(a) + TINY), taxicab(d[3:]) + abs(d[6]))
     signs.store(0, sign, lanes)

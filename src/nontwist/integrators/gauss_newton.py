@@ -86,7 +86,7 @@ def vectors_of_space(
             x, y, z = f * getattr(stages.one(j), turning)
             for r, entries in enumerate(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))):
                 for c, entry in enumerate(entries):
-                    a[row + r * width + 3 * j + c] = 0.0 * f + entry
+                    a[row + r * width + 3 * j + c] = entry
                 if k is not None:
                     a[row + r * width + m + 3 * j + r] = f * k[r]
         for r in range(3):

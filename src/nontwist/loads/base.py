@@ -17,6 +17,7 @@ their support, which is half-open, ``start <= t < end``; breakpoints are the tim
 from __future__ import annotations
 
 import pickle
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
@@ -252,6 +253,15 @@ class Load:
     def internal_state(self) -> Array:
         """The internal states z of the terms with memory at the start of a run, one behind the other, (k,)."""
         return np.concatenate([np.zeros(0), *(term.state0 for term in self.remembering)])
+
+    @property
+    def placed(self) -> Iterator[tuple[Memory, slice]]:
+        """The terms with internal states, wheels as without a factor, and the places of these."""
+        place = 0
+        for term in self.remembering:
+            count = term.state0.size
+            yield term.unscaled if isinstance(term, Wheel) else term, slice(place, place + count)
+            place += count
 
     @property
     def internal_scale(self) -> Array:

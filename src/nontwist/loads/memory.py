@@ -19,7 +19,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_array
 from ..spec import Spec
-from .calls import Call, array
+from .calls import Call, array, checked
 from .terms import Frame, Record, Term, factor_in_words
 
 STATE, MOMENTS = 15, 6  # numbers of the state; of the moments
@@ -73,6 +73,12 @@ class Memory(Term):
         is_along, t, z = self.frame == "body", x[-1], array(x[STATE:-1])
         moment, rate = self.responses(call, t, z, array(x[:9], 3, 3), array(x[12:15] if is_along else x[9:12]))
         return [0.0, 0.0, 0.0, *moment, *rate] if is_along else [*moment, 0.0, 0.0, 0.0, *rate]
+
+    def answers(self, t: float, directors: Array, W: Array, z: Array) -> tuple[Array, Array]:
+        """Return the moment in space, N m, and z', at one time and state, in Python; W along the frame."""
+        state = [*directors.ravel().tolist(), *(W @ directors).tolist(), *W.tolist(), *z.tolist(), t]
+        found = np.array(self.text(checked, state))
+        return self.scale * (found[:3] + found[3:MOMENTS] @ directors), found[MOMENTS:][: len(z)]
 
     def responses(self, call: Call, *given: Any) -> tuple[list[Any], list[Any]]:
         """Return moment and z' by a way to call functions."""

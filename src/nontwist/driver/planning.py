@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,11 +22,20 @@ from ..loads.base import of_body
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .grid import as_store, automatic_grid, checked_output_times, count_steps, joined, stored_steps, with_spin_kinks
+from .grid import (
+    as_store,
+    automatic_grid,
+    checked_output_times,
+    count_steps,
+    joined,
+    kinks,
+    stored_steps,
+    with_spin_kinks,
+)
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
-MEMBERS = 8  # whose loads are linearised
+MEMBERS = 8  # and breakpoints at most, for which loads are linearised
 
 
 class Plan(NamedTuple):
@@ -80,14 +90,16 @@ class Plan(NamedTuple):
     def linearised(self, begin: Starts) -> Plan:
         """Return the plan from which steps are estimated: with the damping that functions of the state are at a start.
 
-        Of several members it is the largest of some.
+        It is the largest of some members, and between some of the breakpoints.
         """
         if self.scheme.any_times or not self.load.called.terms:
             return self
+        called, slowest = self.load.called, 1 / (self.t_end - self.t_start)
+        borders = [self.t_start, *kinks(called, self.t_start, self.t_end)[:MEMBERS]]
+        times = [self.t_start, *((a + b) / 2 for a, b in pairwise([*borders, self.t_end]) if len(borders) > 1)]
         some = np.linspace(0, len(begin.velocity) - 1, min(len(begin.velocity), MEMBERS)).astype(int)
-        slowest = 1 / (self.t_end - self.t_start)
-        states = zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)
-        found = [damping_at(self.load.called, self.t_start, q, W, slowest) for q, W in states]
+        states = [*zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)]
+        found = [damping_at(called, t, q, W, slowest) for t in times for q, W in states]
         return self._replace(load=self.load + damping(max(found, key=np.linalg.norm)))
 
     def decay(self, begin: Starts) -> float:

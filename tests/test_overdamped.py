@@ -179,8 +179,6 @@ def test_what_damping_bounds():
         assert abs(pendulum(c)[1][1]).max() <= fastest <= WEIGHT / c * np.sqrt(J / 0.01) * 1.001
     assert swing_rate(systems, nt.damping(0.1)) == swing_rate(systems, Load())
     assert slowest_damping(systems, nt.damping([1, 1, 0])) == 0
-    pushed = largest_velocity(systems, W, nt.damping(10.0) + nt.pulse((0, 0, 5.0), end=100), 0, 100)
-    assert 0.5 <= pushed < 65
     faster = largest_velocity(systems, np.array([[0, 0, 3.0]]), nt.damping(1e4), 0, 1e3)
     assert faster == pytest.approx(3.0, rel=1e-2)
 
@@ -196,12 +194,12 @@ def test_what_must_resolve_every_decay_names_what_need_not(scheme):
 
 
 @pytest.mark.parametrize("make", [nt.standard, nt.nontwisting])
-@pytest.mark.parametrize(("scheme", "size"), [("split", 1e-12), ("split", 1.0), ("energy-momentum", 1e-12)])
-def test_drag_leaves_what_the_midpoint_rule_has_of_any_velocity(scheme, size, make):
+@pytest.mark.parametrize("size", [1e-12, 1.0])
+def test_drag_leaves_what_the_midpoint_rule_has_of_any_velocity(size, make):
+    """(1 - a)/(1 + a) in a step, a = h c/2J = 3/32."""
     start = {"t_start": 1, "material_angular_velocity": (size, -2 * size, 0)}
-    run = nt.integrate(make([2, 2, 2]), **start, t_end=2, step=0.125, load=nt.damping(3), integrator=scheme, order=2)
-    left = ((1 - 0.125 * 3 / 4) / (1 + 0.125 * 3 / 4)) ** 8
-    assert run.material_angular_velocity[-1] / size == pytest.approx([left, -2 * left, 0], rel=1e-14)
+    run = nt.integrate(make([2, 2, 2]), **start, t_end=2, step=0.125, load=nt.damping(3), integrator="split", order=2)
+    assert run.material_angular_velocity[-1] / size == pytest.approx(np.array([1, -2, 0]) * (29 / 35) ** 8, rel=1e-14)
 
 
 def test_a_step_that_is_too_long_is_told_with_what_works():

@@ -197,6 +197,8 @@ def test_a_body_is_written_as_it_is_not_as_its_name_says(tmp_path):
     Problem(body, t_end=1, step=0.1, material_angular_velocity=(0, 1, 0)).write(tmp_path / "run.toml")
     again = Problem.read(tmp_path / "run.toml").system
     assert (again.name, again.axis[0]) == ("suslov", pytest.approx(5e-9, rel=1e-9, abs=0))
+    WRITTEN["rod"].write(tmp_path / "rod.toml")
+    assert Problem.read(tmp_path / "rod.toml").system.name == "nontwisting"  # and not a suslov body, which it is, too
 
 
 HEAD = '[body]\nkind = "standard"\ninertia = [3, 4, 5]\n[time]\nt_end = 2\nstep = 0.1\n[[load]]\nframe = "body"\n'

@@ -305,8 +305,7 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     if not (arguments["load"].is_dry or arguments["load"].memories):
         name += " and continuous DOP853"
         beside = [
-            integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)
-            for rtol in (1e-12, 1e-13)
+            integrate(system, times=times, integrator=Continuous(rtol=rtol), **arguments) for rtol in (1e-12, 1e-13)
         ]
     loose, independent = beside
     gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)

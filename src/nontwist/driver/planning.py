@@ -90,17 +90,19 @@ class Plan(NamedTuple):
     def linearised(self, begin: Starts) -> Plan:
         """Return the plan from which steps are estimated: with the damping that functions of the state are at a start.
 
-        It is the largest of some members, and between some of the breakpoints.
+        It is the largest of some members, and between some of the breakpoints. Functions in Python are called at the
+        stages of given steps alone.
         """
-        if self.scheme.any_times or not self.load.called.terms:
+        load = self.load
+        if self.scheme.any_times or not load.called.terms or (self.grid is not None and not load.is_compiled):
             return self
-        called, slowest = self.load.called, 1 / (self.t_end - self.t_start)
+        called, slowest = load.called, 1 / (self.t_end - self.t_start)
         borders = [self.t_start, *kinks(called, self.t_start, self.t_end)[:MEMBERS]]
         times = [self.t_start, *((a + b) / 2 for a, b in pairwise([*borders, self.t_end]) if len(borders) > 1)]
         some = np.linspace(0, len(begin.velocity) - 1, min(len(begin.velocity), MEMBERS)).astype(int)
         states = [*zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)]
         found = [damping_at(called, t, q, W, slowest) for t in times for q, W in states]
-        return self._replace(load=self.load + damping(max(found, key=np.linalg.norm)))
+        return self._replace(load=load + damping(max(found, key=np.linalg.norm)))
 
     def decay(self, begin: Starts) -> float:
         """Return the largest rate at which anything decays at a start, 1/s, about."""

@@ -50,10 +50,11 @@ from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross,
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_newton import column_at, vectors_of_space
-from .gauss_stages import OVERFLOW, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
+from .gauss_stages import OVERFLOW, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
 CORRECTIONS, CLOSE, SAME, ONES = 20, 1e-9, 1e-6, Vector(1.0, 1.0, 1.0)
+REST = 1e-250  # of velocities: less is what a step leaves of a decay
 STATE = {"turn": 3, "velocity": 3}
 
 
@@ -223,7 +224,7 @@ class Collocation:
 
     def have_other_ends(self) -> Any:
         """Return the mask of steps that end elsewhere than is known: large ones have several solutions."""
-        v = Variables(end=self.V[0], speed=taxicab(self.V[1]) + TINY, stiff=0.0 * self.h)
+        v = Variables(end=self.V[0], speed=taxicab(self.V[1]) + REST, stiff=0.0 * self.h)
         for i, stage in self.each():
             v.end = v.end - (self.weight(i) * self.sum(i)) * self.V[0]
             v.speed = larger(v.speed, taxicab(stage.V))
@@ -307,7 +308,7 @@ class Collocation:
             for r, x in enumerate(stage.next_dp):
                 a[(3 * i + r) * (m + 1) + m] = x
         eliminate_once(a, m, m + 1)
-        most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + TINY, stiff=0.0 * self.h)
+        most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + REST, stiff=0.0 * self.h)
         for i, stage in self.each():
             d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
             stage.V = stage.V + select(v.active, d, 0.0 * d)

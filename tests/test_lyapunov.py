@@ -46,6 +46,24 @@ def test_sums_are_the_growth_of_volumes(scheme):
         assert abs(20 * heavy[-1].sum() - np.log(abs(np.linalg.det(X)))) < 1e-11
 
 
+@pytest.mark.parametrize("turn", [1.0, 3.0])
+def test_strong_damping_has_the_exponents_of_its_rates(turn):
+    """-c/J_i, also where a step decays so much that round-off of what grows hides it within few steps."""
+    how = {"t_end": 1280 * turn / 1e3, "step": turn / 1e3, "order": 8, "load": nt.damping(1e3)}
+    found = nt.lyapunov(nt.standard([1, 2, 3]), material_angular_velocity=(1, 2, 3), **how).lyapunov_exponent
+    growth = (found * found.time).values[:, 3:]
+    middle = len(growth) // 2
+    late = (growth[-1] - growth[middle]) / (found.time.values[-1] - found.time.values[middle])
+    assert late == pytest.approx(np.array([-1e3 / 3, -1e3 / 2, -1e3]), rel=2e-3)
+
+
+def test_decays_that_steps_do_not_resolve_are_named():
+    with pytest.warns(
+        UserWarning, match=r"decays at up to 1e\+04 1/s, whose exponents are then too near to 0; give step"
+    ):
+        nt.lyapunov(nt.standard([1, 2, 3]), t_end=1, material_angular_velocity=(1, 2, 3), load=nt.damping(1e4))
+
+
 def test_chaos_of_a_heavy_top_and_order_without_weight():
     """Without load nothing grows but linearly, about the first and last axis by log 2 in twice the time."""
     how = {"t_end": 300, "step": 0.05}
@@ -150,7 +168,8 @@ def test_ensembles_choose_steps_as_runs_do():
 @pytest.mark.parametrize("how", ["__call__", "on_floats"])
 @pytest.mark.parametrize(("rows", "count"), [(6, 5), (12, 3)])
 def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
-    rng, steps = np.random.default_rng(rows + count), 2 * linearised.TOGETHER
+    rng, together = np.random.default_rng(rows + count), 17
+    steps = 2 * together
     M, n = np.eye(rows, rows + 2) + 0.1 * rng.normal(size=(steps, rows, rows + 2)), rng.normal(size=rows)
     G, x, lengths, length = np.eye(rows), rng.normal(size=(rows, LANES)), np.zeros((2, count)), np.linalg.norm(n)
     metric, memory = np.eye(6) + np.cov(rng.normal(size=(6, 20))), np.zeros((rows, rows + 2, LANES))
@@ -161,7 +180,7 @@ def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
         memory[:, :, : len(M[k : k + LANES])] = np.moveaxis(M[k : k + LANES], 0, -1)
 
     made, chain = view_of(Steps), view_of(linearised.Chain)
-    made.steps, made.out = steps, memory
+    made.steps, made.out, chain.together = steps, memory, together
     chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
     chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
     chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
@@ -170,7 +189,7 @@ def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
     G[:6, :6], G[6:, 6:] = np.diag(np.linspace(1, 2, 6)), metric[: rows - 6, : rows - 6]
     first = x[:, :count]
     for k in range(2):
-        for A in M[k * linearised.TOGETHER : (k + 1) * linearised.TOGETHER]:
+        for A in M[k * together : (k + 1) * together]:
             first = A[:, :rows] @ first
         first = first - np.outer(n, n @ G @ first) / (length * length)
         R = np.linalg.qr(np.linalg.cholesky(G).T @ first)[1]

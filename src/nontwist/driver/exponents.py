@@ -19,6 +19,7 @@ from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.members import in_threads
 from ..integrators.members import progress as counted
 from ..integrators.tangents import Growth
+from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
@@ -27,6 +28,7 @@ from .ensembles import with_messages
 from .notices import announce, cores, members_cost, progress_bar, warn_of_grid, warn_of_step
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
+from .starts import Starts
 from .tolerance import controlled
 
 if TYPE_CHECKING:
@@ -41,12 +43,12 @@ KNOWN = {"units": "s-1", "long_name": "mean rate of growth from the start", "sym
 def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> xarray.Dataset:
     """Return the Lyapunov exponents of a motion, from its tangent flow.
 
-    Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and orthonormalised
-    every 32 steps (Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9). The exponents are the means of the
-    logarithms of their growth factors. In a regular motion all tend to zero, like log(t)/t; in a chaotic one the
-    largest remains positive. Their sum is the rate at which phase-space volumes grow. For a standard body it is 0, or
-    with damping -tr(J⁻¹C), and under its weight the exponents form pairs ±λ. A Suslov body approaches a steady
-    rotation, so volumes shrink without damping.
+    Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and
+    orthonormalised every 32 steps or more often (Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9).
+    The exponents are the means of the logarithms of their growth factors. In a regular motion all tend to zero,
+    like log(t)/t; in a chaotic one the largest remains positive. Their sum is the rate at which phase-space volumes
+    grow. For a standard body it is 0, or with damping -tr(J⁻¹C), and under its weight the exponents form pairs ±λ.
+    A Suslov body approaches a steady rotation, so volumes shrink without damping.
 
     Parameters
     ----------
@@ -89,21 +91,26 @@ def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> 
     problem = posed("lyapunov", system, keywords, OfMotion)
     begin = start_of(problem)
     plan = plan_of(problem, begin, store="end")
-    _warn_of_hidden(plan)
     known, _ = solved_with(plan, begin, "rotation")
+    _warn_of_hidden(plan, begin, known.problem.grid)
     steps = Linearised(known.problem, known.run.integrator, ())
     growth = Growth(steps)
-    times, sums = growth.times, growth.sums(known.run.states, steps.workspace())
+    times, sums = growth.sums(known.run.states, steps.workspace())
     means = sums / (times - known.problem.t_start)[:, None]
     found = xarray.DataArray(means, dims=("time", "exponent"), attrs=KNOWN)
     along = {"time": ("time", times, {"units": "s", "long_name": "time", "symbol": "t"})}
     return xarray.Dataset({"lyapunov_exponent": found}, {**along, "exponent": np.arange(1, means.shape[1] + 1)})
 
 
-def _warn_of_hidden(plan: Plan) -> None:
+def _warn_of_hidden(plan: Plan, begin: Starts, grid: Stretches) -> None:
     if scheme_of(plan.scheme, plan.load).is_director_scheme:
-        text = "energy-momentum hides exponents below zero; use gauss or lie-midpoint for these"
-        warn(text)
+        warn("energy-momentum hides exponents below zero; use gauss or lie-midpoint for these")
+    rate, order = plan.linearised(begin).decay(begin), getattr(plan.scheme, "order", 2)
+    if grid.longest * rate > order:
+        warn(
+            f"steps of up to {grid.longest:.3g} s do not resolve decays at up to {rate:.3g} 1/s, whose exponents are "
+            f"then too near to 0; give step <= {order / rate:.1g}"
+        )
 
 
 @takes(OfMany, "progress", "threads")
@@ -161,7 +168,6 @@ def lyapunov_ensemble(
     plan = plan_of(task, begin, store="end")
     systems = plan.systems
     differentiable(plan, begin)
-    _warn_of_hidden(plan)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     scheme, grid = plan.scheme, plan.grid
     if plan.is_controlled:
@@ -169,7 +175,9 @@ def lyapunov_ensemble(
         grid = problem.grid
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
-    problem = plan._replace(scheme=scheme).problem(begin._replace(grid=None), grid)
+    plan = plan._replace(scheme=scheme)
+    _warn_of_hidden(plan, begin, grid)
+    problem = plan.problem(begin._replace(grid=None), grid)
     warn_of_grid(plan.load, systems, plan.t_start, plan.t_end, grid)
     warn_of_step(scheme, problem)
     one = problem.member(0)
@@ -207,7 +215,7 @@ def grown(scheme: Integrator, problem: IVP, threads: int) -> tuple[Array, Outcom
                 steps = Linearised(part.member(k), scheme, ())
                 growth, own = Growth(steps), steps.workspace()
             try:
-                sums[first + k] = growth.sums(outcome.states.part(k), own)[-1]
+                sums[first + k] = growth.sums(outcome.states.part(k), own)[1][-1]
             except SimulationError as error:
                 failures[first + k] = error.status, problem.steps_until(error.time), np.nan, np.nan
                 reasons[first + k] = str(error)

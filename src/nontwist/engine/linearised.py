@@ -53,8 +53,6 @@ from .records import FORCES, Body, Parts, State, offsets_of
 from .sampling import mean
 from .workspace import entered, turned_into
 
-TOGETHER = 32  # steps between two times at which changes are made orthonormal
-
 
 class Chain(NamedTuple):
     """What goes through the steps."""
@@ -83,6 +81,7 @@ class Chain(NamedTuple):
     found: Doubles  # back: (count,) df/dp
     scratch: Doubles  # back: (width,)
     grown: int  # growth: how many changes, at most `LANES`
+    together: int  # steps between two times at which they are made orthonormal
     weights: Doubles  # (6,) 1 over the squares of the units
     metric: Doubles  # (6, 6) the same of the entries of N, which count as those in the body
     normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
@@ -202,7 +201,7 @@ def grow(rows: int) -> Kernel:
         for n, M in each_step(c):
             multiply(c, M, rows, LANES)
             v.since = v.since + 1
-            for _ in when((v.since == TOGETHER) | (n + 1 == c.steps)):
+            for _ in when((v.since == c.together) | (n + 1 == c.steps)):
                 orthonormalise(c, c.lengths.shifted(v.done * c.grown))
                 v.since, v.done = 0, v.done + 1
 

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..engine.known_steps import LANES, STEPS
-from ..engine.linearised import TOGETHER, ForwardRun, chain_back, chain_forward, grow
+from ..engine.linearised import ForwardRun, chain_back, chain_forward, grow
 from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
@@ -21,6 +21,9 @@ from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
 from .members import PerThread
+
+TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal
+LOST, NOTHING = 1e-6, 1e-300  # of the largest growth between them: what has lost digits; no growth
 
 
 def forward(steps: Linearised, states: States, start: Array, entries: EntriesOf, is_stored: StepMask) -> Array:
@@ -215,14 +218,11 @@ class Growth:
         self._chunks = list(self._steps.chunks())
         return self
 
-    @cached_property
-    def times(self) -> Array:
-        """The times at which changes are orthonormal again, s."""
-        ends = [np.append(np.arange(k + TOGETHER, last, TOGETHER), last) for k, last in self._steps.ranges()]
-        return self._steps.problem.times(np.concatenate(ends))
+    def sums(self, states: States, own: Workspace) -> tuple[Array, Array]:
+        """Return times, s, and the logarithms of what changes have grown by until each of them, (times, count).
 
-    def sums(self, states: States, own: Workspace) -> Array:
-        """Return the logarithms of what changes have grown by until each of the times, (times, count).
+        At these times changes are made orthonormal: so often that round-off of those that grow most does not hide how
+        the others do.
 
         Parameters
         ----------
@@ -236,6 +236,16 @@ class Growth:
         SimulationError
             The equations of a step are not solved again.
         """
+        for together in TOGETHER:
+            ends = [np.append(np.arange(k + together, last, together), last) for k, last in self._steps.ranges()]
+            times = self._steps.problem.times(np.concatenate(ends))
+            lengths = self._lengths(states, own, together, len(times))
+            if together == 1 or (lengths.min(axis=1) > LOST * lengths.max(axis=1)).all():
+                break
+        return times, np.cumsum(np.log(np.maximum(lengths, NOTHING)), axis=0)
+
+    def _lengths(self, states: States, own: Workspace, together: int, count: int) -> Array:
+        """Return by what changes grow until each time, (times, count)."""
         steps, k = self._steps, self.count
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
@@ -245,8 +255,8 @@ class Growth:
         T = np.array([[(B @ dN @ B.T)[e] for dN in BASIS] for e in ENTRIES])  # to entries in the body
         arrays["metric"][:] = T.T @ T / fastest**2
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
-        lengths, done = np.empty((len(self.times), k)), 0
+        lengths, done = np.empty((count, k)), 0
         for chunk in self._chunks or steps.chunks():
-            steps.run(grow(steps.rows), own, chunk, states, grown=k, lengths=lengths[done:], **at)
-            done += -(-(chunk.last - chunk.first) // TOGETHER)
-        return np.cumsum(np.log(lengths), axis=0)
+            steps.run(grow(steps.rows), own, chunk, states, grown=k, together=together, lengths=lengths[done:], **at)
+            done += -(-(chunk.last - chunk.first) // together)
+        return lengths

@@ -73,7 +73,7 @@ def documents(draw):
         "time": {"t_end": t_end, "step": t_end / steps, "store": draw(one_of([1, 1, 3, "end"]))},
         "integrator": {"name": name} | ({"order": draw(one_of(orders))} if orders else {}),
     }
-    for _ in range(draw(one_of([0] * 8 + [1, 1, 3]))):
+    for _ in range(draw(one_of([0] * 11 + [1, 1, 3]))):
         _spoil(draw, data)
     return data
 

@@ -181,7 +181,7 @@ def test_drag_never_lets_the_energy_rise_and_stiff_moments_are_solved(order):
             warnings.simplefilter("always")
             run = nt.simulate(body, load=load, order=order, **{**HOW, "step": 0.25, "t_end": 5})
         slow = [one for one in told if "damping slows the body down" in str(one.message)]
-        assert bool(slow) == (load.damping.max() > 50)
+        assert bool(slow) == (load.damping.max() > 50 or load not in loads)
         K = run.kinetic_energy.values
         assert np.diff(K) == pytest.approx(run.load_work.values, abs=1e-14 * K[0])
         assert np.diff(K).max() <= 4e-16 * K[0] or not load.damping.any()

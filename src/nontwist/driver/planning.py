@@ -55,6 +55,7 @@ class Plan(NamedTuple):
         "steps"  # what gives states near enough for figures: steps are short
     )
     means: bool = True  # whether means over the stored intervals are computed, most of what a run holds
+    estimates: Load | None = None  # the load from which steps are estimated, where it is known
 
     @property
     def goal(self) -> float:
@@ -94,6 +95,8 @@ class Plan(NamedTuple):
         stages of given steps alone.
         """
         load = self.load
+        if self.estimates is not None:
+            return self._replace(load=self.estimates, estimates=None)
         if self.scheme.any_times or not load.called.terms or (self.grid is not None and not load.is_compiled):
             return self
         called, slowest = load.called, 1 / (self.t_end - self.t_start)
@@ -103,6 +106,10 @@ class Plan(NamedTuple):
         states = [*zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)]
         found = [damping_at(called, t, q, W, slowest) for t in times for q, W in states]
         return self._replace(load=load + damping(max(found, key=np.linalg.norm)))
+
+    def estimated(self, begin: Starts) -> Plan:
+        """Return the plan, with what steps are estimated from."""
+        return self._replace(estimates=self.linearised(begin).load)
 
     def decay(self, begin: Starts) -> float:
         """Return the largest rate at which anything decays at a start, 1/s, about."""

@@ -213,6 +213,7 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance; where it has output times, its steps are those without them."""
+    plan = plan.estimated(begin)
     has_times, own = plan.is_between or plan.output_times is not None, plan
     if has_times:
         has_series = plan.scheme.has_series(plan.systems, plan.load)

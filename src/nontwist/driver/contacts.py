@@ -62,7 +62,6 @@ from ..loads import Load
 from ..loads.base import moment_at
 from ..loads.calls import checked
 from ..loads.friction import ROUND_OFF
-from ..loads.memory import MOMENTS
 from ..loads.wheels import Wheel
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
@@ -175,12 +174,9 @@ class Contacts:
         for a, one in enumerate(self.wheels):
             r[a] = one.responses(checked, t, (float(h[a]), *z[self.places[a] + 1 :][: one.count - 1]), None, W)[1][0]
         K = K + cross((h - turning) @ self.spins, W) - r @ self.spins
-        place = len(z) - sum(term.state0.size for term in self.beside)
-        for term in self.beside:
-            own = z[place : place + term.state0.size]
-            found = term.text(checked, [*q.ravel().tolist(), *(W @ q).tolist(), *W.tolist(), *own, t])
-            K = K + term.scale * (q @ np.array(found[:3]) + np.array(found[3:MOMENTS]))
-            place += len(own)
+        for term, place in self.load.placed:
+            if not isinstance(term, Wheel):
+                K = K + q @ term.answers(t, q, W, np.asarray(z)[place])[0]
         return K, r
 
     def free(self, t: float, q: Array, W: Array, z: Any) -> Array:

@@ -220,6 +220,29 @@ def test_what_holds_a_body_that_turns_about_one_axis():
     assert run.load_work.values == pytest.approx(0.01 * speed, rel=1e-12)
 
 
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("axes", ["", "x", "xz"])
+def test_rotors_give_the_body_what_they_lose(axes, scheme):
+    """About y, with kinks of the momentum between steps."""
+    times, values = [0, 1.013, 2.027], [0.5, 2.5, 1]
+    load = sum((nt.dry_friction(10, axis) for axis in axes), nt.rotor((0, 1, 0), times, values))
+    how = {"t_end": 3, "step": 0.05, "material_angular_velocity": (0, 0.7, 0), "integrator": scheme}
+    with pytest.warns(UserWarning, match="breakpoints of the load off the grid"):
+        run = nt.integrate(nt.standard(J), load=load, **how)
+    total = 4 * run.material_angular_velocity[:, 1] + np.interp(run.time, times, values)
+    assert total == pytest.approx(4 * 0.7 + 0.5, abs=1e-14)
+    momentum = run.observables(["spatial_momentum"])["spatial_momentum"]
+    assert np.diff(momentum, axis=0) / 0.05 == pytest.approx(run.moment, abs=1e-12)
+
+
+@pytest.mark.parametrize("axis", [None, (1, 2, 0)])
+def test_a_massless_rod_slows_down(axis):
+    along, load = np.array([1, 2, 0]) / np.sqrt(5), nt.dry_friction(0.1, axis)
+    run = nt.simulate(nt.nontwisting([1, 1, 0]), t_end=15, step=0.1, load=load, material_angular_velocity=along)
+    left = np.maximum(1 - 0.1 * run.time.values, 0)
+    assert run.material_angular_velocity.values == pytest.approx(np.outer(left, along), abs=1e-13)
+
+
 @pytest.mark.parametrize("load", [nt.wheel("y", 0.1), nt.gravity_gradient(0.1)])
 def test_a_body_that_has_one_axis_left_may_rest_but_not_turn(load):
     held, load = nt.nontwisting(J), load + nt.dry_friction(1, "x")

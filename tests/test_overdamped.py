@@ -73,6 +73,24 @@ def test_a_function_of_the_state_damps_as_well(c):
     assert run.warning is None
 
 
+STIFF = {
+    "wheel": nt.wheel("z", 0.5, speed=20, friction=lambda speed: 1e6 * speed),
+    "memory": nt.memory_load(
+        lambda t, z, d, w: 1e6 * (w[:1] - z), lambda t, z, d, w: z * np.ones(3), [9], compiled=True
+    ),
+    "function": nt.moment(lambda t, d, w: -1e7 * w, compiled=True),
+}
+
+
+@pytest.mark.parametrize("load", STIFF)
+def test_what_steps_do_not_resolve_is_said_of_every_load(load):
+    how = {"t_end": 0.1, "step": 0.01, "order": 4, "load": STIFF[load]}
+    with pytest.warns(UserWarning, match=r"which step = 0\.01 s does not resolve"):
+        nt.simulate(nt.standard([3, 4, 5]), material_angular_velocity=(0, 0, 1), **how)
+    with pytest.warns(UserWarning, match=r"which step = 0\.01 s does not resolve"):
+        nt.simulate_ensemble(nt.standard([3, 4, 5]), material_angular_velocity=np.eye(3), **how)
+
+
 def test_a_damper_that_begins_later():
     """About a principal axis W stays, then ``W = W_0 exp(-c (t - 1)/J)``."""
     c, times = 2e6, np.array([1.0, 1.0 + 1e-6, 5.0])

@@ -25,13 +25,13 @@ that a step does not turn a body far behind the root, it is at most as long as t
 vanish, where this is much shorter than the step.
 
 With the momenta h and the speeds Ω of wheels about axes n_a (`loads.wheels`), r_a what acts on each beside dry
-friction, J_c the inertia of what carries them, Q = J_c⁻¹, across a constrained axis n ``Q - Q n nᵀQ/n·Qn``, and M the
-moments of all else,
+friction, J_c the inertia of what carries them, Q = J_c⁻¹, across a constrained axis n ``B (BᵀJ_c B)⁻¹ Bᵀ`` of a basis
+B, and M the moments of all else,
 
     J_c W' = K - Gᵀλ - μ n,        K = M + (J_c W + Σ h n) × W - Σ r n,        h_a' = r_a - λ_a,
 
-the rows of G being the axes a of friction of the body, and -n of that in bearings. Hence ``W' = Q (K - Gᵀλ)`` and, with
-D that of bearings alone, 1/I,
+the rows of G being the axes a of friction of the body, and -n of that in bearings. Hence ``W' = Q (K - Gᵀλ)``, ``μ = (n
+- Q J_c n)·(K - Gᵀλ)`` and, with D that of bearings alone, 1/I,
 
     rates    G W + D h,        b = G Q K + D r,        S = G Q Gᵀ + D.
 
@@ -137,9 +137,9 @@ class Contacts:
         self.inertia = np.array([one.inertia for one in self.wheels])
         self.spins = np.array([one.direction for one in self.wheels]).reshape(-1, 3)
         self.J = (carrier(self.body, self.load) if self.wheels else self.body).convected_inertia
-        self.Q = self.inverse = np.linalg.inv(self.J)
-        if (n := self.body.axis) is not None:
-            self.Q = self.Q - np.outer(self.Q @ n, self.Q @ n) / (n @ self.Q @ n)
+        n = self.body.axis  # about which J may be 0
+        across = np.eye(3) if n is None else np.linalg.svd(n[None])[2][1:].T
+        self.Q = across @ np.linalg.solve(across.T @ self.J @ across, across.T)
         self.D = np.concatenate([np.zeros(self.bearings), 1 / self.inertia[self.dry]])
         self.turn([np.zeros(3) if one.axis is None else one.axis for one in self.frictions])
 

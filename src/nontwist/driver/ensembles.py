@@ -27,9 +27,9 @@ from .notices import (
     failure_message,
     members_cost,
     progress_bar,
+    say,
     warn_of_cost,
     warn_of_grid,
-    warn_of_step,
 )
 from .planning import require_observed
 from .problem import OfEnsemble, Problem, every_stored, plan_of, posed, starts_of, takes
@@ -151,7 +151,7 @@ def simulate_ensemble(
     if scheme.is_compiled:
         warn_of_cost(load)
         warn_of_grid(load, systems, t0, t1, grid)
-        warn_of_step(scheme, problem)
+        say([plan._replace(scheme=scheme).remark(begin, problem)])
     size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     if not on_gpu:

@@ -25,7 +25,7 @@ from ..models.system import DirectorSystem
 from . import completion
 from .derivatives import differentiable, solved_with
 from .ensembles import with_messages
-from .notices import announce, cores, members_cost, progress_bar, warn_of_grid, warn_of_step
+from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
 from .starts import Starts
@@ -179,7 +179,7 @@ def lyapunov_ensemble(
     _warn_of_hidden(plan, begin, grid)
     problem = plan.problem(begin._replace(grid=None), grid)
     warn_of_grid(plan.load, systems, plan.t_start, plan.t_end, grid)
-    warn_of_step(scheme, problem)
+    say([plan.remark(begin, problem)])
     one = problem.member(0)
     cost = members_cost(scheme, one, len(problem), 2, 0, workers)
     announce(cost._replace(seconds=LINEARISED * cost.seconds), scheme, one)

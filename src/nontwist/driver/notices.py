@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 
@@ -168,11 +168,12 @@ def failure_message(problem: IVP, failure: Failure) -> str:
     return f"{where}: {cause}; try step <= {remedy:g}"
 
 
-def say(messages: list[str]) -> bool:
-    """Warn of each message, at the line of the caller of the package; return whether there is none."""
-    for message in messages:
+def say(messages: Sequence[str | None]) -> bool:
+    """Warn of each message that there is, at the line of the caller of the package; return whether there is none."""
+    said = [message for message in messages if message]
+    for message in said:
         warn(message)
-    return not messages
+    return not said
 
 
 def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: Stretches) -> bool:
@@ -183,12 +184,6 @@ def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: S
     if not load.terms and systems.spin is None:
         return True
     return say(load_messages(load, systems, t0, t1, grid))
-
-
-def warn_of_step(scheme: Integrator, problem: IVP) -> bool:
-    """Warn of what the integrator says about the step; return whether it says nothing."""
-    remark = scheme.remark(problem)
-    return remark is None or say([remark])
 
 
 def warn_of_cost(load: Load) -> bool:

@@ -35,7 +35,7 @@ from .grid import (
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
-MEMBERS = 8  # and breakpoints at most, for which loads are linearised
+SOME = 32  # members and breakpoints at most, for which loads are linearised
 
 
 class Plan(NamedTuple):
@@ -100,16 +100,19 @@ class Plan(NamedTuple):
         if self.scheme.any_times or not load.called.terms or (self.grid is not None and not load.is_compiled):
             return self
         called, slowest = load.called, 1 / (self.t_end - self.t_start)
-        borders = [self.t_start, *kinks(called, self.t_start, self.t_end)[:MEMBERS]]
+        borders = [self.t_start, *_some(kinks(called, self.t_start, self.t_end))]
         times = [self.t_start, *((a + b) / 2 for a, b in pairwise([*borders, self.t_end]) if len(borders) > 1)]
-        some = np.linspace(0, len(begin.velocity) - 1, min(len(begin.velocity), MEMBERS)).astype(int)
-        states = [*zip(directors(begin.quaternion[some]), begin.velocity[some], strict=True)]
+        states = [*zip(directors(_some(begin.quaternion)), _some(begin.velocity), strict=True)]
         found = [damping_at(called, t, q, W, slowest) for t in times for q, W in states]
         return self._replace(load=load + damping(max(found, key=np.linalg.norm)))
 
     def estimated(self, begin: Starts) -> Plan:
         """Return the plan, with what steps are estimated from."""
         return self._replace(estimates=self.linearised(begin).load)
+
+    def remark(self, begin: Starts, problem: IVP) -> str | None:
+        """Return what the integrator says about the steps of a problem, or None."""
+        return self.scheme.remark(replace(problem, load=self.linearised(begin).load))
 
     def decay(self, begin: Starts) -> float:
         """Return the largest rate at which anything decays at a start, 1/s, about."""
@@ -118,8 +121,8 @@ class Plan(NamedTuple):
             return rate
         z = internal_states(self.systems, self.load, begin, self.t_start)
         assert z is not None
-        q, W = directors(begin.quaternion[0]), begin.velocity[0]
-        return max(rate, memory_rate(self.load, self.t_start, q, W, z[0]))
+        states = zip(directors(_some(begin.quaternion)), _some(begin.velocity), _some(z), strict=True)
+        return max(rate, *(memory_rate(self.load, self.t_start, *state) for state in states))
 
     def fastest(self, begin: Starts, is_bound: bool = False) -> float:
         """Return the largest |w| of its runs from a start, rad/s: about, or a bound."""
@@ -228,6 +231,12 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
     for k in range(len(systems)) if load.wheels else ():
         carrier(systems[k], load)
     return load
+
+
+def _some(values: Array) -> Array:
+    """Return some of many values, the first and the last among them."""
+    found: Array = values[np.linspace(0, len(values) - 1, min(len(values), SOME)).astype(int)]
+    return found
 
 
 def require_observed(scheme: Integrator, load: Load) -> None:

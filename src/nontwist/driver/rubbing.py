@@ -4,7 +4,8 @@
   long as a·W has the sign at the stages.
 - Sticking, the body is the Suslov body of axis a, whose μ is λ.
 - Sticking so that one axis d is left to turn about, it turns about this one alone, ``d·J d ω' = d·M``, and d stays in
-  space. That is a body of inertia d·J d under the moment d (d·M). What holds the other one follows from its momentum.
+  space. That is a body of inertia d·J d under the moment d (d·M), and rotors about d. What holds the other one
+  follows from its momentum.
 - Resting, W = 0 exactly and Λ constant, if nothing accelerates the body. Wheels then turn as if nothing carried them.
 
 Against w there is one contact, whose λ a is in c Sgn(W), the unit ball at W = 0; sticking is always rest. It ends where
@@ -35,7 +36,7 @@ from ..loads import Load, moment
 from ..loads.base import moment_at
 from ..loads.friction import Sliding
 from ..loads.potentials import GravityGradient
-from ..loads.terms import Damping
+from ..loads.terms import Damping, Rotor
 from ..loads.wheels import OnBodyAtRest, Wheel
 from ..models.system import DirectorSystem, euler_inertia
 from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
@@ -96,17 +97,22 @@ class Rubbed(Contacts):
     def _about(self, d: Array) -> Phase | None:
         """Return the problem of a body that can turn about one axis of it alone."""
         (p, *_, z), dead, load = self.state, self.body.dead_force, self.under(self.sliding(np.zeros(3)))
+        rotors = [
+            replace(one, rotor=d, values=one.rotor @ d * one.values) for one in load.terms if isinstance(one, Rotor)
+        ]
+        others = Load(tuple(one for one in load.terms if not isinstance(one, Rotor)))
         if z is not None or any(isinstance(term, GravityGradient) for term in self.load.potentials):
             self.fail(HELD)
             return None
         self.at_nodes, J, along = True, d @ self.J @ d, d @ directors(p)
 
         def moment_about(t: float, q: Array, w: Array) -> Array:
-            M = moment_at(load, t, q, w) + cross(q, dead).sum(axis=0)
+            M = moment_at(others, t, q, w) + cross(q, dead).sum(axis=0)
             return (along @ M) * along  # type: ignore[no-any-return]
 
         one = DirectorSystem(euler_inertia(J * np.eye(3)))
-        return Phase(one, moment(moment_about), self.changes(list(self.modes)), lambda piece: self._turned(d, piece))
+        about = moment(moment_about) + Load(tuple(rotors))
+        return Phase(one, about, self.changes(list(self.modes)), lambda piece: self._turned(d, piece))
 
     def in_modes(self) -> Load:
         """Return the load with wheels that slip or stand as the modes say."""
@@ -140,7 +146,7 @@ class Rubbed(Contacts):
     def stillness(self, t: float, q: Array, z: Any) -> float:
         """Return a number that is negative where contacts that hold a body at rest do not hold all of it."""
         K, W = self.forces(t, q, np.zeros(3), z)[0], np.zeros(3)
-        return float(STILL * abs(self.inverse @ K).max() - abs(self.slope(t, q, W, z)).max())
+        return float(STILL * abs(self.Q).max() * abs(K).max() - abs(self.slope(t, q, W, z)).max())
 
     def ends_of_rest(self) -> list[Change]:
         """Return what can end it."""
@@ -216,7 +222,7 @@ class Rubbed(Contacts):
                     cross(q, self.body.dead_force).sum(axis=0),
                 )
                 for n in self.axis:
-                    along = self.inverse @ n / (n @ self.inverse @ n)
+                    along = n - self.Q @ self.J @ n
                     K, lam = self.forces(t, q, V, None)[0], self.holding(self.free(t, q, V, None), self.modes)[0]
                     mu[k] += weight * (f := (K - lam @ self.G) @ along)
                     held[k] += weight * f * (n @ q)
@@ -247,7 +253,7 @@ class Rubbed(Contacts):
             inner = [None] * len(middles) if z is None else (z[1:] + z[:-1]) / 2
             K = np.array([self.forces(t, q, W, y)[0] for t, y in zip(middles.tolist(), inner, strict=True)])
             lam = [self.holding(self.free(t, q, W, y), self.modes)[0] for t, y in zip(middles, inner, strict=True)]
-            mu = (K.reshape(-1, 3) - np.array(lam) @ self.G) @ (self.inverse @ n[0]) / (n[0] @ self.inverse @ n[0])
+            mu = (K.reshape(-1, 3) - np.array(lam) @ self.G) @ (n[0] - self.Q @ self.J @ n[0])
             is_linear = all(term.dead_force is not None for term in potentials)
             means = means._replace(
                 multipliers=mu[None, :, None],
@@ -427,7 +433,7 @@ class Tumbling(Rubbed):
         """Let the body start to turn, for a short time, to the velocity that it has under the friction along it."""
         begin, node = self.t, float(self.nodes[self.number() + 1])
         a = self._rate_at_rest()
-        is_slow = np.linalg.norm(a) <= SLOW * np.linalg.norm(self.inverse @ self._needed())
+        is_slow = np.linalg.norm(a) <= SLOW * np.linalg.norm(self.Q @ self._needed())
         to = min(begin + max((SLOWLY if is_slow else BEGIN) * h, TICKS * float(np.spacing(abs(begin)))), node)
         along = self.under(self.sliding(self.state.velocity))
         self.keep(self._slid(self.marched(replace(self.to(to), load=along), [])[0]))

@@ -35,10 +35,10 @@ from .notices import (
     failure_message,
     phase_error,
     progress_bar,
+    say,
     unremarkable,
     warn_of_cost,
     warn_of_grid,
-    warn_of_step,
 )
 from .planning import Plan
 from .starts import Starts
@@ -279,7 +279,7 @@ def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = 
     is_quiet &= announce(notices.run_cost(scheme, whole, states), scheme, whole)
     if not plan.off_grid and plan.grid is not None:
         is_quiet &= warn_of_grid(load, plan.systems, plan.t_start, plan.t_end, grid)
-    return is_quiet & warn_of_step(scheme, replace(whole, load=plan.linearised(begin).load))
+    return is_quiet & say([plan.remark(begin, whole)])
 
 
 def integrated(
@@ -455,7 +455,7 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
     messages = load_messages(load, plan.systems, plan.t_start, plan.t_end, grid)
     if not problems and (notice := notices.notice(cost)) is not None:
         messages.append(notice)
-    if not problems and (remark := scheme.remark(replace(task, load=plan.linearised(begin).load))) is not None:
+    if not problems and (remark := plan.remark(begin, task)) is not None:
         messages.append(remark)
     if isinstance(scheme, Compiled) and not plan.is_controlled:
         phase = math.degrees(phase_error(scheme, task, fastest))

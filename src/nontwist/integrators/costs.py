@@ -101,10 +101,11 @@ def memory_rate(load: Load, t: float, directors: Array, W: Array, z: Array) -> f
 def _slopes(function: Callable[[Array], Array], x: Array, size: Array) -> Array:
     """Return the derivatives of a function at x, rows, by differences; 0 where it fails, or jumps or bends nearby."""
     try:
-        coarse, fine = (
-            np.array([(function(x + d) - function(x - d)) / (2 * d.sum()) for d in np.diag(apart * size)])
-            for apart in APART
-        )
+        with np.errstate(all="ignore"):
+            coarse, fine = (
+                np.array([(function(x + d) - function(x - d)) / (2 * d.sum()) for d in np.diag(apart * size)])
+                for apart in APART
+            )
     except Exception:  # a run says what is wrong with a function
         return np.zeros((x.size, x.size))
     is_smooth = abs(coarse - fine).max() <= BENT * abs(fine).max()  # also not where a number is none
@@ -116,10 +117,13 @@ def unresolved(problem: IVP, order: int, is_a_stable: bool) -> str | None:
 
     A kink of the load, as the start, excites such modes. Those of the rate order/h are gone in steps long after it.
     """
-    rate, grid = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid
+    rate, grid, load = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid, problem.load
+    if load.memories and load.is_compiled and problem.internal is not None:
+        q, W, z = directors(problem.quaternion[0]), problem.velocity[0], problem.internal[0]
+        rate = max(rate, memory_rate(load, problem.t_start, q, W, z))
     if not grid.longest * rate > order:
         return None
-    h, kinks = np.array(grid.sizes), np.sort([grid.borders[0], *problem.load.breakpoints])
+    h, kinks = np.array(grid.sizes), np.sort([grid.borders[0], *load.breakpoints])
     since = grid.borders[:-1] - kinks[np.searchsorted(kinks, grid.borders[:-1], side="right") - 1]
     coarse = h[(h * rate > order) & (order * since < GONE * h)]
     if not coarse.size:
@@ -227,7 +231,8 @@ def largest_velocity(
     energy = root**2 + 4 * _pull(systems, load, scale)
     slowest = slowest_damping(systems, load, scale)
     if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
-        driven = np.linalg.norm((_pulls(systems, basis) / np.sqrt(moments))[:, _free_axes(systems)], axis=1)
+        free = _free_axes(systems)
+        driven = np.linalg.norm(_pulls(systems, basis)[:, free] / np.sqrt(moments[:, free]), axis=1)
         driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))

@@ -89,6 +89,9 @@ def test_what_steps_do_not_resolve_is_said_of_every_load(load):
         nt.simulate(nt.standard([3, 4, 5]), material_angular_velocity=(0, 0, 1), **how)
     with pytest.warns(UserWarning, match=r"which step = 0\.01 s does not resolve"):
         nt.simulate_ensemble(nt.standard([3, 4, 5]), material_angular_velocity=np.eye(3), **how)
+    del how["t_end"]
+    with pytest.warns(UserWarning, match=r"which step = 0\.01 s does not resolve"):
+        nt.stepper(nt.standard([3, 4, 5]), integrator="gauss", **how)
 
 
 def test_a_damper_that_begins_later():

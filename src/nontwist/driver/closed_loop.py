@@ -18,6 +18,7 @@ from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
+from ..integrators.time_grid import stretched
 from ..integrators.wheels import COMMANDED, commanded, wheel_columns
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
@@ -28,10 +29,10 @@ from . import completion
 from .completion import OVERFLOW
 from .contacts import refusal
 from .grid import NODES_APART
-from .notices import failure_message, warn_of_cost
-from .planning import fitting, internal_states, resolve_integrator
+from .notices import failure_message, say, warn_of_cost
+from .planning import fitting, internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
-from .starts import BodyState, start_of_one
+from .starts import AT_REST, BodyState, start_of_one
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -166,7 +167,8 @@ def stepper(
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
-    loop = Stepper(body, h, scheme, of_body(load, body.inertia))
+    loop, plan = Stepper(body, h, scheme, of_body(load, body.inertia)), planned(body, load, scheme, t_end=h, step=h)
+    say([plan.remark(AT_REST, plan.problem(AT_REST, stretched((0.0, h), (1,))))])
     if isinstance(system, Problem):
         loop.reset(**part_of(problem, OfStart), time=problem.t_start)
     return loop

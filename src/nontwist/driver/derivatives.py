@@ -24,8 +24,8 @@ from .grid import stored_steps
 from .parameters import EVERY, Parameters
 from .planning import Plan
 from .problem import OfStored, Problem, plan_of, posed, start_of, takes
-from .single_run import AT_REST, PreparedPlan, integrated, run_of
-from .starts import Starts
+from .single_run import PreparedPlan, integrated, run_of
+from .starts import AT_REST, Starts
 
 if TYPE_CHECKING:
     import xarray

@@ -18,8 +18,8 @@ from .grid import require_resolution
 from .parameters import EVERY
 from .planning import Plan
 from .problem import STARTS, OfStarts, Problem, every_stored, plan_of, posed, takes
-from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of, with_warning
-from .starts import Starts, last_attitude, start_of_one, without_spin
+from .single_run import PreparedPlan, check_cost, integrated, run_of, with_warning
+from .starts import AT_REST, Starts, last_attitude, start_of_one, without_spin
 
 ASIDE = [name for name in STARTS if name != "start"]  # of a problem: calls give them
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"

@@ -41,11 +41,10 @@ from .notices import (
     warn_of_grid,
 )
 from .planning import Plan
-from .starts import Starts
+from .starts import AT_REST, Starts
 from .tolerance import First, apart_shown, controlled, finer, first_run
 
 CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
-AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 
 
 class PreparedPlan:

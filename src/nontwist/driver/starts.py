@@ -130,6 +130,9 @@ class Starts(NamedTuple):
     removed: Array = np.zeros(1)  # (1,) or (m,), rad/s: the part of W along the constrained axis before it was removed
 
 
+AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
+
+
 def start_of_one(
     system: DirectorSystem,
     start: Any = None,

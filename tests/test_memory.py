@@ -175,6 +175,7 @@ def followed(lag, order, unit=1.0, start=0.0):
     return integrate(standard(J), **HOW, load=made, integrator=Gauss(order))
 
 
+@pytest.mark.filterwarnings("ignore:internal states of the load decay")
 @pytest.mark.parametrize(("order", "within"), [(2, 2e-3), (8, 1e-8)])
 def test_a_state_that_is_faster_than_the_steps(order, within):
     """Newton's iteration, as the lag is a hundredth of the step."""
@@ -245,6 +246,7 @@ test_a_derivative_that_fails = pytest.mark.filterwarnings("ignore:divide by zero
 )
 
 
+@pytest.mark.filterwarnings("ignore:internal states of the load decay")
 @pytest.mark.parametrize(("lag", "unit"), [(1.0, 2.0**-20), (1.0, 2.0**20), (1e-3, 2.0**20)])
 def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit):
     """By fixed-point and by Newton's iteration, what is small is relative to z; only pivots depend on the unit."""

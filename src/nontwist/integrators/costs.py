@@ -118,9 +118,11 @@ def unresolved(problem: IVP, order: int, is_a_stable: bool) -> str | None:
     A kink of the load, as the start, excites such modes. Those of the rate order/h are gone in steps long after it.
     """
     rate, grid, load = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid, problem.load
+    what, sound = "damping slows the body down", "energy does not rise, but " * is_a_stable
     if load.memories and load.is_compiled and problem.internal is not None:
         q, W, z = directors(problem.quaternion[0]), problem.velocity[0], problem.internal[0]
-        rate = max(rate, memory_rate(load, problem.t_start, q, W, z))
+        if (own := memory_rate(load, problem.t_start, q, W, z)) > rate:
+            rate, what, sound = own, "internal states of the load decay", ""
     if not grid.longest * rate > order:
         return None
     h, kinks = np.array(grid.sizes), np.sort([grid.borders[0], *load.breakpoints])
@@ -132,9 +134,8 @@ def unresolved(problem: IVP, order: int, is_a_stable: bool) -> str | None:
     if not is_a_stable:
         others = "the integrator gauss, which takes damped modes in long steps"
     return (
-        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {coarse.max():.6g} s does not "
-        f"resolve: {'energy does not rise, but ' * is_a_stable}those modes are wrong; try step <= {order / rate:.1g}, "
-        f"or {others}"
+        f"{what} at a rate of up to {rate:.3g} 1/s, which step = {coarse.max():.6g} s does not resolve: {sound}those "
+        f"modes are wrong; try step <= {order / rate:.1g}, or {others}"
     )
 
 

@@ -334,6 +334,14 @@ def helix(t):
     return points, np.stack([-np.sin(t), np.cos(t), 0.5 + 0 * t], -1)
 
 
+@pytest.mark.parametrize("k", [0, 1])
+def test_a_curve_of_points_that_are_no_numbers_has_no_frame(k):
+    given = [np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]]), np.array([[1.0, 0, 0], [1, 1, 0], [1, 1, 1]])]
+    given[k][1, 2] = np.nan
+    with pytest.raises(ValueError, match=rf"^{('points', 'tangents')[k]}\[1, 2\]"):
+        frame_of_curve(*given)
+
+
 def test_frame_of_curve_of_awkward_points():
     points, tangents = helix(np.linspace(0, 3, 41))
     frames = frame_of_curve(points, 7 * tangents)

@@ -143,6 +143,15 @@ def test_the_order_is_2_unless_another_is_asked_for():
     assert nt.stepper(FREE, H, integrator=Gauss()).integrator == Gauss(order=8)
 
 
+def test_a_stepper_with_friction_sees_the_time():
+    """``J W' = t - 1/2`` while it slides."""
+    load = nt.body_moment(lambda t: np.array([t, 0, 0])) + nt.dry_friction(0.5, "x")
+    loop = nt.stepper(nt.standard([3, 4, 5]), 0.125, load=load)
+    states = [loop.step() for _ in range(16)]
+    assert [state.material_angular_velocity[0] for state in states[:4]] == [0.0] * 4
+    assert states[-1].material_angular_velocity[0] == pytest.approx(1.5**2 / 2 / 3, rel=1e-13)
+
+
 def test_wrong_input_is_refused_and_leaves_the_state():
     loop = nt.stepper(FREE, H)
     now = loop.reset(**START)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import base64
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -136,7 +136,8 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
         As `content`, naming the run; or the labels are not one string for each run.
     """
     given = [labels] if isinstance(labels, str) else labels
-    if given is not None and (len(given) != len(runs) or not all(isinstance(one, str) for one in given)):
+    is_list = isinstance(given, Collection) and len(given) == len(runs) and all(isinstance(one, str) for one in given)
+    if given is not None and not is_list:
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
         raise ValueError(f"labels must be {many}, got {short_repr(labels)}")
     two = len(runs) == 2

@@ -168,7 +168,8 @@ class SimulationError(RuntimeError):
         self, message: str, status: int, time: float, step: float, residual: float, partial: Any = None
     ) -> None:
         super().__init__(message)
-        self.status, self.time, self.step, self.residual, self.partial = status, time, step, residual, partial
+        self.status, self.partial = status, partial
+        self.time, self.step, self.residual = float(time), float(step), float(residual)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (str(self), self.status, self.time, self.step, self.residual, self.partial)

@@ -76,7 +76,7 @@ def documents(draw):
         "integrator": {"name": name} | ({"order": draw(one_of(orders))} if orders else {}),
     }
     data = deepcopy(data)  # parts of which are the same objects in every document
-    for _ in range(draw(one_of([0] * 8 + [1, 1, 3]))):
+    for _ in range(draw(one_of([0] * 11 + [1, 1, 3]))):
         _spoil(draw, data)
     return data
 

@@ -194,12 +194,11 @@ def test_a_body_that_has_one_axis_left_turns_about_it(body, scheme):
     run = nt.integrate(body, **how, integrator=scheme, step=0.02)
     stuck = run.sticking == len(axes)
     right = solve_ivp(rate, (0, 4), [0, 0.7], "DOP853", times, rtol=1e-12, atol=1e-14).y[1]
-    bound = 1e-11 if scheme == "gauss" else 2 * 0.02**2
+    bound = 3e-12 if scheme == "gauss" else 1.5 * 0.02**2
     assert abs(run.material_angular_velocity - np.outer(right, [0, 1, 0]))[stuck].max() < bound
-    assert 10 <= stuck.sum() < 20
+    assert stuck.sum() == 17
     energy = sum(run.observables(["kinetic_energy", "potential_energy"]).values())
-    assert abs(np.diff(energy) - run.load_work).max() < 1e-12
-    assert (np.diff(energy) <= 4 * 0.2).all()
+    assert abs(np.diff(energy) - run.load_work).max() < 1e-14
 
 
 def test_what_holds_a_body_that_turns_about_one_axis():
@@ -216,7 +215,7 @@ def test_what_holds_a_body_that_turns_about_one_axis():
     )
     n = (run.directors.values[1:, 2] + run.directors.values[:-1, 2]) / 2
     held = run.moment.values + run.reaction_moment.values[:, None] * n
-    assert np.diff(run.spatial_momentum.values, axis=0) / 0.01 == pytest.approx(held, abs=1e-4)
+    assert np.diff(run.spatial_momentum.values, axis=0) / 0.01 == pytest.approx(held, abs=1.5e-5)
     assert run.load_work.values == pytest.approx(0.01 * speed, rel=1e-12)
 
 

@@ -48,13 +48,16 @@ def test_sums_are_the_growth_of_volumes(scheme):
 
 @pytest.mark.parametrize("turn", [1.0, 3.0])
 def test_strong_damping_has_the_exponents_of_its_rates(turn):
-    """-c/J_i, also where a step decays so much that round-off of what grows hides it within few steps."""
+    """-c/J_i as a step of order 8 has it, R(-h c/J), also where round-off of what grows hides it within few steps."""
     how = {"t_end": 1280 * turn / 1e3, "step": turn / 1e3, "order": 8, "load": nt.damping(1e3)}
     found = nt.lyapunov(nt.standard([1, 2, 3]), material_angular_velocity=(1, 2, 3), **how).lyapunov_exponent
     growth = (found * found.time).values[:, 3:]
     middle = len(growth) // 2
     late = (growth[-1] - growth[middle]) / (found.time.values[-1] - found.time.values[middle])
-    assert late == pytest.approx(np.array([-1e3 / 3, -1e3 / 2, -1e3]), rel=2e-3)
+    z = turn / np.array([3, 2, 1])
+    by_step = np.polyval([1, -20, 180, -840, 1680], z) / np.polyval([1, 20, 180, 840, 1680], z)
+    assert late == pytest.approx(np.log(by_step) * 1e3 / turn, rel=1e-11)
+    assert late == pytest.approx(-1e3 * z / turn, rel=4e-4)
 
 
 def test_decays_that_steps_do_not_resolve_are_named():

@@ -32,6 +32,7 @@ from .grid import NODES_APART
 from .notices import failure_message, say, warn_of_cost
 from .planning import fitting, internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
+from .single_run import whole_of
 from .starts import AT_REST, BodyState, start_of_one
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def stepper(
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
     loop, plan = Stepper(body, h, scheme, of_body(load, body.inertia)), planned(body, load, scheme, t_end=h, step=h)
-    say([plan.remark(AT_REST, plan.problem(AT_REST, stretched((0.0, h), (1,))))])
+    say([plan.remark(AT_REST, whole_of(plan, stretched((0.0, h), (1,))))])
     if isinstance(system, Problem):
         loop.reset(**part_of(problem, OfStart), time=problem.t_start)
     return loop

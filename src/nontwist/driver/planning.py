@@ -91,8 +91,8 @@ class Plan(NamedTuple):
     def linearised(self, begin: Starts) -> Plan:
         """Return the plan from which steps are estimated: with the damping that functions of the state are at a start.
 
-        It is the largest of some members, and between some of the breakpoints. Functions in Python are called at the
-        stages of given steps alone.
+        It is the largest of some members, and of the first between some of the breakpoints. Functions in Python are
+        called at the stages of given steps alone.
         """
         load = self.load
         if self.estimates is not None:
@@ -101,9 +101,10 @@ class Plan(NamedTuple):
             return self
         called, slowest = load.called, 1 / (self.t_end - self.t_start)
         borders = [self.t_start, *_some(kinks(called, self.t_start, self.t_end))]
-        times = [self.t_start, *((a + b) / 2 for a, b in pairwise([*borders, self.t_end]) if len(borders) > 1)]
+        later = [(a + b) / 2 for a, b in pairwise([*borders, self.t_end])] if len(borders) > 1 else []
         states = [*zip(directors(_some(begin.quaternion)), _some(begin.velocity), strict=True)]
-        found = [damping_at(called, t, q, W, slowest) for t in times for q, W in states]
+        points = [*((self.t_start, *state) for state in states), *((t, *states[0]) for t in later)]
+        found = [damping_at(called, *point, slowest) for point in points]
         return self._replace(load=load + damping(max(found, key=np.linalg.norm)))
 
     def estimated(self, begin: Starts) -> Plan:

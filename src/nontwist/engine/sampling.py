@@ -22,7 +22,7 @@ from .workspace import internal, turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
-TINY = 1e-280  # whose inverse is a number
+TINY = 1e-280  # of velocities, rad/s: less is rest, and the inverse of a difference is a number
 FOUND = fields(Work)["found"].offset
 W, C_MOMENT = (fields(StateCall)[name].offset for name in ("w", "c_moment"))
 

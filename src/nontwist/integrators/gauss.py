@@ -83,7 +83,7 @@ from ..engine.generalised import STAGE
 from ..engine.known_steps import Wanted
 from ..engine.marching import PI, Step, Text, turned_and_normalised
 from ..engine.records import Parts, State
-from ..engine.sampling import Nodes
+from ..engine.sampling import TINY, Nodes
 from ..engine.workspace import integrate, observe_at
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
@@ -98,7 +98,7 @@ from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table
 from .gauss_memory import Memory
 from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
-from .gauss_stages import CHECKED, OVERFLOW, TINY, Equations, Stage, Stages, TurnEquations, axes_at, iterated
+from .gauss_stages import CHECKED, OVERFLOW, Equations, Stage, Stages, TurnEquations, axes_at, iterated
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 

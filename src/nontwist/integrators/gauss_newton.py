@@ -27,7 +27,7 @@ from typing import Any
 
 from ..engine.newton import EPS, ROUND_OFF, Scratch, eliminate_once
 from ..engine.records import Parts, State
-from ..engine.sampling import DIFFERENCE, Nodes
+from ..engine.sampling import DIFFERENCE, TINY, Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import fma, larger, logical_not, real, select
@@ -36,7 +36,7 @@ from ..kernels.memory import View, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import OVERFLOW, TINY, TURN, VECTOR, ZEROS, Equations, Stage, Stages, axes_at, pulled_back
+from .gauss_stages import OVERFLOW, TURN, VECTOR, ZEROS, Equations, Stage, Stages, axes_at, pulled_back
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 

@@ -30,7 +30,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from ..engine.newton import EPS
-from ..engine.sampling import Nodes
+from ..engine.sampling import TINY, Nodes
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, sqrt, without
 from ..kernels.memory import View
@@ -42,7 +42,7 @@ EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P aga
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 CHECKED = 4.0  # last iterations that are looked at
 DITHERED, QUICK, DITHER = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
-ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-280
+ITERATIONS, SMALL, LEVEL, NEEDLE, OVERFLOW = 100, 1e4, 16.0, 3e4, 1e300
 INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ..engine.records import Body
+from ..engine.sampling import TINY
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import any_of, select, sqrt
@@ -25,7 +26,6 @@ from ..kernels.memory import View
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross
 from .gauss import FAINT, about, arc, line, turned_about
 from .gauss_coefficients import TABLE
-from .gauss_stages import TINY
 
 if TYPE_CHECKING:
     from .gauss_derivatives import Collocation, StageEquations

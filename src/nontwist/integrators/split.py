@@ -69,7 +69,7 @@ from numpy.polynomial.legendre import leggauss
 
 from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned_and_normalised, turned_by_vector
 from ..engine.records import Parts, State
-from ..engine.sampling import Loads, Nodes
+from ..engine.sampling import TINY, Loads, Nodes
 from ..engine.workspace import integrate, observe
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
 from ..exact.free_step import free_motion, free_step, free_until, set_origin
@@ -233,7 +233,6 @@ class Split(Compiled):
 
 EPS, ITERATIONS = 2.0**-52, 50
 DIFFERENCE = sqrt(EPS)
-SMALLEST = 1e-280  # of velocities, rad/s: less is rest, and the inverse of a difference is a number
 
 
 class GaussRule(NamedTuple):
@@ -446,7 +445,7 @@ def solve_for_change(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any,
         r, before = v.y - value, v.residual
         v.residual = taxicab(r)
         for _ in when(v.residual > 0.1 * before):
-            e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), SMALLEST)
+            e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), TINY)
             v.columns = e0, e1, e2
             for j in loop(2 if parts.is_constrained else 3):
                 shifted = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
@@ -455,7 +454,7 @@ def solve_for_change(nodes: Nodes, h: Any, start: State) -> tuple[Any, Any, Any,
             v.inverse = inverse_of(c1, c2, c0) if parts.is_constrained else inverse_of(c0, c1, c2)
         d = v.inverse @ r
         v.y, size, is_small = v.y - d, taxicab(d), v.residual < 1e300
-        level = larger(taxicab(W + v.y), SMALLEST)
+        level = larger(taxicab(W + v.y), TINY)
         v.found = is_small & ((size <= EPS * level) | ((size > 0.5 * v.size) & (size <= 1e-9 * level)))
         v.size, v.count = size, v.count + 1
         v.active = without(is_small & (size < 1e300) & (v.count < ITERATIONS), v.found)

@@ -91,7 +91,7 @@ class OnGrid:
 
     def step_at(self, k: Any) -> Any:
         """Return the size of step number `k`, s, or of each of several."""
-        return np.array(self.grid.sizes)[self.stretch_of(k)]
+        return self._arrays[2][self.stretch_of(k)]
 
     @cached_property
     def stored_times(self) -> Array:
@@ -119,7 +119,7 @@ class OnGrid:
 
     def _steps_at(self, time: Array | float, side: Literal["left", "right"]) -> Array:
         """Return times as numbers of steps; a border is the end, or else the beginning, of a stretch."""
-        (borders, numbers), sizes = self._arrays, np.array(self.grid.sizes)
+        borders, numbers, sizes = self._arrays
         j = np.clip(np.searchsorted(borders, time, side=side) - 1, 0, len(sizes) - 1)
         found: Array = np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
         return found
@@ -134,16 +134,16 @@ class OnGrid:
         """Return the numbers of the sections that contain the steps `k`."""
         if len(self.grid.sizes) == 1:
             return np.zeros(np.shape(k), np.int64)
-        return np.searchsorted(self.grid.numbers[1:-1], k, side="right")
+        return np.searchsorted(self._arrays[1][1:-1], k, side="right")
 
     def _at(self, k: Any, j: Any, parts: Any = 0.0) -> Array:
         """Return the times at the fractions `parts` of the steps `k`, which are in the stretches `j`."""
-        borders, numbers = self._arrays
+        borders, numbers, _ = self._arrays
         b, c, n = borders[j], borders[j + 1], numbers[j]
         inside = b + (c - b) * ((k - n) + parts) / (numbers[j + 1] - n)
         found: Array = np.minimum(np.maximum(np.minimum(np.maximum(inside, b), c), self.t_start), self.t_end)
         return found
 
     @cached_property
-    def _arrays(self) -> tuple[Array, NDArray[np.int64]]:
-        return np.array(self.grid.borders), np.array(self.grid.numbers, dtype=np.int64)
+    def _arrays(self) -> tuple[Array, NDArray[np.int64], Array]:
+        return np.array(self.grid.borders), np.array(self.grid.numbers, dtype=np.int64), np.array(self.grid.sizes)

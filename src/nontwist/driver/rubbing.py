@@ -35,9 +35,9 @@ from ..integrators.base import IVP, Integrator
 from ..loads import Load, moment
 from ..loads.base import moment_at
 from ..loads.friction import Sliding
+from ..loads.memory import OnBodyAtRest, Wheel
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping, Rotor
-from ..loads.wheels import OnBodyAtRest, Wheel
 from ..models.system import DirectorSystem, euler_inertia
 from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
 from .events import XTOL, Piece

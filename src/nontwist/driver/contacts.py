@@ -163,27 +163,27 @@ class Contacts:
         return np.array([self.rate(k, W.tolist(), z)[0] for k in range(len(self.limits))])
 
     def forces(self, t: float, q: Array, W: Array, z: Any) -> tuple[Array, Array]:
-        """Return K, and r of the wheels; q: directors as rows, z: of standing wheels it follows from W."""
+        """Return K, and z', of wheels without dry friction; q: directors as rows, z: of standing wheels from W."""
         K = torque(self.body, self.plain, t, q, W)
         if z is None:
             return K, np.zeros(0)
         h, turning = np.asarray(z)[self.places], self.inertia * (self.spins @ W)
         standing = self.wheels_of(self.standing)
         h[standing] = turning[standing]
-        r = np.zeros(len(h))
-        for a, one in enumerate(self.wheels):
-            r[a] = one.responses(checked, t, (float(h[a]), *z[self.places[a] + 1 :][: one.count - 1]), None, W)[1][0]
-        K = K + cross((h - turning) @ self.spins, W) - r @ self.spins
+        rate, own = np.zeros(len(z)), iter(h.tolist())
         for term, place in self.load.placed:
-            if not isinstance(term, Wheel):
-                K = K + q @ term.answers(t, q, W, np.asarray(z)[place])[0]
-        return K, r
+            if isinstance(term, Wheel):
+                rate[place] = term.responses(checked, t, (next(own), *z[place][1:]), None, W)[1][: term.count]
+            else:
+                M, rate[place] = term.answers(t, q, W, np.asarray(z)[place])
+                K = K + q @ M
+        return K + cross((h - turning) @ self.spins, W) - rate[self.places] @ self.spins, rate
 
     def free(self, t: float, q: Array, W: Array, z: Any) -> Array:
         """Return b, the derivatives of the rates without friction."""
-        K, r = self.forces(t, q, W, z)
+        K, rate = self.forces(t, q, W, z)
         b: Array = self.G @ (self.Q @ K)
-        b[self.bearings :] += r[self.dry] / self.inertia[self.dry]
+        b[self.bearings :] += rate[self.places[self.dry]] / self.inertia[self.dry]
         return b
 
     def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:

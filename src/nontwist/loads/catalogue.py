@@ -390,8 +390,7 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
     exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it, and
     beside wheels and loads with memory it needs `gauss`, beside `coulomb` of a wheel an axis as well. A run has the
     variables `sticking` and `dissipated_energy`. Where friction about several axes, or about one beside a constrained
-    axis, leaves the body a single axis to turn about, it turns about this one, at the speed of Python; beside wheels,
-    loads with memory and `gravity_gradient` a run fails there unless the body rests.
+    axis, leaves the body a single axis to turn about, it turns about this one.
 
     Parameters
     ----------

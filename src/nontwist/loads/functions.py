@@ -277,7 +277,7 @@ def _numbers(term: Term, t: Any, first: Pointer, second: Pointer) -> tuple[Any, 
 def _name(function: Any) -> str:
     """Return what a message calls a function: a text of a term by its class."""
     owner = getattr(function, "__self__", None)
-    return type(owner).__name__ if hasattr(owner, "c_function") else getattr(function, "__name__", repr(function))
+    return type(owner).__name__ if hasattr(type(owner), "c_function") else getattr(function, "__name__", repr(function))
 
 
 @lru_cache(maxsize=256)

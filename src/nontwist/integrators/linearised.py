@@ -278,9 +278,14 @@ class Linearised:
         self.require_no_error()
         if own.block[STEPS.failed]:
             k = chunk.first + int(own.block[STEPS.first])
-            t, h = float(self.problem.times(k)), self.problem.step_at(k)
-            message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
-            raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
+            raise unsolved_step(self.problem, k)
+
+
+def unsolved_step(problem: IVP, k: int) -> SimulationError:
+    """Return the error of a run whose step k has another solution than the one that is known."""
+    t, h = float(problem.times(k)), problem.step_at(k)
+    message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
+    return SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
 
 Changes = list[tuple[Term, Array]]

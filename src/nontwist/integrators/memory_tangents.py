@@ -134,7 +134,7 @@ class RememberingSteps:
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
         return values, tangents_of(made, count, len(t))
 
-    def _varied(self, number: int, wheel: Wheel, changes: list[Dual]) -> dict[str, Any]:
+    def _varied(self, number: int, wheel: Wheel, changes: list[Any]) -> dict[str, Any]:
         """Return the fields of a wheel that are parameters, with their changes."""
         found, n = dict[str, Any](), wheel.direction
         for one, by in zip(self.parameters, changes, strict=True):

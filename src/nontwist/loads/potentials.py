@@ -152,11 +152,6 @@ class Potential(ForceTerm):
         return I3
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape in which functions get γ."""
-        return self.vectors.shape
-
-    @property
     def counts(self) -> tuple[int, int]:  # type: ignore[override]
         """How many numbers γ has."""
         return self.vectors.size, 0

@@ -272,21 +272,15 @@ class Collocation:
             for k in range(count):
                 self.set_matrix("by_rows", 3 * i + k, by[1 + k])
             for j in loop(s):
-                self.set_matrix("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
-            self.set_matrix("T", i * s + i, by[0])
+                T = 0.0 * by[0]
+                for A, g in zip(by[1:], self.vectors(self.stages.one(j)), strict=True):
+                    T = T + Matrix(*(cross(row, g) for row in A @ self.matrix("U", i * s + j)))
+                self.set_matrix("T", i * s + j, T)
+            self.set_matrix("T", i * s + i, by[0] + self.matrix("T", i * s + i))
             r = Variables(r=plain(F) + self.sum(i) * self.V[0])
             for j in loop(s):
                 r.r = r.r - self.inverse(i, j) * self.stages.one(j).V
             stage.next_dp = r.r
-        if not count:
-            return
-        for i in loop(s):
-            by = [self.matrix("by_rows", 3 * i + k) for k in range(count)]
-            for j in loop(s):
-                U, T = self.matrix("U", i * s + j), self.matrix("T", i * s + j)
-                for A, g in zip(by, self.vectors(self.stages.one(j)), strict=True):
-                    T = T + Matrix(*(cross(row, g) for row in A @ U))
-                self.set_matrix("T", i * s + j, T)
 
     def set_system(self, width: int, is_transposed: bool) -> None:
         """Set α - T, or the transposed matrix, with room for right-hand sides."""

@@ -338,10 +338,9 @@ class Intervals(NamedTuple):
     @property
     def of_one(self) -> dict[str, Any]:
         """The fields of one body, but for what works are made of."""
-        known = self._replace(velocity_integrals=None)._asdict()
-        return {
-            name: None if array is None else array[0] for name, array in known.items() if name != "velocity_integrals"
-        }
+        found = {name: None if array is None else array[0] for name, array in self._asdict().items()}
+        del found["velocity_integrals"]
+        return found
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""

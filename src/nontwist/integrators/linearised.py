@@ -92,16 +92,12 @@ def scheme_of(integrator: Integrator, load: Load, with_memory: bool = False) -> 
     """
     from . import INTEGRATORS
 
-    if load.frictions:
-        raise ValueError(
-            "runs under dry_friction have no derivatives: they jump where a body begins to stick; leave it out, or "
-            "difference two runs"
-        )
-    if load.is_dry:
-        raise ValueError(
-            "runs with coulomb= of a wheel have no derivatives: they jump where a wheel begins to stand; leave it out, "
-            "or difference two runs"
-        )
+    own = (load.frictions, "under dry_friction", "a body begins to stick")
+    for is_there, what, where in (own, (load.is_dry, "with coulomb= of a wheel", "a wheel begins to stand")):
+        if is_there:
+            raise ValueError(
+                f"runs {what} have no derivatives: they jump where {where}; leave it out, or difference two runs"
+            )
     if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")

@@ -199,14 +199,15 @@ def integrals(nodes: Array, ends: Array) -> Any:
     x, y, k = 2 * nodes - 1, 2 * ends - 1, np.arange(1, len(nodes))
     P = legvander(y, len(nodes))
     of_legendre = np.concatenate([y[..., None] + 1, (P[..., 2:] - P[..., :-2]) / (2 * k + 1)], axis=-1) / 2
-    return np.linalg.solve(legvander(x, len(nodes) - 1).T, of_legendre[..., None])[..., 0]
+    found = np.linalg.solve(legvander(x, len(nodes) - 1).T, of_legendre.reshape(-1, len(nodes)).T)
+    return found.T.reshape(of_legendre.shape)
 
 
 @lru_cache
 def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
     """Return A, b of the collocation at some nodes: integrals of its polynomials up to each node, and to the end."""
-    nodes = np.array(middles)
-    return integrals(nodes, nodes), integrals(nodes, np.ones(1))[0]
+    found = integrals(np.array(middles), np.array([*middles, 1.0]))
+    return found[:-1], found[-1]
 
 
 class Unloaded:

@@ -385,11 +385,8 @@ class Outcome(NamedTuple):
 
     def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
-        indices, k, times = (
-            np.searchsorted(whole.stored_times, problem.stored_times),
-            len(problem.stored_times),
-            self.times(whole),
-        )
+        k, times = len(problem.stored_times), self.times(whole)
+        indices = np.searchsorted(whole.stored_times, problem.stored_times)
         if self.end is None:
             good = np.searchsorted(indices, self.good)
         else:  # the last state is that of no output

@@ -232,4 +232,4 @@ def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
     used_most = None if counts is None else np.array([iterations], dtype=np.int64)
     means = whole.means.of_integrals(between[None], outputs.length[:n], used_most).of_one
     parts: Any = (None if array is None else array[first:] for array in (q, v, *list(means.values())[:4]))
-    return March(*parts, failure=failure)
+    return March(*parts)._replace(failure=failure)

@@ -422,20 +422,14 @@ def moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
 
 def state_moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
     """Return what `Load.state_moment` does, of arguments that are known to be sound."""
-    total = np.zeros(3)
-    for term in load.terms:
-        if term.kind not in ("body", "space"):
-            total += term.scale * term.moment_at(t, directors, angular_velocity)
-    return total
+    terms = (one for one in load.terms if one.kind not in ("body", "space"))
+    return sum((one.scale * one.moment_at(t, directors, angular_velocity) for one in terms), np.zeros(3))
 
 
 def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
     """Return the forces on the directors of a load of director forces and potentials, rows of (3, 3)."""
-    total = np.zeros((3, 3))
-    for term in load.terms:
-        if isinstance(term, ForceTerm):
-            total += term.scale * term.forces_at(t, directors, angular_velocity)
-    return total
+    terms = (one for one in load.terms if isinstance(one, ForceTerm))
+    return sum((one.scale * one.forces_at(t, directors, angular_velocity) for one in terms), np.zeros((3, 3)))
 
 
 NOTHING = Load()

@@ -23,7 +23,7 @@ from . import (
 )
 from .options import Command, command
 from .outcomes import Commands
-from .summaries import imported
+from .printing import imported
 
 app = typer.Typer(
     cls=Commands,

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 import typer
 
 from .options import Force, Json, Opt, Quiet, Reading, argument, refuse
-from .outcomes import BAD_DATA, require_readable, say
-from .summaries import in_words, print_rows, say_written
+from .outcomes import BAD_DATA, require_readable
+from .printing import in_words, print_rows, say, say_written
 
 SETTINGS = {
     "gravity": Opt(

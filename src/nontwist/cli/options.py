@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -263,7 +262,7 @@ def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
             if isinstance(value, bool):
                 words.append((option.opts if value else option.secondary_opts)[0])
             else:
-                words += [option.opts[0], shlex.quote(str(value))]
+                words += [option.opts[0], str(value)]
     return words
 
 

@@ -30,7 +30,7 @@ from .options import (
     refuse,
 )
 from .outcomes import BAD_DATA, CommandError, about, require_readable
-from .summaries import in_words, print_rows, say_written, typed
+from .printing import in_words, print_rows, say_written
 
 if TYPE_CHECKING:
     import xarray
@@ -162,7 +162,7 @@ def twist_command(
     if in_words({"file": data, **facts(result)}, as_json, quiet):
         summary(result, degrees)
     if not quiet:
-        say_written(places.values(), f"nontwist view {typed(places['.nc'])}")
+        say_written(places.values(), ("view", places[".nc"]))
 
 
 def _named(out: Path) -> Path:

@@ -5,9 +5,7 @@ What each command may end with stands in `outcomes`.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from importlib import import_module
 from typing import Annotated
 
 import typer
@@ -21,9 +19,8 @@ from . import (
     twist_commands,
     view_commands,
 )
-from .options import Command, command
+from .options import Command, Opt, command
 from .outcomes import Commands
-from .printing import imported
 
 app = typer.Typer(
     cls=Commands,
@@ -42,38 +39,9 @@ def _version(show: bool) -> None:
         raise typer.Exit
 
 
-def _import(modules: list[str] | None) -> list[str] | None:
-    imported[:] = modules or ()
-    if imported:
-        sys.path.insert(0, "")  # the current folder, as of python -c
-    for name in imported:
-        if not all(part.isidentifier() for part in name.split(".")) or name.endswith(".py"):
-            raise typer.BadParameter(f"{name!r} is not the name of a module, as own_load", param_hint="--import")
-        try:
-            import_module(name)
-        except Exception as error:  # whatever the module does
-            reason = f"{name} cannot be imported: {type(error).__name__}: {error}"
-            raise typer.BadParameter(reason, param_hint="--import") from error
-    return modules
-
-
 @app.callback()
-def main(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-    modules: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--import",
-            metavar="MODULE",
-            callback=_import,
-            help="Import this module first, from here or the Python path. It adds bodies, loads, integrators or "
-            "readers. Repeatable; may follow the command.",
-            show_default=False,
-        ),
-    ] = None,
-) -> None:
+@command
+def main(version: Annotated[bool, Opt("Print the version and exit.", check=_version)] = False) -> None:
     """Simulate rotating rigid bodies, with or without twist, and measure the twist of recorded motions.
 
     New here? Try nontwist play; or nontwist example standard, then nontwist run standard.toml.

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from itertools import pairwise
@@ -285,19 +284,18 @@ def _choice(text: str) -> str | tuple[str, int]:
 
 
 def _rows_of(found: xarray.Dataset) -> list[dict[str, Any]]:
-    """Return every run as plain data; what it does not have is null."""
+    """Return every run as plain data."""
     rows = []
     for name in found["integrator"].values:
         group = found.sel(integrator=name)
         stepping = bool(group["takes_steps"])
         for h in group["step"].values[: None if stepping else 1]:
             run = group.sel(step=h)
-            numbers = {key: float(run[key]) for key in NUMBERS if key in run}
-            row = {key: number if math.isfinite(number) else None for key, number in numbers.items()}
-            drift = dict(zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True))
-            row |= {f"drift_{key}": value if math.isfinite(value) else None for key, value in drift.items()}
-            status = {"status": int(run["status"]), "message": str(run["message"].values)}
-            rows.append({"integrator": str(name), "step": float(h) if stepping else None, **row, **status})
+            row = {"integrator": str(name), "step": float(h) if stepping else None}
+            row |= {key: float(run[key]) for key in NUMBERS if key in run}
+            drifts = zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True)
+            row |= {f"drift_{key}": value for key, value in drifts}
+            rows.append({**row, "status": int(run["status"]), "message": str(run["message"].values)})
     return rows
 
 

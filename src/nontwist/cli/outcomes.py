@@ -32,7 +32,7 @@ from typer.core import TyperGroup
 import nontwist as package
 
 from ..errors import SimulationError, SweepError
-from .printing import for_terminals, printed_warnings, say, words
+from .printing import for_terminals, imported, printed_warnings, say, words
 
 COMMON = {  # words that people try, and the command that does it
     **dict.fromkeys(("plot", "show", "animate", "film"), "view"),
@@ -88,19 +88,6 @@ def on_file(path: object) -> Iterator[None]:
         yield
 
 
-def imports_first(args: list[str]) -> list[str]:
-    """Return the words of a command with its options --import MODULE in front of all others."""
-    end = args.index("--") if "--" in args else len(args)
-    first, rest = list[str](), list(args)
-    for k in reversed([k for k, word in enumerate(args[:end]) if word.partition("=")[0] == "--import"]):
-        size = 1 if "=" in args[k] else 2
-        if k + size > end:  # its value is missing, which is said where it stands
-            continue
-        first[:0] = rest[k : k + size]
-        del rest[k : k + size]
-    return [*first, *rest]
-
-
 class Commands(TyperGroup):
     """The group of all commands; each ends here."""
 
@@ -109,11 +96,6 @@ class Commands(TyperGroup):
         with formatter.section("Commands"):
             names = self.list_commands(ctx)
             formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options of all commands, which may stand anywhere."""
-        found: list[str] = super().parse_args(ctx, imports_first(args))
-        return found
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return a command; one that is unknown is refused with the command or the Python function that does it."""
@@ -129,6 +111,7 @@ class Commands(TyperGroup):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; a terminal that cannot show a letter shows a question mark."""
+        imported.clear()
         _open_closed()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):

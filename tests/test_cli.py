@@ -19,7 +19,7 @@ from conftest import ended, nontwist
 from nontwist import open_run, read_motion, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app, outcomes
 from nontwist.cli.options import command
-from nontwist.cli.twist_commands import twist_command
+from nontwist.cli.recording_commands import twist_command
 from nontwist.runfile.document import Integrator, Start, Time
 from refusals import said
 

@@ -12,11 +12,10 @@ import typer
 
 from . import (
     check_commands,
-    fit_commands,
+    recording_commands,
     result_commands,
     run_commands,
     sweep_commands,
-    twist_commands,
     view_commands,
 )
 from .options import Command, Opt, command
@@ -56,8 +55,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": view_commands.view_command,
     "info": result_commands.info_command,
     "export": result_commands.export_command,
-    "twist": twist_commands.twist_command,
-    "fit": fit_commands.fit_command,
+    "twist": recording_commands.twist_command,
+    "fit": recording_commands.fit_command,
     "precision": check_commands.precision_command,
     "compare": check_commands.compare_command,
     "sweep": sweep_commands.sweep_command,

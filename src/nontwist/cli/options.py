@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -274,15 +275,38 @@ Quiet = Annotated[
 DecimalComma = Annotated[bool, Opt("Write CSV with decimal commas, and semicolons between columns.")]
 
 
+def read_otherwise(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
+    """Return how the second file is read, from its options as they stand on a command line."""
+    hint = "--relative-options"
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise BadParameter(f"{text!r} has a quotation mark too few", param_hint=hint) from error
+    refused = "it accepts options that define how a file is read; nontwist twist -h lists them"
+    refuse(({"-h", "--help"} & set(words), hint, refused))
+    names = [name for name in specs(ReadOptions) if name not in ("columns", "body")]
+    own = ctx.command.make_context("twist", [file, *words], parent=ctx.parent)
+    known = ", ".join(one.opts[0] for one in ctx.command.params if one.name in names)
+    for one in given(own):
+        advice = f"; use --relative-{one.name}" if one.name in ("columns", "body") else ""
+        is_other = one.name not in (*names, "data")
+        refuse((is_other, hint, f"{one.opts[0]} is not one of {known}{advice}"))
+    return {name: own.params[name] for name in names}
+
+
+def given(ctx: typer.Context) -> list[Any]:
+    """Return the parameters that a command line has."""
+    sources = ((one, ctx.get_parameter_source(one.name or "")) for one in ctx.command.params)
+    return [one for one, source in sources if getattr(source, "name", "") == "COMMANDLINE"]
+
+
 def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
     """Return those of these options that a command line has, as words to be typed again."""
     words = []
-    for option in ctx.command.params:
-        source = ctx.get_parameter_source(option.name or "")
-        if option.name in names and getattr(source, "name", "") == "COMMANDLINE":
-            value = ctx.params[option.name]
-            words.append((option.secondary_opts if value is False else option.opts)[0])
-            words += [] if isinstance(value, bool) else [str(value)]
+    for option in (one for one in given(ctx) if one.name in names):
+        value = ctx.params[option.name]
+        words.append((option.secondary_opts if value is False else option.opts)[0])
+        words += [] if isinstance(value, bool) else [str(value)]
     return words
 
 
@@ -302,6 +326,37 @@ def numbers_of(text: str, wanted: str, option: str | None = None, count: int = 2
     if len(numbers) != count:
         raise BadParameter(f"{text!r} is not {wanted}", param_hint=option)
     return numbers
+
+
+WORDS = ("gravity", "rotor", "orientation")  # whose text without settings is one word
+
+
+def settings(text: str | None, name: str) -> Any:
+    """Return the value of an option such as ``mass=0.35,centre=0,0,-0.1``: a mapping of what is set, or one value."""
+    option, found, key = f"--{name.replace('_', '-')}", dict[str, list[str]](), ""
+    if text is None or ("=" not in text and name in WORDS):
+        return text
+    if "=" not in text:
+        return _value(text.split(","), option)
+    for part in text.split(","):
+        setting, is_set, value = part.rpartition("=")
+        refuse((not is_set and not key, option, f"{part.strip()!r} is before the first NAME="))
+        if is_set:
+            key = setting.strip()
+            refuse((key in found, option, f"{key} is set twice"))
+        found.setdefault(key, []).append(value.strip() if is_set else part.strip())
+    return {key: _value(values, f"{key} of {option}") for key, values in found.items()}
+
+
+def _value(parts: list[str], name: str) -> Any:
+    """Return a word, a number, or a list of numbers."""
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError as error:
+        if len(parts) == 1:
+            return parts[0]
+        raise BadParameter(f"{name} must be numbers, got {','.join(parts)!r}") from error
+    return numbers[0] if len(numbers) == 1 else numbers
 
 
 def require_suffix(path: Path, *suffixes: str, option: str = "--out", instead: str = "") -> None:

@@ -102,8 +102,9 @@ class Command(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments and the options."""
+        params: list[Any] = self.get_params(ctx)
         for title, kind in (("Arguments", "argument"), ("Options", "option")):
-            shown = [one for one in self.get_params(ctx) if one.param_type_name == kind and not one.hidden]
+            shown = [one for one in params if one.param_type_name == kind and not one.hidden]
             rows = [(whole(place(one)), whole(meaning(one))) for one in shown]
             if rows:
                 with formatter.section(title):
@@ -294,7 +295,7 @@ def read_otherwise(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
     return {name: own.params[name] for name in names}
 
 
-def given(ctx: typer.Context) -> list[Any]:
+def given(ctx: Any) -> list[Any]:
     """Return the parameters that a command line has."""
     sources = ((one, ctx.get_parameter_source(one.name or "")) for one in ctx.command.params)
     return [one for one, source in sources if getattr(source, "name", "") == "COMMANDLINE"]

@@ -248,13 +248,78 @@ def test_a_massless_rod_slows_down(axis):
     assert run.material_angular_velocity.values == pytest.approx(np.outer(left, along), abs=1e-13)
 
 
-@pytest.mark.parametrize("load", [nt.wheel("y", 0.1), nt.gravity_gradient(0.1)])
-def test_a_body_that_has_one_axis_left_may_rest_but_not_turn(load):
-    held, load = nt.nontwisting(J), load + nt.dry_friction(1, "x")
-    with pytest.raises(SimulationError, match="leaves the body one axis to turn about") as failed:
-        nt.simulate(held, t_end=9, angular_velocity=(0.1, 1, 0), load=load)
-    assert failed.value.partial.material_angular_velocity[-1, 0] > 0
-    assert nt.simulate(held, t_end=2, step=0.1, load=load).sticking[-1] == 1
+@pytest.mark.parametrize(
+    ("own", "speed"),
+    [
+        ({}, lambda t, k: 5.0),
+        ({"torque": 0.2}, lambda t, k: 5 + 0.2 * k * t),
+        ({"viscous": 0.03}, lambda t, k: 5 * np.exp(-0.03 * k * t)),
+        ({"coulomb": 0.05}, lambda t, k: 5 - 0.05 * k * t),
+    ],
+)
+def test_a_wheel_turns_a_body_that_has_one_axis_left(own, speed):
+    """About y J ω + I Ω stays, and Ω' = (torque - friction) (1/I + 1/(J - I))."""
+    load = nt.wheel("y", 0.1, 5.0, **own) + nt.dry_friction(1, "x")
+    run = nt.simulate(nt.nontwisting(J), t_end=2, step=0.1, load=load, material_angular_velocity=(0, 0.7, 0))
+    turning = np.array([speed(t, 1 / 0.1 + 1 / 3.9) for t in run.time.values])
+    assert run.wheel_speed.values[:, 0] == pytest.approx(turning, rel=1e-13)
+    assert run.material_angular_velocity.values[:, 1] == pytest.approx(0.7 + 0.1 * (5 - turning) / 4, rel=1e-13)
+    assert not run.material_angular_velocity.values[:, [0, 2]].any()
+
+
+HYSTERESIS = nt.memory_load(
+    lambda t, z, q, w: [w[1] - z[0] / 0.7], lambda t, z, q, w: [0.1 * z[0], -0.3 * z[0], 0.05], [0.0], scale=1
+)
+SKEW = np.array([[3, 0.2, 0], [0.2, 4, 0], [0, 0, 5]])
+
+
+@pytest.mark.parametrize(
+    ("J", "load"),
+    [
+        (SKEW, nt.wheel("y", 0.1, 5.0, torque=0.2) + nt.wheel((1, 2, 3), 0.2, 3.0, viscous=0.05)),
+        (J, nt.wheel((1, 1, 1), 0.1, 5.0, coulomb=0.1) + HYSTERESIS),
+    ],
+)
+def test_friction_holds_what_a_constraint_holds(J, load):
+    """A body without a constraint on which friction about x and z sticks, and one that does not twist: both about y."""
+    how = {"t_end": 3, "material_angular_velocity": (0.1, 1, 0)}
+    free = nt.simulate(nt.standard(J), step=0.05, load=load + nt.dry_friction(5, "x") + nt.dry_friction(5, "z"), **how)
+    momentum = free.spatial_momentum.values
+    assert np.diff(momentum, axis=0) / 0.05 == pytest.approx(free.moment.values, abs=1e-12)
+    held, finer = (
+        nt.simulate(nt.nontwisting(J), step=h, load=load + nt.dry_friction(5, "x"), **how) for h in (0.05, 0.025)
+    )
+    for run in (free, held):
+        assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-12)
+    assert held.quaternion.values == pytest.approx(free.quaternion.values, abs=1e-13)
+    assert held.wheel_momentum.values == pytest.approx(free.wheel_momentum.values, abs=1e-13)
+    mean = finer.multipliers.values.reshape(-1, 2).mean(axis=1)
+    assert held.multipliers.values[3:, 0] == pytest.approx(mean[3:], abs=1e-9)
+
+
+def test_a_librating_satellite_has_one_axis_left():
+    """About y ω' = 3 n² y·(r × J r)/J22, r the direction to the centre, as SciPy integrates it."""
+    skew = np.array([[3, 0.2, 0.1], [0.2, 4, 0.5], [0.1, 0.5, 5]])
+    n, how = 0.4, {"t_end": 9, "step": 0.05, "material_angular_velocity": (0, 0.3, 0)}
+    radial, normal = np.array([1, 0, 0.5]), np.array([-0.5, 1, 1])
+    load = nt.gravity_gradient(n, radial, normal) + nt.dry_friction(1, "x") + nt.dry_friction(1, "z")
+    run = nt.simulate(nt.standard(skew), load=load, **how)
+
+    def slope(t, x):
+        orbit = Rotation.from_rotvec(n * t * normal / 1.5).apply(radial / np.linalg.norm(radial))
+        r = Rotation.from_rotvec([0, -x[0], 0]).apply(orbit)
+        return [x[1], 3 * n**2 * np.cross(r, skew @ r)[1] / 4]
+
+    found = solve_ivp(slope, (0, 9), [0, 0.3], rtol=1e-12, atol=1e-13, t_eval=run.time.values)
+    assert run.material_angular_velocity.values[:, 1] == pytest.approx(found.y[1], abs=1e-10)
+    assert (run.sticking.values == 2).all()
+
+
+def test_friction_sticks_on_a_body_of_any_inertia():
+    body, load = nt.standard([1, 1, 3], physical=False), nt.dry_friction(1, "x") + nt.dry_friction(1, "y")
+    run = nt.simulate(body, t_end=2, step=0.1, load=load, material_angular_velocity=(0.1, 0.2, 0.5))
+    assert run.material_angular_velocity.values[-1] == pytest.approx([0, 0, 0.5], abs=0.2)
+    assert run.sticking.values[-1] == 2
 
 
 @pytest.mark.parametrize("load", [nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), nt.gravity_gradient(0.4)])

@@ -24,7 +24,7 @@ r, which takes energy, and the rest of the step follows in the new modes. Means 
 that a step does not turn a body far behind the root, it is at most as long as two of the times in which a rate would
 vanish, where this is much shorter than the step.
 
-With the momenta h and the speeds Ω of wheels about axes n_a (`loads.wheels`), r_a what acts on each beside dry
+With the momenta h and the speeds Ω of wheels about axes n_a (`loads.memory`), r_a what acts on each beside dry
 friction, J_c the inertia of what carries them, Q = J_c⁻¹, across a constrained axis n ``B (BᵀJ_c B)⁻¹ Bᵀ`` of a basis
 B, and M the moments of all else,
 
@@ -55,14 +55,14 @@ import numpy as np
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, directors
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
-from ..integrators.members import one_by_one
+from ..integrators.load_samples import carrier, wheel_columns
 from ..integrators.problem import Intervals, onward, started
-from ..integrators.wheels import carrier, wheel_columns
+from ..integrators.stepping import one_by_one
 from ..loads import Load
 from ..loads.base import moment_at
-from ..loads.calls import checked
 from ..loads.friction import ROUND_OFF
-from ..loads.wheels import Wheel
+from ..loads.functions import checked
+from ..loads.memory import Wheel
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -163,27 +163,27 @@ class Contacts:
         return np.array([self.rate(k, W.tolist(), z)[0] for k in range(len(self.limits))])
 
     def forces(self, t: float, q: Array, W: Array, z: Any) -> tuple[Array, Array]:
-        """Return K, and r of the wheels; q: directors as rows, z: of standing wheels it follows from W."""
+        """Return K, and z', of wheels without dry friction; q: directors as rows, z: of standing wheels from W."""
         K = torque(self.body, self.plain, t, q, W)
         if z is None:
             return K, np.zeros(0)
         h, turning = np.asarray(z)[self.places], self.inertia * (self.spins @ W)
         standing = self.wheels_of(self.standing)
         h[standing] = turning[standing]
-        r = np.zeros(len(h))
-        for a, one in enumerate(self.wheels):
-            r[a] = one.responses(checked, t, (float(h[a]), *z[self.places[a] + 1 :][: one.count - 1]), None, W)[1][0]
-        K = K + cross((h - turning) @ self.spins, W) - r @ self.spins
+        rate, own = np.zeros(len(z)), iter(h.tolist())
         for term, place in self.load.placed:
-            if not isinstance(term, Wheel):
-                K = K + q @ term.answers(t, q, W, np.asarray(z)[place])[0]
-        return K, r
+            if isinstance(term, Wheel):
+                rate[place] = term.responses(checked, t, (next(own), *z[place][1:]), None, W)[1][: term.count]
+            else:
+                M, rate[place] = term.answers(t, q, W, np.asarray(z)[place])
+                K = K + q @ M
+        return K + cross((h - turning) @ self.spins, W) - rate[self.places] @ self.spins, rate
 
     def free(self, t: float, q: Array, W: Array, z: Any) -> Array:
         """Return b, the derivatives of the rates without friction."""
-        K, r = self.forces(t, q, W, z)
+        K, rate = self.forces(t, q, W, z)
         b: Array = self.G @ (self.Q @ K)
-        b[self.bearings :] += r[self.dry] / self.inertia[self.dry]
+        b[self.bearings :] += rate[self.places[self.dry]] / self.inertia[self.dry]
         return b
 
     def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:

@@ -4,8 +4,7 @@
   long as a·W has the sign at the stages.
 - Sticking, the body is the Suslov body of axis a, whose μ is λ.
 - Sticking so that one axis d is left to turn about, it turns about this one alone, ``d·J d ω' = d·M``, and d stays in
-  space. That is a body of inertia d·J d under the moment d (d·M), and rotors about d. What holds the other one
-  follows from its momentum.
+  space (`HingedSystem`). What holds it follows from its momentum.
 - Resting, W = 0 exactly and Λ constant, if nothing accelerates the body. Wheels then turn as if nothing carried them.
 
 Against w there is one contact, whose λ a is in c Sgn(W), the unit ball at W = 0; sticking is always rest. It ends where
@@ -22,23 +21,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from ..analysis.variables import potential_energy
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
 from ..integrators.base import IVP, Integrator
 from ..loads import Load, moment
-from ..loads.base import moment_at
 from ..loads.friction import Sliding
+from ..loads.memory import OnBodyAtRest, Wheel
 from ..loads.potentials import GravityGradient
-from ..loads.terms import Damping, Rotor
-from ..loads.wheels import OnBodyAtRest, Wheel
-from ..models.system import DirectorSystem, euler_inertia
+from ..loads.terms import Damping
+from ..models.system import DirectorSystem, HingedSystem
 from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
 from .events import XTOL, Piece
 from .starts import body_state
@@ -49,10 +46,6 @@ QUARTER = 0.5  # of the time in which W may vanish
 BEGIN, SLOWLY, TICKS = 1e-5, 1e-3, 4096  # of a step, or units in the last place of a time: a start, a slow one
 SLOW = 1e-6  # of what moments accelerate a body by: a start where the moment just exceeds the limit
 IN_PLANE = 1e-11  # of the largest |W|: velocities along a line
-HELD = (
-    "dry friction sticks and leaves the body one axis to turn about, which is not supported beside wheels, loads with "
-    "memory and gravity_gradient; leave these out, or use dry_friction without an axis"
-)
 X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2
 
 
@@ -85,34 +78,19 @@ class Rubbed(Contacts):
         own = [k for k in stuck if k < self.bearings]
         if own and not W.any() and self.stillness(self.t, directors(p), z) >= 0:
             changes = self.ends_of_rest() if self._varies() else []
-            return Phase(DirectorSystem(body.euler_inertia, body.axis), self.resting(), changes, self._rested)
+            still = DirectorSystem(body.euler_inertia, body.axis, physical=False)
+            return Phase(still, self.resting(), changes, self._rested)
         held, told = body, self._slid if self.frictions else self._stood
         if own:
             rows = np.concatenate([self.G[own], self.axis])
+            kind: dict[str, Any] = {"dead_force": body.dead_force, "physical": False}
             if np.linalg.matrix_rank(rows) > 1:
-                return self._about(np.linalg.svd(rows)[2][2])
-            held, told = DirectorSystem(body.euler_inertia, self.G[own[0]], body.dead_force), self._held
+                n, _, d = np.linalg.svd(rows)[2]
+                held, told = HingedSystem(body.euler_inertia, n, **kind, hinge=d), partial(self._turned, d)
+                self.at_nodes = True
+            else:
+                held, told = DirectorSystem(body.euler_inertia, self.G[own[0]], **kind), self._held
         return Phase(held, self.under(self.sliding(W)), self.changes(list(self.modes)), told)
-
-    def _about(self, d: Array) -> Phase | None:
-        """Return the problem of a body that can turn about one axis of it alone."""
-        (p, *_, z), dead, load = self.state, self.body.dead_force, self.under(self.sliding(np.zeros(3)))
-        rotors = [
-            replace(one, rotor=d, values=one.rotor @ d * one.values) for one in load.terms if isinstance(one, Rotor)
-        ]
-        others = Load(tuple(one for one in load.terms if not isinstance(one, Rotor)))
-        if z is not None or any(isinstance(term, GravityGradient) for term in self.load.potentials):
-            self.fail(HELD)
-            return None
-        self.at_nodes, J, along = True, d @ self.J @ d, d @ directors(p)
-
-        def moment_about(t: float, q: Array, w: Array) -> Array:
-            M = moment_at(others, t, q, w) + cross(q, dead).sum(axis=0)
-            return (along @ M) * along  # type: ignore[no-any-return]
-
-        one = DirectorSystem(euler_inertia(J * np.eye(3)))
-        about = moment(moment_about) + Load(tuple(rotors))
-        return Phase(one, about, self.changes(list(self.modes)), lambda piece: self._turned(d, piece))
 
     def in_modes(self) -> Load:
         """Return the load with wheels that slip or stand as the modes say."""
@@ -199,46 +177,57 @@ class Rubbed(Contacts):
     def _turned(self, d: Array, piece: Piece) -> Piece:
         """Return a piece in which a body turns about one axis alone, as that of this one.
 
-        The mean moment of potentials, and μ, are integrals over angles by a cubic polynomial; of all moments the mean
-        is what turns the momentum.
+        The mean moment of potentials, and μ, are integrals over angles, and internal states, by cubic polynomials; of
+        all moments the mean is what turns the momentum.
         """
+        from scipy.interpolate import CubicHermiteSpline
         from scipy.spatial.transform import Rotation
 
-        times, (p, W, *_), own = piece
-        if own is None:
-            return piece
+        times, (p, W, *_, z), own = self._stood(piece)
         W[:] = (W @ d)[:, None] * d
-        length, R, potentials = np.diff(times), attitudes(p), self.load.potentials
+        if own is None or len(times) < 2:
+            return piece
+        R, potentials, x = attitudes(p), self.load.potentials, np.zeros((len(times), 0)) if z is None else z
         turns = (Rotation.from_matrix(R[:-1]).inv() * Rotation.from_matrix(R[1:])).as_rotvec() @ d
-        speeds, (potential, held), mu = W @ d, np.zeros((2, len(length), 3)), np.zeros(len(length))
-        for k, (h, turn) in enumerate(zip(length, turns, strict=True)):
-            first, last = speeds[k : k + 2] * h
-            angle = np.polynomial.Polynomial([0, first, 3 * turn - 2 * first - last, first + last - 2 * turn])
-            for x, weight in zip(X, WEIGHTS, strict=True):
-                t, V = times[k] + x * h, angle.deriv()(x) / h * d
-                q = (R[k] @ Rotation.from_rotvec(angle(x) * d).as_matrix()).T
+        rates = [self._memory_rate(t, R[k].T, W[k], x[k]) for k, t in enumerate(times.tolist())]
+        values = np.column_stack([np.append(0.0, np.cumsum(turns)), x])
+        between = CubicHermiteSpline(times, values, np.column_stack([W @ d, rates]))
+        slope, length = between.derivative(), np.diff(times)
+        (potential, held), mu = np.zeros((2, len(length), 3)), np.zeros(len(length))
+        for k, h in enumerate(length):
+            for part, weight in zip(X, WEIGHTS, strict=True):
+                t = times[k] + part * h
+                angle, *inner = between(t)
+                V, y = slope(t)[0] * d, np.array(inner) if inner else None
+                q = (R[k] @ Rotation.from_rotvec((angle - values[k, 0]) * d).as_matrix()).T
                 potential[k] += weight * sum(
                     (term.scale * term.moment_at(t, q, V @ q) for term in potentials),
                     cross(q, self.body.dead_force).sum(axis=0),
                 )
                 for n in self.axis:
                     along = n - self.Q @ self.J @ n
-                    K, lam = self.forces(t, q, V, None)[0], self.holding(self.free(t, q, V, None), self.modes)[0]
+                    K, lam = self.forces(t, q, V, y)[0], self.holding(self.free(t, q, V, y), self.modes)[0]
                     mu[k] += weight * (f := (K - lam @ self.G) @ along)
                     held[k] += weight * f * (n @ q)
-        momentum = np.einsum("nij,nj->ni", R, W @ self.J)
+        momentum = np.einsum("nij,nj->ni", R, W @ self.body.convected_inertia)
         moment = np.diff(momentum, axis=0) / length[:, None] - potential + held
-        energies = potential_energy(directors(p), self.body) + self.load.potential_energy(directors(p))
         is_linear = all(term.dead_force is not None for term in potentials)
         means = own._replace(
             multipliers=mu[None, :, None][..., : len(self.axis)],
             moment=moment[None],
-            load_work=own.load_work + np.diff(energies),
             dead_moment=potential[None] if is_linear and len(self.axis) else None,
             twist=np.zeros((1, len(length))),
             dissipated_energy=-(turns * (d @ self.sliding(d)))[None],
         )
         return piece._replace(means=means if len(self.axis) else means._replace(twist=None))
+
+    def _memory_rate(self, t: float, q: Array, W: Array, z: Array) -> Array:
+        """Return z' while modes stay."""
+        if not z.size:
+            return z
+        rate = self.forces(t, q, W, z)[1]
+        rate[self.places[self.dry]] -= self.holding(self.free(t, q, W, z), self.modes)[0][self.bearings :]
+        return rate
 
     def _rested(self, piece: Piece) -> Piece:
         """Return a piece in which a body without load rests as that of this one: friction carries all but μ."""

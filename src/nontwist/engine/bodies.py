@@ -16,6 +16,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternion_column
 from ..loads import Load
 from ..models.stack import SystemStack
+from ..models.system import HingedSystem
 from .records import BODY
 
 ONE = np.ones(1)
@@ -61,7 +62,7 @@ def _fixed(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
     off[abs(off) <= ROUND_OFF * J.max(1)[:, None]] = 0.0
     row = np.zeros((m, BODY.size))
     spins = systems.spin is not None
-    row[:, BODY.k : BODY.off] = 1 / np.where([False, False, not (free or spins)], np.inf, J)
+    row[:, BODY.k : BODY.off] = 1 / np.where([False, hinged_of(systems) is not None, not (free or spins)], np.inf, J)
     row[:, BODY.spin] = systems.spin_factor if spins else 0.0
     row[:, BODY.off : BODY.free], row[:, BODY.free], row[:, BODY.E : BODY.basis] = off, free, e
     row[:, BODY.basis : BODY.frame] = basis.reshape(m, 9)
@@ -75,12 +76,19 @@ def _fixed(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
 _fixed_of_one = lru_cache(maxsize=64)(_fixed)
 
 
+def hinged_of(systems: SystemStack) -> HingedSystem | None:
+    """Return the body if it is one that can turn about one axis of it alone."""
+    return one if len(systems) == 1 and isinstance(one := systems[0], HingedSystem) else None
+
+
 def frames(systems: SystemStack) -> tuple[Array, Array, Array]:
     """Return the frames b, columns in body components, the Euler inertias in them over M, and M: (m, 3, 3) and (m,)."""
     M = power_of_two(np.trace(systems.euler_inertia, axis1=1, axis2=2))
     E = systems.euler_inertia / M[:, None, None]
     if systems.axis is None:
         basis = axes_of(E)
+    elif (hinged := hinged_of(systems)) is not None:
+        basis = hinged.frame[None]
     else:
         basis = bases_of(systems.axis)
         basis[:, :, :2] = basis[:, :, :2] @ axes_of((basis.swapaxes(1, 2) @ E @ basis)[:, :2, :2])

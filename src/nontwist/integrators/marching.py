@@ -9,8 +9,8 @@ laid out once. A call writes the state that the step begins with and the moments
 kernel, and reads the state at the end back. So a step depends on what it is given alone: a state that is kept can be
 given again, and a step that fails leaves nothing behind. The moments of the caller are constant over the step, in the
 body and in space. The kernel is one for both kinds of moments whatever they are, so that moments of zero change no bit;
-a run with a load in space has the same bits. Of a body with wheels it is the step of their carrier (`wheels`), the
-torques of their motors constant.
+a run with a load in space has the same bits. Of a body with wheels it is the step of their carrier
+(`load_samples.carrier`), the torques of their motors constant.
 """
 
 from __future__ import annotations
@@ -29,15 +29,14 @@ from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
-from ..loads.wheels import Wheel
+from ..loads.memory import Wheel
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .compiled import Compiled
-from .load_samples import WIDTHS, beside_chord
-from .members import PerThread
+from .load_samples import COMMANDED, WIDTHS, beside_chord, carrier, commanded, wheel_columns, work_of
 from .problem import IVP, Failure, Intervals, Outcome, Status
 from .stack_march import SAME, StackMarch, listed, march_of
-from .wheels import COMMANDED, carrier, commanded, wheel_columns, work_of
+from .stepping import PerThread
 
 NONE = np.zeros(0)
 
@@ -69,25 +68,21 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     failures = arrays["failures"]
     good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 
-    def alone(i: int) -> Outcome:
-        """Return how a member ends that is marched once more, by itself: its load fails."""
-        return march(replace(problem.member(i), on_gpu=False), 1, scheme)
-
     if common is not None:
         running = failures[:, 0] == Status.OK
         failures[running] = common[:4]
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
-        if failures[i, 0] == Status.STALLED and isinstance(
-            todo.functions.error, Exception
-        ):  # nearby the load has a value
-            failures[i, 0] = Status.LOAD if is_one else alone(i).failures[0, 0]
-        is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
-        if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
-            reasons[i] = TOO_FAR
-        elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = todo.functions.reason(todo.last_call) if is_one else alone(i).reasons.get(0, "")
+        is_stalled = failures[i, 0] == Status.STALLED and isinstance(todo.functions.error, Exception)
+        if scheme.is_exact_without_load and failures[i, 0] == Status.TURN and np.isnan(failures[i, 3]):
+            reasons[i] = TOO_FAR  # the motion without load, so far that no digit of it is left
+        elif is_stalled or (failures[i, 0] == Status.LOAD and i not in reasons):  # nearby the load may have a value
+            if is_one:
+                failures[i, 0], reasons[i] = Status.LOAD, todo.functions.reason(todo.last_call)
+            else:
+                alone = march(replace(problem.member(i), on_gpu=False), 1, scheme)
+                failures[i, 0], reasons[i] = alone.failures[0, 0], alone.reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
         if (outputs := dense.outputs(good, end)) is None:
@@ -281,7 +276,7 @@ class SingleStep:
     ) -> tuple[Numbers, Wheels]:
         """Take the step of this `number`, which begins `number` steps after `start`; `status` is 0 unless it failed.
 
-        `wheels` are what they have at the beginning, and torques beside those of the load.
+        `load_samples` are what they have at the beginning, and torques beside those of the load.
 
         Raises
         ------

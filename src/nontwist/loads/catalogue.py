@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_tensor, increasing
 from ..geometry.values import as_function, short_repr
 from .base import Load
-from .compiled import as_c_function, is_c_function
-from .forces import ForceFunction, ForceTable
 from .friction import DryFriction
+from .functions import as_c_function, is_c_function
 from .kinds import made, of_function
-from .memory import MemoryFunction
+from .memory import MemoryFunction, Wheel
+from .potentials import ForceFunction, ForceTable
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
-from .wheels import Wheel
 
 Forces = Callable[[float, Array, Array], ArrayLike]
 
@@ -391,8 +390,7 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
     exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it, and
     beside wheels and loads with memory it needs `gauss`, beside `coulomb` of a wheel an axis as well. A run has the
     variables `sticking` and `dissipated_energy`. Where friction about several axes, or about one beside a constrained
-    axis, leaves the body a single axis to turn about, it turns about this one, at the speed of Python; beside wheels,
-    loads with memory and `gravity_gradient` a run fails there unless the body rests.
+    axis, leaves the body a single axis to turn about, it turns about this one.
 
     Parameters
     ----------
@@ -496,19 +494,9 @@ def wheel(
     is_number = not (is_table or is_motor or torque is None)
     if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
         raise ValueError(f"torque must be a number, (times, values) or a function, got {short_repr(torque)}")
-    number, motor = (0.0, torque) if is_motor else (torque, None)
+    number, motor = (torque if is_number else 0.0), (torque if is_motor else None)
     table = torque if is_table else ((), ())
-    given = (
-        axis,
-        inertia,
-        speed,
-        0.0 if is_table or number is None else number,
-        *table,
-        viscous,
-        coulomb,
-        friction,
-        motor,
-    )
+    given = axis, inertia, speed, number, *table, viscous, coulomb, friction, motor
     has_function = motor is not None or friction is not None
     return of_function(Wheel, *given, compiled=compiled) if has_function else Wheel(*given).load
 

@@ -386,3 +386,24 @@ def as_system(value: Any) -> DirectorSystem:
             f"got {short_repr(value)}"
         )
     return value
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HingedSystem(DirectorSystem):
+    """A body that a second constraint leaves one axis d to turn about, across the first one, ``d·J d ω' = d·M``.
+
+    In the frame (d, e, n), n the constrained axis, 1/J22 is 0, as if nothing could turn it about e. Of the equations
+    of a body with a constrained axis the first is then this one, whatever J12 is.
+    """
+
+    hinge: Array = field(default_factory=lambda: np.eye(3)[0])
+
+    @property
+    def frame(self) -> Array:
+        """The frame, as columns in body components."""
+        n = np.asarray(self.axis, np.float64)
+        return np.stack([self.hinge, np.cross(n, self.hinge), n], axis=1)
+
+    @cached_property
+    def _key(self) -> str:
+        return f"{self.to_json()} {self.hinge.tolist()}"

@@ -220,7 +220,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
 def steps_of(run: xarray.Dataset) -> int:
     """Return how many steps a run has taken."""
     from ..analysis.trajectory import stretches_from
-    from ..integrators.time_grid import FIT
+    from ..integrators.problem import FIT
 
     time, grid = run["time"].values, stretches_from(run.attrs.get("stretches"))
     span = float(time[-1] - time[0])

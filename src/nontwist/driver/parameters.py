@@ -29,10 +29,9 @@ from ..loads.derivatives import (
     table_slopes,
     with_parameter,
 )
-from ..loads.forces import ForceTable
-from ..loads.potentials import GravityGradient
+from ..loads.memory import Wheel
+from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
-from ..loads.wheels import Wheel
 
 SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
 OWN = {  # those that every run has: labels, unit

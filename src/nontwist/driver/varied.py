@@ -27,7 +27,7 @@ import numpy as np
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import attitudes
 from ..geometry.tensors import ENTRIES
-from ..integrators.time_grid import stretched
+from ..integrators.problem import stretched
 from ..loads import Load
 from ..loads.derivatives import with_parameter
 from ..models.spin import Spin

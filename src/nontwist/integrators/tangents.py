@@ -20,7 +20,7 @@ from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
-from .members import PerThread
+from .stepping import PerThread
 
 TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal
 LOST, NOTHING = 1e-6, 1e-300  # of the largest growth between them: what has lost digits; no growth

@@ -38,8 +38,7 @@ from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import Array
 from ..integrators import IVP, Integrator
-from ..integrators.problem import COLUMNS
-from ..integrators.time_grid import stretched
+from ..integrators.problem import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack
 from ..runfile import RunFile

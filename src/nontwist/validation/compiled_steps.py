@@ -60,7 +60,7 @@ from ..integrators.base import IVP, Failure, Integrator, March, Status
 from ..integrators.stepping import Step, march
 from ..loads import body_moment, damping, space_moment
 from ..loads.base import Load, forces_at, state_moment_at
-from ..loads.forces import DirectorForces
+from ..loads.potentials import DirectorForces
 from ..models.constraints import constraint_matrices
 from ..models.system import DirectorSystem
 from .checks import Check

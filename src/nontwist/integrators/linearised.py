@@ -20,8 +20,7 @@ from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
 from ..engine.records import BODY, pack
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel, address_of
 from ..kernels.memory import size_of

@@ -15,8 +15,7 @@ from ..engine.known_steps import LANES, STEPS
 from ..engine.linearised import ForwardRun, chain_back, chain_forward, grow
 from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace

@@ -112,7 +112,7 @@ class StackMarch:
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
         self.slab = slab_layout(self.shapes)
-        self.arrays, array_addresses = (side_by_side if m == 1 else apart)(**self.shapes)
+        self.arrays, array_addresses = (side_by_side if m == 1 or stack.on_gpu else apart)(**self.shapes)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)

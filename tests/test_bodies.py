@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import PAPER_J, random_inertia
+from conftest import PAPER_J, cross, random_inertia
 from nontwist.inertia import convected_inertia, euler_inertia, principal_frame
 from nontwist.split_form import split_inertia
 from refusals import refused_as
@@ -145,8 +145,8 @@ def reference(body, W, t_end, rotation=None):
 
     def rates(t, y):
         q, W = y[:9].reshape(3, 3), y[9:]
-        m = np.cross(J @ W, W) + q @ np.cross(q, body.dead_force).sum(0)
-        return np.append(np.cross(W @ q, q).ravel(), plane.T @ np.linalg.solve(plane @ J @ plane.T, plane @ m))
+        m = cross(J @ W, W) + q @ cross(q, body.dead_force).sum(0)
+        return np.append(cross(W @ q, q).ravel(), plane.T @ np.linalg.solve(plane @ J @ plane.T, plane @ m))
 
     q = np.eye(3) if rotation is None else np.transpose(rotation)
     end = solve_ivp(rates, (0, t_end), [*q.ravel(), *W], method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]

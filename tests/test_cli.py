@@ -32,12 +32,6 @@ def test_reproduce_prints_tables_and_exits_with_0(tmp_path):
     assert "step 0.005" not in result.stdout
 
 
-def test_reproduce_exits_with_1_when_a_number_differs(tmp_path):
-    result = ended(1, "reproduce", "--case", "3", "--quick", "--printed-loads", "--out", str(tmp_path))
-    assert "DIFFERS" in result.stdout
-    assert "20 times smaller" in result.stdout
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

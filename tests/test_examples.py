@@ -73,10 +73,11 @@ def test_the_map_of_chaos_is_drawn(tmp_path):
     assert max(largest[5, 2], largest[0, 3]) < 0.06 < 0.12 < min(largest[5, 0], largest[2, 1])
 
 
-LIKE_OTHERS = ("directors", "energy_drift", "orthonormality", "reaction_moment", "multipliers", "second_quotient")
+LIKE_OTHERS = "directors energy energy_drift orthonormality reaction_moment multipliers polhode second_quotient"
+COPIED = [*LIKE_OTHERS.split(), "twist_angle", "work_precision"]
 
 
-@pytest.mark.parametrize("copied", [(*LIKE_OTHERS, "work_precision"), pytest.param((), marks=pytest.mark.long)])
+@pytest.mark.parametrize("copied", [COPIED, pytest.param((), marks=pytest.mark.long)])
 def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(copied, tmp_path):
     """Of some figures the stored picture is taken in the quick suite."""
     main = runpy.run_path(str(ROOT / "examples" / "gallery.py"))["main"]

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import ended
+from conftest import cross, ended
 from fit_errors import csv, differences, model_of, off, off_by, recorded
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short, with_moments
@@ -73,9 +73,9 @@ def by_scipy(inertia, arm, drag, start, times):
 
     def slope(t, x):
         w, g, v, s = x[:3], x[3:6], x[6:9], x[9]
-        moment = np.cross(inertia @ w, w) + np.cross(arm, g) - drag * w
-        turned = 0.5 * np.append(s * w + np.cross(v, w), -v @ w)
-        return np.concatenate([inverse @ moment, np.cross(g, w), turned])
+        moment = cross(inertia @ w, w) + cross(arm, g) - drag * w
+        turned = 0.5 * np.append(s * w + cross(v, w), -v @ w)
+        return np.concatenate([inverse @ moment, cross(g, w), turned])
 
     return solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from conftest import ended
+from conftest import cross, ended
 from fit_errors import csv, off, off_by, recorded
 from nontwist import fit_inertia, heavy_top, rotation, sensors, simulate, standard
 from refusals import refused_as
@@ -42,7 +42,7 @@ def test_readings_are_those_of_the_formula():
     read = sensors.gyroscope(run, rate=200, bias=(0.1, 0, -0.2), scale=1.1, **ERRORS)
 
     def euler(_, W):
-        return np.linalg.solve(J, np.cross(J @ W, W))
+        return np.linalg.solve(J, cross(J @ W, W))
 
     W = solve_ivp(euler, (0.3, 0.9), start, "DOP853", t - LATE, rtol=1e-12, atol=1e-13).y.T
     expected = 1.1 * SCALES * Rotation.from_rotvec(THETA).inv().apply(W) + [0.1, 0, -0.2]

@@ -89,7 +89,7 @@ def drive(t):
 def by_scipy(a, c, W, times):
     """W of the standard body under `drive` and friction about a, by SciPy and its events, mode after mode."""
     found, t, mode, modes = {times[0]: W}, times[0], np.sign(a @ W), []
-    free = lambda t, W: np.linalg.solve(J, drive(t) + np.cross(J @ W, W))  # noqa: E731
+    free = lambda t, W: np.linalg.solve(J, drive(t) + cross(J @ W, W))  # noqa: E731
     toward = np.linalg.solve(J, a)
     needed = lambda t, W: a @ free(t, W) / (a @ toward)  # noqa: E731
     while t < times[-1]:
@@ -133,7 +133,7 @@ def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
     """Without an axis the direction of w turns without end as it vanishes; friction takes the whole energy."""
     W = np.array([1.0, 0.5, -0.7])
     times = np.array([0, 1, 2, 3, 4, 4.8])
-    rate = lambda t, W: np.linalg.solve(J, np.cross(J @ W, W) - W / np.linalg.norm(W))  # noqa: E731
+    rate = lambda t, W: np.linalg.solve(J, cross(J @ W, W) - W / np.linalg.norm(W))  # noqa: E731
     right = solve_ivp(rate, (0, 4.8), W, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
     for how, bound in (({"step": 0.05}, 1e-12), ({"step": 0.0125, "integrator": "lie-midpoint"}, 3e-6), ({}, 1e-12)):
         run = nt.integrate(

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import nontwist as nt
+from conftest import cross
 from nontwist import integrate, memory_load, simulate, standard
 from nontwist.integrators import Gauss
 from nontwist.loads import LOADS, Memory
@@ -50,8 +51,8 @@ def reference(t_end):
 
     def rates(t, y):
         q, W, z = y[:9].reshape(3, 3), y[9:12], y[12:]
-        turned = np.cross(W @ q, q)
-        return np.concatenate([turned.ravel(), (torque(t, z, q, W) - np.cross(W, J * W)) / J, lags(t, z, q, W)])
+        turned = cross(W @ q, q)
+        return np.concatenate([turned.ravel(), (torque(t, z, q, W) - cross(W, J * W)) / J, lags(t, z, q, W)])
 
     y0 = np.concatenate([np.eye(3).ravel(), START, Z0])
     return solve_ivp(rates, (0, t_end), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
@@ -184,7 +185,7 @@ def test_a_state_that_is_faster_than_the_steps(order, within):
     run = followed(lag, order, start=slow[0])
 
     def rates(t, W):
-        return (np.array([0.1 * np.sin(t), -0.3 * W[1], 0.0]) - np.cross(W, J * W)) / J
+        return (np.array([0.1 * np.sin(t), -0.3 * W[1], 0.0]) - cross(W, J * W)) / J
 
     W = solve_ivp(rates, (0, 4), START, rtol=1e-10, atol=1e-12).y[:, -1]
     assert run.material_angular_velocity[-1] == pytest.approx(W, abs=2e-3)  # as the lag, and the step at order 2

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from conftest import LOW_CONTRAST
+from conftest import LOW_CONTRAST, ended
 from nontwist import open_run, reproduce
 from nontwist.paper.tables import printed_tables
 
@@ -97,12 +97,14 @@ def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reprodu
 
 
 def test_printed_loads_miss_the_tables_by_twenty(tmp_path):
-    """In a quick reproduction of one case."""
-    result = reproduce(tmp_path, [2], quick=True, printed_loads=True)
-    assert not result.agrees
-    row = next(row for row in result.tables[0].rows if row.quantity == "Π1")
-    assert 15 < row.computed / row.printed < 20.1
-    document = result.page.read_text(encoding="utf-8")
+    """In a quick reproduction of one case, by the command, whose exit status is then 1."""
+    result = ended(1, "reproduce", "--case", "2", "--quick", "--printed-loads", "--out", tmp_path)
+    assert "DIFFERS" in result.stdout
+    assert "20 times smaller" in result.stdout
+    with (tmp_path / "case2" / "invariants.csv").open(encoding="utf-8") as file:
+        row = next(row for row in csv.DictReader(file) if row["quantity"] == "Π1")
+    assert 15 < float(row["computed"]) / float(row["printed"]) < 20.1
+    document = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Loads of cases 2 and 3 are as printed." in document
     assert '<td class="bad">differs</td>' in document
     with pytest.raises(FileExistsError, match=r"index\.html"):

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import thinned
+from conftest import cross, thinned
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile.document import checked
 from nontwist.runfile.folder import Folder
@@ -74,8 +74,8 @@ def reference(*times, rubs=False):
         if rubs:
             torque[1] = spin_up(t, speed[1])
         loss = rubs * np.array([0.05 * speed[0], drag(speed[1])])
-        inner = np.cross(carrier @ W + h @ AXES, W) - (torque - loss) @ AXES
-        p = 0.5 * np.append(s * W + np.cross(vector, W), -vector @ W)
+        inner = cross(carrier @ W + h @ AXES, W) - (torque - loss) @ AXES
+        p = 0.5 * np.append(s * W + cross(vector, W), -vector @ W)
         return np.concatenate([np.linalg.solve(carrier, inner), p, torque - loss, torque * speed, loss * speed])
 
     y, found = np.concatenate([W0, [0, 0, 0, 1], INERTIAS * ([30, -10] + AXES @ W0), np.zeros(4)]), {}

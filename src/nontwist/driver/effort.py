@@ -91,7 +91,7 @@ class LeastEffort:
     >>> from nontwist import least_effort, nontwisting, simulate
     >>> from scipy.spatial.transform import Rotation
     >>> body, target = nontwisting([3, 4, 5]), Rotation.from_euler("z", 90, degrees=True)
-    >>> found = least_effort(body, Rotation.identity(), target, t_end=10, nodes=21)
+    >>> found = least_effort(body, Rotation.identity(), target, t_end=10, nodes=11)
     >>> run = simulate(body, t_end=10, rotation=found.start, load=found.load)
     >>> last = Rotation.from_quat(run.quaternion.values[-1])
     >>> bool((last.inv() * target).magnitude() < 1e-7)
@@ -157,7 +157,7 @@ def least_effort(
     >>> from nontwist import least_effort, nontwisting, steer
     >>> from scipy.spatial.transform import Rotation
     >>> start, target = Rotation.identity(), Rotation.from_euler("z", 90, degrees=True)
-    >>> found = least_effort(nontwisting([3, 4, 5]), start, target, t_end=10, nodes=21)
+    >>> found = least_effort(nontwisting([3, 4, 5]), start, target, t_end=10, nodes=11)
     >>> round(found.effort, 2), round(found.length, 3), round(steer(start, target).length, 3)
     (7.51, 4.406, 4.156)
     """

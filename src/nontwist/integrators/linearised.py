@@ -193,10 +193,6 @@ class Linearised:
         found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
         return found
 
-    def ranges(self, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of all chunks."""
-        return ranged(0, self.problem.steps, LONGEST, back)
-
     def nodes(self, first: int, last: int) -> StepNodes:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
@@ -235,7 +231,7 @@ class Linearised:
 
         `is_stored`: 1 for each step at whose end the state is stored, else 0.
         """
-        for ends in self.ranges(back):
+        for ends in ranged(self.problem.steps, LONGEST, back):
             nodes = self.nodes(*ends)
             chunk = chunk_of(self, nodes, count, entries(nodes), back)
             if is_stored is not None:
@@ -300,9 +296,9 @@ def input_maps_of(body: Array) -> dict[str, Array]:
     return vectors | tensors | {"factor": force * np.eye(1)}
 
 
-def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:
+def ranged(count: int, size: int, back: bool = False) -> list[tuple[int, int]]:
     """Return the borders of ranges of this size, from the last one `back`."""
-    found = [(k, min(k + size, last)) for k in range(first, last, size)]
+    found = [(k, min(k + size, count)) for k in range(0, count, size)]
     return found[::-1] if back else found
 
 

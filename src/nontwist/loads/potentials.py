@@ -329,7 +329,7 @@ class GravityGradient(OfOneVector):
         Array, Spec("the normal of the orbit, in space", shape=(3,), rule="direction in space", is_fixed=True)
     ] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
-    eccentricity: Annotated[float, Spec("", rule="from 0 and below 1")] = 0.0
+    eccentricity: Annotated[float, Spec("", rule="at least 0 and below 1")] = 0.0
     inertia: Any = None  # J, (3, 3), when a run has told its body
     linear = np.zeros(3)
 

@@ -39,8 +39,8 @@ class Spec:
 
     Sentences name options as those of messages do: ``{option[rate]}``. Of a field that is a number or an array, `shape`
     says which, a name in it being the length of another field, and `rule` what else holds: "positive", "not negative",
-    "at least 0 and below 1", "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its
-    name for callers, if it has another. One that `is_fixed` is no parameter of derivatives.
+    "at least 0 and below 1", "increasing", "symmetric", "direction in the body" or "direction in space". `option` is
+    its name for callers, if it has another. One that `is_fixed` is no parameter of derivatives.
     """
 
     text: str

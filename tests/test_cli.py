@@ -40,6 +40,7 @@ def test_reproduce_prints_tables_and_exits_with_0(tmp_path):
         ("reproduce --case 4", " for '--case': 4 is above 3, the largest value"),
         ("twist a.csv --rate -1", ": --rate re"),
         ("view a.csv --euler XXZ", ": --euler re"),
+        ("twist a.csv --align foo", " for '--align': 'foo' is not one of '"),
     ],
 )
 def test_a_value_that_an_option_cannot_take_is_an_error_of_usage(words, message):

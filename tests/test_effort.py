@@ -57,7 +57,7 @@ def test_it_is_the_least_of_all_moments():
 
     def shot(z):
         x = np.concatenate([np.eye(3).ravel(), np.zeros(2), z, [0]])
-        return solve_ivp(rates, (0, 1), x, rtol=1e-11, atol=1e-11).y[:, -1]
+        return solve_ivp(rates, (0, 1), x, "DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
 
     def off(z):
         x = shot(z)

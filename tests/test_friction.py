@@ -176,7 +176,8 @@ def speeds_about_y():
     """Times, and speeds of these bodies about y by SciPy, under gravity, a spring, damping and a moment."""
 
     def rate(t, y):
-        q = (START * Rotation.from_rotvec([0, y[0], 0])).as_matrix().T
+        c, s = np.cos(y[0]), np.sin(y[0])
+        q = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ START.as_matrix().T
         arm = np.array([0.2, -0.3, 0.4]) @ q
         stretch = np.array([1, 0, 0.5]) - q[2]
         pull = 2 * (1 - 0.3 / np.linalg.norm(stretch)) * stretch

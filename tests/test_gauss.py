@@ -103,7 +103,10 @@ def collocated(body, q, W, h, order, load):
 
     k = np.zeros((s, 12))
     for _ in range(200):
-        k = np.array([rates(h * t, x[:3], x[3:].reshape(3, 3)) for t, x in zip(c, y + h * a @ k, strict=True)])
+        before, pairs = k, zip(c, y + h * a @ k, strict=True)
+        k = np.array([rates(h * t, x[:3], x[3:].reshape(3, 3)) for t, x in pairs])
+        if np.allclose(k, before, rtol=0, atol=1e-16 * abs(k).max()):
+            break
     end = y + h * b @ k
     return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3])
 

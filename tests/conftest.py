@@ -40,7 +40,7 @@ FONTS = "font.family", "font.sans-serif", "font.serif", "mathtext.default", "tex
 
 
 def parsed_once(parse):
-    """Parse each formula once in these fonts, for all figures: matplotlib does so for each file, in half of its time."""
+    """Parse each formula once in these fonts for all figures; matplotlib does so for each file, half of its time."""
     kept = {}
 
     def parsed(self, text, dpi=72, prop=None, **how):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
 from ..integrators.base import IVP, Integrator, Outcome, Status
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
@@ -18,7 +17,7 @@ from .variables import (
     MEMBERS,
     SIZES,
     STATE,
-    Wheels,
+    Acting,
     about,
     assembled,
     coordinates,
@@ -26,7 +25,6 @@ from .variables import (
     names_of,
     nodal,
     observables,
-    potentials_of,
 )
 
 if TYPE_CHECKING:
@@ -49,12 +47,10 @@ def dataset(
 ) -> xarray.Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
-    records = ensemble.load.description
     if variables == nodal():
-        variables = nodes_of(records)
-    rotors = rotor_momenta(ensemble, ensemble.stored_times)
-    held = potentials_of(ensemble.load, ensemble.stored_times, ensemble.load_scale)
-    found = described(observables(variables, systems, outcome.states, rotors, held, Wheels.of(records)), ("member",))
+        variables = nodes_of(ensemble.load.description)
+    acting = Acting.of(ensemble.load, ensemble.stored_times, ensemble.load_scale)
+    found = described(observables(variables, systems, outcome.states, acting), ("member",))
     if outcome.states.internal is not None:
         found |= described({"internal_state": outcome.states.internal}, ("member",))
     if outcome.observed is not None:
@@ -68,14 +64,6 @@ def dataset(
     along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if ensemble.load.wheels else {}
     placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.stored_times, **along)
     return assembled(found, placed, _record(scheme, ensemble))
-
-
-def rotor_momenta(ensemble: IVP, times: Array) -> Array | None:
-    """Return the momentum of the rotors of members at (k,) times, (m or 1, k, 3); None where there are none."""
-    if not ensemble.load.rotors:
-        return None
-    momenta: Array = ensemble.load_scale[:, None, None] * ensemble.load.rotor_momentum(times)
-    return momenta
 
 
 def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:

@@ -314,10 +314,15 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
 
 
 def _wheel(ax: Axes, axis: Array, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    _band(ax, circle_about(axis, 91), WHEEL, view, near, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
+
+
+def circle_about(axis: Array, count: int = 241) -> Array:
+    """Return the great circle about a vector, (count, 3)."""
+    t = np.linspace(0, 2 * np.pi, count)[:, None]
     a = np.linalg.svd(axis[None])[2][1:]
-    angle = np.linspace(0, 2 * np.pi, 91)
-    along = np.cos(angle)[:, None] * a[0] + np.sin(angle)[:, None] * a[1]
-    _band(ax, along, WHEEL, view, near, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
+    points: Array = np.cos(t) * a[0] + np.sin(t) * a[1]
+    return points
 
 
 def _band(

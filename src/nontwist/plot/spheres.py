@@ -28,7 +28,7 @@ from ..geometry.arrays import Array, arcs, as_number
 from ..geometry.values import among, as_whole, short_repr
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
-from ..viewer.drawing import Camera, circle_about
+from ..viewer.drawing import Camera, circle_about, graticule
 from .journals import axes_for, column_width, style
 from .looks import LEAST, Look, contrast, cycle, given_look, handle, labelled, legend, looks, pale, variable
 
@@ -306,15 +306,13 @@ def _globe(ax: Axes, V: Array, paths: Array) -> None:
     below = extent(V, np.ones(3), np.zeros((1, 2)))[2]
     bare(ax, np.array([-_MARGIN, _MARGIN, min(below, -_BELOW), _MARGIN]))
     ax.add_patch(Circle((0, 0), 1, facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0))
-    t = np.linspace(0, 2 * np.pi, 181)
+    latitudes = (-60, -30, 0, 30, 60)
+    meridians, parallels = graticule(latitudes, 181)
     grid: Look = {"linewidth": 0.4, "color": "0.75"}
-    for longitude in np.radians(np.arange(0, 180, 30)):
-        m = np.stack([np.cos(t) * np.cos(longitude), np.cos(t) * np.sin(longitude), np.sin(t)], axis=1) @ V.T
-        curve(ax, m, m[:, 2], 2.5, "_meridian", **grid)
-    for latitude in np.radians([-60, -30, 0, 30, 60]):
-        c = np.cos(latitude)
-        p = np.stack([c * np.cos(t), c * np.sin(t), np.full_like(t, np.sin(latitude))], axis=1) @ V.T
-        curve(ax, p, p[:, 2], 2.5, "_parallel", **grid | ({"color": "0.55"} if latitude == 0 else {}))
+    for m in meridians:
+        curve(ax, m @ V.T, m @ V[2], 2.5, "_meridian", **grid)
+    for latitude, p in zip(latitudes, parallels, strict=True):
+        curve(ax, p @ V.T, p @ V[2], 2.5, "_parallel", **grid | ({"color": "0.55"} if latitude == 0 else {}))
     arrows(ax, V, np.ones(3), "xyz", paths)
 
 

@@ -147,18 +147,15 @@ def view(
         raise ValueError(f"title must be a string, got {short_repr(title)}")
     shows = contents([run] if other is None else [run, other], labels)
     title = title or " and ".join(each["title"] or each["name"] for each in shows)
+    camera = camera_of([Motion(data) for data in shows])
+    seen = camera._asdict() | {"upright": camera.upright.tolist()}
     page = Template(_own("viewer.html")).substitute(
         title=html.escape(title),
         style=_own("common.css") + _own("viewer.css"),
-        content=as_script({"title": title, "runs": shows, "camera": _camera(shows)}),
+        content=as_script({"title": title, "runs": shows, "camera": seen}),
         script="\n".join(map(_own, SCRIPTS)),
     )
     return View(page, title)
-
-
-def _camera(shows: list[dict[str, Any]]) -> dict[str, Any]:
-    azimuth, elevation, upright = camera_of([Motion(data) for data in shows])
-    return {"azimuth": azimuth, "elevation": elevation, "upright": upright.tolist()}
 
 
 def _own(name: str) -> str:

@@ -141,7 +141,12 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
         raise ValueError(f"labels must be {many}, got {short_repr(labels)}")
     two = len(runs) == 2
-    found = [_of_two(*pair) for pair in zip(runs, PLACES, strict=True)] if two else [content(runs[0])]
+    found = []
+    for run, place in zip(runs, PLACES, strict=False):
+        try:
+            found.append(content(run))
+        except ValueError as error:
+            raise ValueError(f"the {place} run: {error}" if two else str(error)) from error
     titles, names = ([each[key] for each in found] for key in ("title", "name"))
     if given is not None:
         names = list(given)
@@ -155,13 +160,6 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
     for one, name in zip(found, names, strict=True):
         one["name"] = name
     return found
-
-
-def _of_two(run: Any, place: str) -> dict[str, Any]:
-    try:
-        return content(run)
-    except ValueError as error:
-        raise ValueError(f"the {place} run: {error}") from error
 
 
 def content(run: Any) -> dict[str, Any]:

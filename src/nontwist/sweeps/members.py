@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
-from ..analysis import ensemble_dataset, statistics
+from ..analysis import statistics
 from ..analysis.variables import SIZES, Acting, about, observables
 from ..driver.completion import march
 from ..driver.ensembles import messages
@@ -367,7 +367,7 @@ class Members:
 
     @property
     def _states(self) -> tuple[str, ...]:
-        return ensemble_dataset.checked(self.sweep.variables)
+        return statistics.checked_variables(self.sweep.variables)
 
     def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, IVP]:
         """Return m members of one file, which differ in axes of an ensemble alone, and how to integrate them.

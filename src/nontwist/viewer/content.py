@@ -198,7 +198,7 @@ def content(run: Any) -> dict[str, Any]:
     ]
     return data | {
         "title": tomllib.loads(run.attrs.get("run_file", "")).get("title", ""),
-        "name": name_in_words(system),
+        "name": BODIES[system.name].words if system.name in BODIES else system.name,
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
         "labels": _labels(n),
@@ -222,7 +222,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     axis = np.array(twisted.attrs.get("axis", [0.0, 0.0, 1.0]))
     about = {
         "Motion": twisted.attrs.get("title", "a recording"),
-        "Box": SLAB_IN_WORDS,
+        "Box": "generic, since a recording has no inertia: its longest edge need not be that of the body",
         **arrows_in_words(axis),
     }
     return _motion(twisted, twisted, attitudes, about) | {
@@ -390,14 +390,6 @@ def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None
 
 
 # Descriptions of the body and the integrator of a run, from its attributes.
-
-
-SLAB_IN_WORDS = "generic, since a recording has no inertia: its longest edge need not be that of the body"
-
-
-def name_in_words(system: DirectorSystem) -> str:
-    """Return the name of the body."""
-    return BODIES[system.name].words if system.name in BODIES else system.name
 
 
 def body_in_words(system: DirectorSystem) -> str:

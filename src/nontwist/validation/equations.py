@@ -103,9 +103,8 @@ def identities() -> Iterator[Check]:
         momenta += [pi - j @ w, q @ pi - J @ W]
     source = "eq-kinetic-density-convected; eq-director-K"
     yield error("kinetic energy, four ways, J", energies, 1e-12, source, "invariant")
-    yield error(
-        "momenta π = j w, Π = J W, kg m² s⁻¹", momenta, 1e-12, "eq-dir-momenta; eq-inertia-inertia", "invariant"
-    )
+    source = "eq-dir-momenta; eq-inertia-inertia"
+    yield error("momenta π = j w, Π = J W, kg m² s⁻¹", momenta, 1e-12, source, "invariant")
 
 
 def variations() -> Iterator[Check]:
@@ -145,9 +144,8 @@ def runs() -> Iterator[Check]:
             integrate(SAMPLES[name], integrator=replace(FINE, form=form), **how) for form in ("split", "director")
         )
         gaps = [split.directors - director.directors, split.director_velocities - director.director_velocities]
-        yield error(
-            f"{BODIES[name].words} under load, 1 s: both forms", gaps, 1e-11, f"eq-nonholonomic; {WEAK}", "independent"
-        )
+        title = f"{BODIES[name].words} under load, 1 s: both forms"
+        yield error(title, gaps, 1e-11, f"eq-nonholonomic; {WEAK}", "independent")
 
 
 BODY = SAMPLES["nontwisting"]

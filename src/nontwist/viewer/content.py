@@ -141,7 +141,12 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
         raise ValueError(f"labels must be {many}, got {short_repr(labels)}")
     two = len(runs) == 2
-    found = [_of_two(*pair) for pair in zip(runs, PLACES, strict=True)] if two else [content(runs[0])]
+    found = []
+    for run, place in zip(runs, PLACES, strict=False):
+        try:
+            found.append(content(run))
+        except ValueError as error:
+            raise ValueError(f"the {place} run: {error}" if two else str(error)) from error
     titles, names = ([each[key] for each in found] for key in ("title", "name"))
     if given is not None:
         names = list(given)
@@ -155,13 +160,6 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
     for one, name in zip(found, names, strict=True):
         one["name"] = name
     return found
-
-
-def _of_two(run: Any, place: str) -> dict[str, Any]:
-    try:
-        return content(run)
-    except ValueError as error:
-        raise ValueError(f"the {place} run: {error}") from error
 
 
 def content(run: Any) -> dict[str, Any]:
@@ -200,7 +198,7 @@ def content(run: Any) -> dict[str, Any]:
     ]
     return data | {
         "title": tomllib.loads(run.attrs.get("run_file", "")).get("title", ""),
-        "name": name_in_words(system),
+        "name": BODIES[system.name].words if system.name in BODIES else system.name,
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
         "labels": _labels(n),
@@ -224,7 +222,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     axis = np.array(twisted.attrs.get("axis", [0.0, 0.0, 1.0]))
     about = {
         "Motion": twisted.attrs.get("title", "a recording"),
-        "Box": SLAB_IN_WORDS,
+        "Box": "generic, since a recording has no inertia: its longest edge need not be that of the body",
         **arrows_in_words(axis),
     }
     return _motion(twisted, twisted, attitudes, about) | {
@@ -392,14 +390,6 @@ def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None
 
 
 # Descriptions of the body and the integrator of a run, from its attributes.
-
-
-SLAB_IN_WORDS = "generic, since a recording has no inertia: its longest edge need not be that of the body"
-
-
-def name_in_words(system: DirectorSystem) -> str:
-    """Return the name of the body."""
-    return BODIES[system.name].words if system.name in BODIES else system.name
 
 
 def body_in_words(system: DirectorSystem) -> str:

@@ -172,7 +172,8 @@ def named(
         records = [term.description for term in potentials]
         if (base := conserved_momentum(systems, loaded, records)) is not None:
             drift = changes[:, PLACES[base]].max(axis=1, keepdims=True)
-            attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {_WORDS[base]}"}
+            of = "spatial angular momentum along gravity" if base == "vertical_momentum" else VARIABLES[base][2]
+            attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {of}"}
             found["momentum_drift"] = (("member",), drift[:, 0], {**attributes, "symbol": "max |Δπ|"})
     for name in shown if "extrema" in names else ():
         add(f"{name}_min", name, "least {}", "min {}", observed[:, LEAST, PLACES[name]])
@@ -183,13 +184,6 @@ def named(
         attributes = {"units": "rad", "long_name": "twist about the body axis, all turns", "symbol": "ψ"}
         found["total_twist"] = (("member",), observed[:, INTEGRAL, PLACES["twist_rate"]][:, 0], attributes)
     return found
-
-
-_WORDS = {
-    "spatial_momentum": "spatial angular momentum",
-    "material_momentum": "material angular momentum",
-    "vertical_momentum": "spatial angular momentum along gravity",
-}
 
 
 def second_quotient(

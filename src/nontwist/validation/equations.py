@@ -220,7 +220,7 @@ def parameter() -> Iterator[Check]:
     q, load = np.eye(3), MidpointLoad(np.array([1.0, 2.0, 0.0]), np.array([0.5, 0.0, 1.0]))
     v, no_force = np.cross(np.array([2.0, -3.0, 0.0]), q), np.zeros((3, 3))
     half, zero = (
-        director_step(0, q, v, 0.01, BODY.euler_inertia, constraint_matrices(D3, a), no_force, load) for a in (0.5, 0)
+        director_step(q, v, 0.01, BODY.euler_inertia, constraint_matrices(D3, a), no_force, load) for a in (0.5, 0)
     )
     source = "eq_weak_form_rigid_body_alternative (docs/errata.md, 5)"
     moved = [zero.directors - half.directors, zero.velocities - half.velocities]

@@ -168,23 +168,23 @@ def body_step(system: DirectorSystem, q0: Array, v0: Array, h: float, load: Midp
         W0 = W0 + q0 @ cross(q0, v0 - cross(W0 @ q0, q0)).sum(0) / 2
     W0 = W0 - (axis @ W0) @ axis
 
-    def middle(W: Array) -> tuple[Array, Array, Array]:
-        """Return the mean directors, the moment of the load in space, and all moments along the directors."""
+    def middle(W: Array) -> tuple[Array, Array]:
+        """Return the moment of the load in space, and all moments along the directors."""
         a = h / 2 * W[..., None, :]
         back = I3 + cross(a, I3)
         qm = ((back + a * a.swapaxes(-1, -2)) / (1 + (a * a).sum(-1, keepdims=True))) @ q0
         m = load.in_space(qm, W @ q0)
         M = load.body + (back @ (q0 @ (m + cross(qm, system.dead_force).sum(-2))[..., None]))[..., 0]
-        return qm, m + load.body @ qm, M
+        return m + load.body @ qm, M
 
     def residual(x: Array) -> Array:
         y, mu = x[..., :3], x[..., 3:]
         W = W0 + y
-        return np.concatenate([2 / h * y @ J - cross(W @ J, W) - middle(W)[2] + mu @ axis, W @ axis.T], axis=-1)
+        return np.concatenate([2 / h * y @ J - cross(W @ J, W) - middle(W)[1] + mu @ axis, W @ axis.T], axis=-1)
 
     x, iterations = newton(residual, 3 + len(axis), 3, float(abs(W0).max()))
     W = W0 + x[:3]
-    _, m, _ = middle(W)
+    m, _ = middle(W)
     a = h / 2 * W
     q1: Array = (2 * (I3 + cross(a, I3) + np.outer(a, a)) / (1 + a @ a) - I3) @ q0
     v1 = cross((2 * W - W0) @ q1, q1)

@@ -15,6 +15,13 @@ mp.mp.dps = 40
 BITS = 170
 
 
+FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
+
+
+def distance(a, b):
+    return np.linalg.norm(a - b) / np.sqrt(2)
+
+
 def elliptic_top(moments, W, t):
     """Λ (3, 3) of a body with principal axes E1, E2, E3, three different `moments`, off the principal axes."""
     with mp.workdps(40):

@@ -9,17 +9,12 @@ from scipy.integrate import solve_ivp
 import nontwist as nt
 from conftest import cross
 from refusals import refused_as
+from test_friction import drive
+from test_wheels import AXES, INERTIAS, W0, J
+from test_wheels import BODIES as SKEW_BODIES
 
-J = np.diag([3.0, 4.0, 5.0])
-W0 = np.array([0.3, 0.1, 0.35])
-AXES = np.array([[1, 1, 0] / np.sqrt(2), [1, -1, 1] / np.sqrt(3)])
-INERTIAS, LIMITS, VISCOUS = np.array([0.2, 0.3]), np.array([0.05, 0.08]), np.array([0.03, 0.0])
-BODIES = {
-    "standard": nt.standard(J),
-    "nontwisting": nt.nontwisting(J),
-    "suslov": nt.suslov(J + 0.1, (1, 0, 1)),
-    "top": nt.heavy_top(J, 1, (0, 0, 0.5)),
-}
+LIMITS, VISCOUS = np.array([0.05, 0.08]), np.array([0.03, 0.0])
+BODIES = SKEW_BODIES | {"nontwisting": nt.nontwisting(J)}
 
 
 def swing(t, speed):
@@ -127,10 +122,6 @@ def by_scipy(times, about=(), limits=(), push=lambda t: np.zeros(3)):
                 modes[k] = np.sign(held[k])
         seen.append(tuple(modes))
     return np.array([found[x] for x in times]), np.array(seen)
-
-
-def drive(t):
-    return np.array([0.9 * np.sin(1.3 * t), 0.4 * np.cos(t), 0.3])
 
 
 @pytest.mark.parametrize("rubs", [False, True])

@@ -11,21 +11,16 @@ from scipy.spatial.transform import Rotation
 import exact_reference as reference
 import nontwist as nt
 from conftest import BODIES, PAPER_J, thinned
+from exact_reference import FULL, distance
 from nontwist.errors import SimulationError
 from nontwist.integrators import Continuous
 from nontwist.models.system import euler_inertia
 from refusals import refused_as
 
-FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
-
 
 def turns(W, n):
     """The time in which a body that turns at |W| makes `n` revolutions."""
     return 2 * np.pi * n / np.linalg.norm(W)
-
-
-def distance(a, b):
-    return np.linalg.norm(a - b) / np.sqrt(2)
 
 
 BRANCHES = {  # beside those of the checks of validation, which are compared with many digits as well

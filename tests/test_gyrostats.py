@@ -7,18 +7,14 @@ import pytest
 
 import exact_reference as reference
 from conftest import random_inertia, thinned
+from exact_reference import FULL, distance
 from nontwist import damping, exact, integrate, nontwisting, rotations, rotor, simulate, simulate_ensemble, standard
 from nontwist.exact.gyrostats import gyrostat
 from nontwist.geometry.attitudes import attitudes
 from refusals import refused_as
 
-FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
 AXIS = np.array([0.5, -0.3, 0.8])
 UNSTABLE = 3.6 * AXIS - FULL @ AXIS  # with this rotor a rotation about AXIS is permanent, and a saddle
-
-
-def distance(a, b):
-    return np.linalg.norm(a - b) / np.sqrt(2)
 
 
 def period(J, c, W):

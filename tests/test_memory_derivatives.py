@@ -6,25 +6,15 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from test_derivatives import derivative, last, require_transpose
+from test_wheels import BODIES, W0, J, drag, spin_up
 
-J = np.diag([3.0, 4.0, 5.0])
-W0 = np.array([0.3, 0.1, 0.35])
 KINKS = [0.3, 0.5, 1.0], [0.0, 0.5, -0.3]
-BODIES = {"standard": nt.standard(J), "suslov": nt.suslov(J + 0.1, (1, 0, 1)), "top": nt.heavy_top(J, 1, (0, 0, 0.5))}
 START = ["material_angular_velocity", "rotation"]
 FIELDS = {"speed": 3.0, "torque": 0.1, "viscous": 0.05}
 
 
-def drag(speed):
-    return 0.02 * np.tanh(speed / 3)
-
-
 def halting(speed):
     return 0.3 * speed if abs(speed) < 1 else 0.3 * speed / abs(speed)
-
-
-def spin_up(t, speed):
-    return 0.4 * np.sin(t) - 0.01 * speed
 
 
 def fading(t, z, directors, w):

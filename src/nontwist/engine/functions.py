@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import prod
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,8 +73,7 @@ class StateFunctions:
 
     def _address(self, function: Any) -> int:
         """Return the address of a function."""
-        found: int = self._with_address(function).address
-        return found
+        return int(self._with_address(function).address)
 
     def _with_address(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""
@@ -92,7 +92,7 @@ class StateFunctions:
 
             function = Moment(guarded)
         self.keepalive.append(function)
-        return function if hasattr(function, "address") else Callback(pointer_address(function))
+        return function if hasattr(function, "address") else SimpleNamespace(address=pointer_address(function))
 
     def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
@@ -155,12 +155,6 @@ class DifferentiableFunctions(StateFunctions):
         if names := sorted(self.differenced - self._reported):
             self._reported |= self.differenced
             warn(differenced(names))
-
-
-class Callback(NamedTuple):
-    """A callback."""
-
-    address: int
 
 
 class PythonFunction(NamedTuple):

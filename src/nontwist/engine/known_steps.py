@@ -274,10 +274,6 @@ class Known(Nodes):
         """Return the change of the prescribed spin."""
         return self.vary.along("spin", self.known(j).spin)
 
-    def dead(self) -> Matrix:
-        """Return the dead forces as seen at the beginning, rows."""
-        return Matrix(*map(self.to_material, self.body.dead))
-
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
         return self.calls.linear(self, j)

@@ -276,7 +276,7 @@ class Known(Nodes):
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        return self.calls.linear(self, j)
+        return LinearFunctions(self, self.calls, j)
 
     def later(self, j: Any = 0) -> Any:
         """Return the changes of the time of a node, a number of value 0."""
@@ -334,10 +334,6 @@ class FunctionCalls(NamedTuple):
     def slopes(self, at: View) -> Any:
         """Return the memory of the derivatives, which lies behind what else is known."""
         return at._memory.shifted(size_of(KnownStep) * self.parts.lanes)
-
-    def linear(self, known: Known, j: Any) -> LinearFunctions:
-        """Return the functions at a node, as they were evaluated there."""
-        return LinearFunctions(known, self, j)
 
     def evaluate(self, at: View, directors: Matrix, w: Vector, half: Vector, is_sloped: bool = True) -> None:
         """Evaluate them, with their derivatives: directors and w are given in space, the half turn in the body."""

@@ -48,6 +48,7 @@ from .workspace import (
     extend,
     gather,
     integrate,
+    internal,
     note_failure,
     observe,
     scatter,
@@ -278,7 +279,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             if parts.needs_means:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
-            advance_internal(parts, nodes.internal)
+            advance_internal(parts, internal(b))
             if parts.observes:
                 see(v.state)
                 if not text.integrates:

@@ -51,6 +51,7 @@ All closed-form solutions check their arguments by the functions at the beginnin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -60,9 +61,9 @@ from numpy.typing import ArrayLike
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_array, as_floats
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import select, sin, sqrt
+from ..kernels.elements import copysign, select, sin, sqrt
 from ..kernels.kernel import kernel
-from ..kernels.memory import View, matrix_at, put, scratch, vector_at, view_in
+from ..kernels.memory import View, matrix_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from ..models.bodies import D3
 from ..models.system import SYMMETRY, checked_inertia, require_principal
@@ -125,10 +126,14 @@ def _prepared(J: Matrix, W: Vector, c: View) -> tuple[Matrix, Vector, FreeMotion
     return V, I, motion
 
 
-@kernel("f8[:, :], f8[:], f8[:]")
-def prepare(J: Any, W: Any, c: Any) -> None:
-    """Set the constants `c` (CONSTANTS,) of a free body."""
-    _prepared(matrix_at(J), vector_at(W), view_in(Constants, c))
+@kernel("f8[:, :], f8[:] -> f8, f8")
+def momentum_cycle(J: Any, W: Any) -> tuple[Any, Any]:
+    """Return the time in which the momentum returns in the body, infinite where it does not, and what ψ gains in it."""
+    c = View(Constants, scratch(CONSTANTS))
+    _prepared(matrix_at(J), vector_at(W), c)
+    returns = (c.pace != 0.0) & (c.two_k < math.inf) & (abs(c.u0) < math.inf)
+    T = select(returns, 2.0 * c.two_k / abs(c.pace), math.inf)
+    return T, c.rate * T + copysign(2.0, c.pace) * c.per_turn
 
 
 def _free(J: Matrix, W: Vector) -> Displacement:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 from ..kernels.control import Variables, when, whilst
 from ..kernels.elements import any_of, copysign, cos, exp, floor, larger, log, logical_not, select, sin, sqrt
 from ..kernels.kernel import part
-from ..kernels.memory import View, size_of, view_in
+from ..kernels.memory import View, size_of
 from ..kernels.vectors import AXES, Matrix, Vector
 
 OK, BAD_TIME = range(2)
@@ -289,12 +289,3 @@ def _hyperbolic(c: View, u: Any) -> tuple[Any, ...]:
     X = w[1] * (1.0 + e) + w[3] * (a + b) + w[5] * (a2 + b2) + w[7] * a3
     Y = sign * (w[0] * (1.0 - e) + w[2] * (a - b) + w[4] * (a2 - b2) + w[6] * a3)
     return cn, sn, dn, X, Y, turns * c.per_turn
-
-
-def period(constants: Any) -> tuple[float, float]:
-    """Return the time in which the momentum returns in the body, infinite where it does not, and what ψ gains in it."""
-    c = view_in(Constants, constants)
-    if c.pace == 0.0 or not math.isfinite(c.two_k) or not math.isfinite(c.u0):
-        return math.inf, 0.0
-    T = 2.0 * c.two_k / abs(c.pace)
-    return float(T), float(c.rate * T + math.copysign(2.0, c.pace) * c.per_turn)

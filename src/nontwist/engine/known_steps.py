@@ -11,7 +11,7 @@ Functions of the state are evaluated once, with their derivatives, and linear fr
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop
@@ -24,7 +24,6 @@ from .marching import Text
 from .records import FORCES, Body, Parts, State, offsets_of
 from .sampling import Nodes, mean
 
-Number = TypeVar("Number")
 INPUTS = {
     "inertia": 6,  # 11, 22, 33, 23, 13, 12
     "axis": 3,
@@ -250,8 +249,7 @@ class Known(Nodes):
 
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
-        found: Vector = x @ self.basis
-        return found
+        return x @ self.basis
 
     def tilted(self, x: Vector) -> Vector:
         """Return a vector of the body as the frame has it that is turned."""
@@ -289,19 +287,15 @@ class Known(Nodes):
 
     def to_material(self, x: Vector) -> Vector:
         """Return the components in b, at the beginning of the step, of a vector in space."""
-        f: Vector = x @ self.R
+        f = x @ self.R
         return f if self.turn is None else varied(f, cross(f, self.turn))
 
 
-def varied(x: Number, change: Any) -> Number:
+def varied(x: Any, change: Any) -> Any:
     """Return numbers to which a change of value 0 is added: their values stay the same to the last bit."""
-    found: Any = x
     if isinstance(x, tuple):
-        found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
-    elif isinstance(change, Dual):
-        found = change.chain(plain(x), (1.0, 1.0), (x, change))
-    result: Number = found
-    return result
+        return remade(x, [varied(*each) for each in zip(x, change, strict=True)])
+    return change.chain(plain(x), (1.0, 1.0), (x, change)) if isinstance(change, Dual) else x
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
@@ -374,8 +368,7 @@ class LinearFunctions:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         rows = Matrix(*(mean(s, -a, row) for row in self.R))
-        found: Vector = self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
-        return found
+        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""

@@ -236,8 +236,7 @@ def phase(c: View, t: Any) -> tuple[Any, ...]:
         v.found = _circular(c, u)
     for _ in when(c.hyperbolic != 0.0):
         v.found = _hyperbolic(c, u)
-    found: tuple[Any, ...] = v.found
-    return found
+    return v.found
 
 
 def thetas(q: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any, Any, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import prod
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,7 +87,7 @@ class StateFunctions:
 
             function = Moment(guarded)
         self.keepalive.append(function)
-        return function if hasattr(function, "address") else SimpleNamespace(address=pointer_address(function))
+        return function if hasattr(function, "address") else Callback(pointer_address(function))
 
     def _moment(self, t: float, directors: Any, angular_velocity: Any) -> Array:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
@@ -151,6 +150,12 @@ class DifferentiableFunctions(StateFunctions):
         if names := sorted(self.differenced - self._reported):
             self._reported |= self.differenced
             warn(differenced(names))
+
+
+class Callback(NamedTuple):
+    """A callback."""
+
+    address: int
 
 
 class PythonFunction(NamedTuple):

@@ -33,7 +33,7 @@ from .notices import failure_message, say, warn_of_cost
 from .planning import fitting, internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
 from .single_run import whole_of
-from .starts import AT_REST, BodyState, start_of_one
+from .starts import AT_REST, BodyState, starts
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -356,9 +356,8 @@ class Stepper:
         InputWarning
             `start` is of another inertia: W is kept.
         """
-        begin = start_of_one(
-            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, time
-        )
+        W = material_angular_velocity
+        begin = starts(self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time)
         t = as_number(time, "time") if time is not None else begin.time or 0.0
         h, resolution = self.step_size, float(np.spacing(abs(t)))
         if h < NODES_APART * resolution:
@@ -366,8 +365,8 @@ class Stepper:
                 f"time = {t:.12g} s is resolved to {resolution:.2g} s, which is too coarse for steps of {h:g} s; "
                 "count times from a start at 0"
             )
-        systems, p, W, N = stacked(self.system), *begin[:3]
-        problem = IVP(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
+        systems, p, V, N = stacked(self.system), *begin[:3]
+        problem = IVP(systems, p, V, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         internal = internal_states(systems, self.load, begin, t)
         numbers = self._single.begin(replace(problem, internal=internal))
         wheels = [] if internal is None else [internal[0, k:][: one.count] for one, k in wheel_columns(self.load)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
@@ -19,7 +18,7 @@ from .parameters import EVERY
 from .planning import Plan
 from .problem import STARTS, OfStarts, Problem, every_stored, plan_of, posed, takes
 from .single_run import PreparedPlan, check_cost, integrated, run_of, with_warning
-from .starts import AT_REST, Starts, last_attitude, start_of_one, without_spin
+from .starts import AT_REST, Starts, last_attitude, starts, without_spin
 
 ASIDE = [name for name in STARTS if name != "start"]  # of a problem: calls give them
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
@@ -195,8 +194,7 @@ class Propagator:
         --------
         Find the start from which a body reaches an attitude in 1 s:
 
-        >>> import numpy as np
-        >>> from scipy.optimize import least_squares
+        >>>         >>> from scipy.optimize import least_squares
         >>> from nontwist import propagator, rotations, standard
         >>> run = propagator(standard([3, 4, 5]), t_end=1, step=0.05)
         >>> goal = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -222,8 +220,8 @@ class Propagator:
 
     def _begin(self, start: Any, rotation: Any, scalar_first: bool | None, W: Any, w: Any, scale: float) -> Starts:
         """Return the start of a run, from what a call is given."""
-        begin = start_of_one(self.system, start, rotation, scalar_first, W, w, self._project, self._plan.t_start)
-        return begin._replace(load_scale=np.array([scale]))
+        t_start = self._plan.t_start
+        return starts(self.system, start, rotation, scalar_first, W, w, scale, self._project, t_start)
 
     def _plain(self, W: Any, rotation: Any, scalar_first: bool | None) -> tuple[Any, Any, float, bool]:
         """Return the quaternion and W of a start, what was removed of it, and whether it is admissible."""

@@ -39,7 +39,7 @@ from .parameters import Parameter, Parameters, principal_axes
 from .planning import Plan
 from .propagation import NAME, Propagator
 from .single_run import run_of
-from .starts import Starts, start_of_one
+from .starts import Starts, starts
 
 MATRICES = ("rotation", "inertia", "dead_force", "damping")
 OF_START = {NAME, "rotation", "load_scale"}  # what a propagator takes
@@ -168,9 +168,8 @@ class Varied:
         return {**self._start, **{name: value if value.ndim else float(value) for name, value in values.items()}}
 
     def _begin(self, system: DirectorSystem, values: Values) -> Starts:
-        own = {**self._start, **values}
-        begin = start_of_one(system, None, own["rotation"], None, own[NAME], None, self.project, self.plan.t_start)
-        return begin._replace(load_scale=np.array([float(own.get("load_scale", 1.0))]))
+        own = {**self._start, **{name: values[name] for name in values if name in OF_START}}
+        return starts(system, **own, project=self.project, t_start=self.plan.t_start)
 
     def _with(self, values: Values) -> tuple[Plan, Starts]:
         """Return the plan and the start with these values."""

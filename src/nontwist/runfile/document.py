@@ -28,7 +28,7 @@ from ..driver.planning import known_body, planned, require_observed
 from ..driver.problem import Problem, prepared, problem_with
 from ..driver.single_run import Forecast, Prepared
 from ..driver.single_run import forecast as forecast_of
-from ..driver.starts import start_of_one
+from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.values import as_list, as_path
 from ..geometry.values import short_repr as in_python
@@ -129,7 +129,7 @@ def _start(
     if system is not None and given:
         t_start = None if run is not None or time is None else time.t_start
         with faults.of("start", start, name, accepted):
-            begin = start_of_one(system, **given, t_start=t_start)
+            begin = starts(system, **given, t_start=t_start)
             if time is not None and begin.time not in (None, time.t_start):
                 faults.append(Fault("time.t_start", shown(time.t_start), f"{begin.time!r}, the last time of {run}"))
     return given

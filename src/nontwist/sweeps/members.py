@@ -408,7 +408,7 @@ class Members:
         W, w = (given, None) if frame == "body" else (None, given)
         rotation = self._rotations(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales
-        begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start)
+        begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start, many=True)
         grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
         return plan.scheme, replace(plan.problem(begin, grid), observed=bool(self.sweep.reduce))
 

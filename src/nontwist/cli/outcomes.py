@@ -270,7 +270,7 @@ def smooth(
     """
     import numpy as np
 
-    from ..driver.resampling import resample
+    from ..driver.runs import resample
 
     time = run["time"].values
     first, last = (time[0], time[-1]) if span is None else np.clip(span, time[0], time[-1])

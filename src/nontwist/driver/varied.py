@@ -34,10 +34,10 @@ from ..models.spin import Spin
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, euler_inertia
 from .derivatives import changes_of, differentiable, linearised_by, slopes_of, solved_with
+from .ensembles import NAME, Propagator
 from .grid import stored_steps
 from .parameters import Parameter, Parameters, principal_axes
 from .planning import Plan
-from .propagation import NAME, Propagator
 from .single_run import run_of
 from .starts import Starts, starts
 

@@ -26,14 +26,12 @@ from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
-from ..integrators.load_samples import as_marched
-from ..integrators.members import one_by_one
+from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
 from ..integrators.problem import FIRST, OBSERVED, onward
-from ..integrators.wheels import as_gyrostat, of_locked, set_works_between, with_wheels, with_works
+from ..integrators.stepping import one_by_one
 from ..loads.base import state_moment_at
-from ..loads.memory import Memory
+from ..loads.memory import Memory, Wheel
 from ..loads.terms import Term
-from ..loads.wheels import Wheel
 from .grid import require_resolution
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.base import IVP, Outcome
 from ..integrators.compiled import Compiled
-from ..integrators.time_grid import stretched
+from ..integrators.problem import stretched
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem, as_system
 from . import completion

@@ -210,7 +210,7 @@ def compared(
         except SimulationError as error:
             return Outcome({}, int(error.status), str(error), call)
     stride = (len(run.time) - 1) // shared
-    attitude, momentum = attitude_distance(run, exact, stride), momentum_distance(run, exact, stride)
+    attitude, momentum = distances(run, exact, stride)
     found = {"attitude_error": attitude[-1], "momentum_error": momentum[-1]}
     found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
     x = quantities(run)
@@ -321,22 +321,18 @@ def error_bar(own: float, gap: float, gap_of_other: float) -> float:
 
 def bars(a: Trajectory, b: Trajectory) -> tuple[float, float]:
     """Return the largest distances of attitude and material momentum between two runs at the same times."""
-    return float(attitude_distance(a, b).max()), float(momentum_distance(a, b).max())
+    attitude, momentum = distances(a, b)
+    return float(attitude.max()), float(momentum.max())
 
 
-def attitude_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
-    """Return ‖Λ_a - Λ_b‖_F / √2 = 2 sin(θ/2) at the times of b, θ the angle between the attitudes, rad.
+def distances(a: Trajectory, b: Trajectory, stride: int = 1) -> tuple[Array, Array]:
+    """Return ‖Λ_a - Λ_b‖_F / √2 = 2 sin(θ/2), θ the angle between the attitudes, rad, and |Π_a - Π_b|, kg m² s⁻¹.
 
-    Every `stride`-th time of a is one of b.
+    They are those at the times of b; every `stride`-th time of a is one of b.
     """
-    distance: Array = np.linalg.norm(a.directors[::stride] - b.directors, axis=(1, 2)) / np.sqrt(2)
-    return distance
-
-
-def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
-    """Return |Π_a - Π_b| at the times of b, kg m² s⁻¹."""
-    distance: Array = np.linalg.norm(material_momentum(a)[::stride] - material_momentum(b), axis=1)
-    return distance
+    attitude: Array = np.linalg.norm(a.directors[::stride] - b.directors, axis=(1, 2)) / np.sqrt(2)
+    momentum: Array = np.linalg.norm(material_momentum(a)[::stride] - material_momentum(b), axis=1)
+    return attitude, momentum
 
 
 def material_momentum(run: Trajectory) -> Array:

@@ -22,7 +22,7 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from ..analysis.variables import NODES, Wheels, observables, potentials_of
-from ..geometry.arrays import Array, sum_of_squares
+from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
@@ -176,12 +176,9 @@ def _is_safe(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:
     m, k = outcome.states.quaternion.shape[:2]
     E = np.maximum(abs(problem.systems.euler_inertia).max(axis=(1, 2)), 1.0)
     arrays = [array for array in (*outcome.states, *(outcome.intervals or ())[:3]) if array is not None]
-    safe = np.ones(m, dtype=bool)
-    sums = [sum_of_squares(array.ravel()) for array in arrays]
-    if not (sum(sums) * E.max() < SAFE and abs(sums[0] - m * k) < LENGTH):
-        with np.errstate(all="ignore"):
-            squares = [np.square(array).reshape(m, -1).sum(axis=1) for array in arrays]
-            safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool) & (abs(squares[0] - k) < LENGTH)
+    with np.errstate(all="ignore"):
+        squares = [np.einsum("ij,ij->i", rows, rows) for rows in (array.reshape(m, -1) for array in arrays)]
+        safe: NDArray[np.bool_] = (E * sum(squares) < SAFE) & (abs(squares[0] - k) < LENGTH)
     return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(outcome).all(axis=1))
 
 

@@ -147,7 +147,6 @@ def simulate_ensemble(
     if grid is None and scheme.any_times and store == "end":
         grid = stretched((t0, t1), (1,))
     if plan.is_controlled and grid is None:
-        plan = plan.estimated(begin)
         first = first_run(plan, begin)
         scheme, grid = first.scheme, finer(first.grid)
     if grid is None:

@@ -181,8 +181,6 @@ def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: S
 
     Return whether there are none.
     """
-    if not load.terms and systems.spin is None:
-        return True
     return say(load_messages(load, systems, t0, t1, grid))
 
 

@@ -10,7 +10,6 @@ of a state that is taken up again. No kink of the load is crossed: a stored inte
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -37,12 +36,6 @@ from .single_run import run_of
 
 if TYPE_CHECKING:
     import xarray
-
-    from .starts import BodyState
-
-if TYPE_CHECKING:
-    Event = Callable[[float, BodyState], float]
-    Events = Event | Sequence[Event]
 
 
 @takes(OfRun, "progress")

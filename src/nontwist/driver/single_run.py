@@ -55,7 +55,7 @@ class PreparedPlan:
         # Damping and linear potentials are scaled when they are laid out.
         linear = any(term.dead_force is not None for term in plan.load.potentials)
         self._damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
-        self.whole = whole_of(plan, grid)
+        self.whole, self.is_quiet = whole_of(plan, grid), False  # whether there is nothing to say of its costs
         self.unremarkable = unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
@@ -112,27 +112,19 @@ def held_by(load: Load) -> Load | None:
     return Load(load.potentials) if load.potentials else None
 
 
-class Known:
-    """What is known of a plan with a grid from runs before: that nothing is to be said of it, and its preparation.
-
-    Preparing pays off from the second run on.
-    """
-
-    def __init__(self) -> None:
-        self.is_quiet, self.has_run = False, False
-        self.prepared: PreparedPlan | None = None
-
-
 @lru_cache(maxsize=16)
-def _cached(plan: Plan, grid: Stretches) -> Known:
-    return Known()
+def _cached(plan: Plan, grid: Stretches) -> PreparedPlan:
+    require_resolution(plan.t_start, plan.t_end, grid)
+    return PreparedPlan(plan, grid)
 
 
-def known(plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()) -> Known:
-    """Return what is known of a plan: cached where the run is so plain and small, else nothing yet."""
+def known(
+    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
+) -> PreparedPlan | None:
+    """Return the prepared plan of a run that is so plain and small that it is kept; None for others."""
     is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.output_times is None
     is_small = is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
-    return _cached(plan, grid) if is_small else Known()
+    return _cached(plan, grid) if is_small else None
 
 
 def run_of(
@@ -153,7 +145,13 @@ def run_of(
         As `nontwist.simulate`.
     """
     if plan.grid is None and (events or (plan.output_times is not None and not plan.is_controlled)):
-        steps = _chosen(plan, begin, estimate)
+        shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
+        try:
+            steps = run_of(plan._replace(output_times=None, shows=shows), begin, estimate=estimate)
+        except SimulationError as error:
+            if error.partial is None:
+                raise
+            steps = error.partial  # as far as it comes
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
         if plan.output_times is None and plan.is_between:
@@ -162,10 +160,12 @@ def run_of(
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
-        cached = known(plan, begin, plan.grid, progress, events)
-        cached.is_quiet = cached.is_quiet or check_cost(plan, begin, plan.grid)
-        run = integrated(plan, begin, plan.grid, progress, events, cached)
-        return with_warning(plan, run, cached.prepared)
+        prepared = known(plan, begin, plan.grid, progress, events)
+        if not (prepared and prepared.is_quiet):
+            is_quiet = check_cost(plan, begin, plan.grid)
+            if prepared:
+                prepared.is_quiet = is_quiet
+        return with_warning(plan, integrated(plan, begin, plan.grid, progress, events, prepared), prepared)
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.grid_load, plan.t_start, plan.t_end
@@ -211,7 +211,6 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance; where it has output times, its steps are those without them."""
-    plan = plan.estimated(begin)
     has_times, own = plan.is_between or plan.output_times is not None, plan
     if has_times:
         has_series = plan.scheme.has_series(plan.systems, plan.load)
@@ -252,18 +251,6 @@ def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> A
     return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).stored_times
 
 
-def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:
-    """Return the run whose steps are those of a plan with output times or events, as far as it comes."""
-    try:
-        shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
-        return run_of(plan._replace(output_times=None, shows=shows), begin, estimate=estimate)
-    except SimulationError as error:
-        if error.partial is None:
-            raise
-        run: Trajectory = error.partial
-        return run
-
-
 def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = None) -> bool:
     """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints.
 
@@ -286,27 +273,19 @@ def integrated(
     grid: Stretches,
     progress: bool = False,
     events: tuple[Event, ...] = (),
-    cached: Known | None = None,
+    prepared: PreparedPlan | None = None,
 ) -> Trajectory:
     """Return the run on a grid."""
     if events:
         problem = replace(plan.problem(begin, grid), intervals=True)
         found = march_to_events(plan.scheme, problem, events)
         return trajectory(plan, replace(problem, output_times=found.times), found.outcome, found)
-    if cached and cached.has_run:
-        if cached.prepared is None:
-            require_resolution(plan.t_start, plan.t_end, grid)
-            cached.prepared = PreparedPlan(plan, grid)
-        run = cached.prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
+    if prepared:
+        run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
-    elif cached:
-        cached.has_run = True
-    problem = replace(plan.problem(begin, grid), intervals=plan.means)
-    if not progress:
-        return trajectory(plan, problem, completion.march(plan.scheme, problem))
-    with progress_bar(grid.steps) as report:
-        problem = replace(problem, progress=report)
+    with progress_bar(grid.steps) if progress else nullcontext() as report:
+        problem = replace(plan.problem(begin, grid), intervals=plan.means, progress=report)
         return trajectory(plan, problem, completion.march(plan.scheme, problem))
 
 

@@ -281,19 +281,15 @@ def last_state(start: Any) -> Starts | None:
     if isinstance(start, Trajectory):
         own = start.states.part(slice(-1, None))
         time, internal = float(start.time[-1]), own.internal
-        return Starts(*own[:3], np.ones(1), time, grid_of(start), _row(start.memory), internal)
+        memory = None if start.memory is None else start.memory[None]
+        return Starts(*own[:3], np.ones(1), time, grid_of(start), memory, internal)
     q, v, time = (np.array(getattr(start, name))[-1] for name in NEEDED)
     as_rotation(q.T)
     p, W, N = states_of(q, as_array(v, "director_velocities", (3, 3)))
     if "quaternion" in start and start["quaternion"].values[-1] @ p < 0:
         p = -p
     internal = start["internal_state"].values[-1:] if "internal_state" in start else None
-    memory = _row(_memory(start))
-    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), memory, internal)
-
-
-def _row(array: Array | None) -> Array | None:
-    return None if array is None else array[None]
+    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), _memory(start), internal)
 
 
 def grid_of(start: Any) -> Stretches | None:
@@ -312,12 +308,12 @@ def grid_of(start: Any) -> Stretches | None:
 
 
 def _memory(start: Any) -> Array | None:
-    """Return the internal state of the integrator at the end of a run."""
+    """Return the internal state of the integrator at the end of a run, (1, k)."""
     text = getattr(start, "attrs", {}).get("memory")
     if text is None:
         return None
     try:
-        return np.array(json.loads(text), dtype=np.float64)
+        return np.array(json.loads(text), dtype=np.float64)[None]
     except (TypeError, ValueError) as error:
         raise ValueError(f"the attribute memory of start= is damaged: {error}") from error
 

@@ -158,5 +158,5 @@ def event_table(event: Any) -> dict[str, Any]:
         raise ValueError("an event that is a function has no place in a run file: axis_crosses, spin_below have")
     table = {"kind": event.kind, "name": event.__name__, "terminal": plain(event.terminal)}
     table["direction"] = int(np.sign(event.direction))
-    own = {key: plain(getattr(event, key)) for key in event.fields if getattr(event, key) is not None}
+    own = {key: plain(value) for key, value in event.keys.items() if value is not None}
     return table | own

@@ -30,6 +30,7 @@ from .grid import (
     count_steps,
     joined,
     kinks,
+    stored_count,
     stored_steps,
     stretches_of,
     with_spin_kinks,
@@ -88,6 +89,10 @@ class Plan(NamedTuple):
     def off_grid(self) -> bool:
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.output_times is not None and self.scheme.any_times
+
+    def states(self, grid: Stretches) -> int:
+        """Return how many states are stored of a run on a grid; a ValueError where they do not fit into memory."""
+        return stored_count(grid.steps, self.store) if self.output_times is None else len(self.output_times)
 
     def linearised(self, begin: Starts) -> Plan:
         """Return the plan from which steps are estimated: with the damping that functions of the state are at a start.
@@ -219,18 +224,8 @@ def planned(
     load = as_load(load)
     if load.terms:
         load = fitting(load, scheme, systems)
-    return Plan(
-        scheme,
-        systems,
-        load,
-        t0,
-        t1,
-        store,
-        grid,
-        output_times,
-        tolerance,
-        candidates(scheme, is_open) if grid is None else (scheme,),
-    )
+    schemes = candidates(scheme, is_open) if grid is None else (scheme,)
+    return Plan(scheme, systems, load, t0, t1, store, grid, output_times, tolerance, schemes)
 
 
 def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:

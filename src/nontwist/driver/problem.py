@@ -342,7 +342,7 @@ def prepared(problem: Problem) -> Prepared:
     if "load_scale" in problem.given:
         raise ValueError("load_scale is that of an ensemble; multiply the load of one run: load=2 * load")
     begin = start_of(problem)
-    return Prepared(plan_of(problem, begin), begin, as_events(problem.events))
+    return Prepared(plan_of(problem, begin)._replace(shows="between"), begin, as_events(problem.events))
 
 
 def start_of(problem: Problem) -> Starts:

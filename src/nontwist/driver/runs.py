@@ -32,7 +32,6 @@ from . import completion
 from .grid import kinks, with_spin_kinks
 from .notices import failure_message
 from .problem import OfRun, Problem, posed, prepared, takes
-from .single_run import run_of
 
 if TYPE_CHECKING:
     import xarray
@@ -207,8 +206,7 @@ def integrate(
 
 def solved(problem: Problem, progress: bool = False) -> Trajectory:
     """Return the run of a problem; errors as `simulate`."""
-    made = prepared(problem)
-    return run_of(made.plan._replace(shows=made.shows), made.begin, progress, events=made.events)
+    return prepared(problem).run(progress)
 
 
 NEEDED = "time", "quaternion", "directors", "director_velocities", "material_angular_velocity"

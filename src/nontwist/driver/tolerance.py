@@ -69,6 +69,7 @@ HARMONICS = 1.5  # rates in a motion over the largest |w|
 STEADY = 2.0  # rad, at which c is measured: of every order above round-off; a gyration in a step that is resolved
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
+ENDED = (Status.INTERRUPTED, Status.JUMP)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
 DECAYS = 1e21  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
@@ -148,9 +149,7 @@ def controlled(
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
-        if coarse.has(Status.INTERRUPTED, Status.JUMP):
-            return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
-        if floor is None and not coarse.has(*COARSE):
+        if floor is None and not coarse.has(*COARSE, *ENDED):
             other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
             floor = _distance(coarse, other, ends=True) / LARGER
             if FLOORS * floor > plan.goal:
@@ -163,8 +162,8 @@ def controlled(
                 h, coarse = better, None
                 grid = _grid(linear, begin, scheme, h)
                 continue
-        fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
-        if fine.has(Status.INTERRUPTED, Status.JUMP):
+        fine = coarse if coarse.has(*COARSE, *ENDED) else run(scheme, finer(coarse.grid), None)
+        if fine.has(*ENDED):
             return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None

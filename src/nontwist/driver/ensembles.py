@@ -166,9 +166,10 @@ def simulate_ensemble(
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:
             on_grid = plan._replace(output_times=None)  # the steps do not heed output times
-            found = controlled(on_grid, begin, workers, first, on_gpu, observed=bool(requested), progress=report)
-            scheme, problem, outcome, *numbers = found
-            kept = dict(zip(("tolerance", "error_estimate"), numbers, strict=True))
+            options = {"observed": bool(requested), "progress": report}
+            found, goal, estimate = controlled(on_grid, begin, workers, first, on_gpu, **options)
+            scheme, problem, outcome = found.scheme, found.problem, found.outcome
+            kept = {"tolerance": goal, "error_estimate": estimate}
             if plan.output_times is not None:
                 own = plan._replace(scheme=scheme).problem(begin, problem.grid)
                 problem = replace(own, observed=bool(requested), on_gpu=on_gpu)

@@ -173,8 +173,8 @@ def lyapunov_ensemble(
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     scheme, grid = plan.scheme, plan.grid
     if plan.is_controlled:
-        scheme, problem, *_ = controlled(plan, begin, workers)
-        grid = problem.grid
+        found = controlled(plan, begin, workers)[0]
+        scheme, grid = found.scheme, found.problem.grid
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
     plan = plan._replace(scheme=scheme)

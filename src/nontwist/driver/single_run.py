@@ -209,7 +209,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     first, states = first_of(plan, begin)
     check_cost(own._replace(scheme=first.scheme), begin, finer(first.grid), states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
-        found = controlled(own, begin, first=first, intervals=plan.means, progress=report)
+        found, goal, estimate = controlled(own, begin, first=first, intervals=plan.means, progress=report)
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
     if has_times and outcome.failures[0, 0] != Status.INTERRUPTED:
@@ -219,7 +219,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
         problem = own._replace(output_times=times).problem(begin, problem.grid)
         outcome = completion.march(found.scheme, replace(problem, intervals=plan.means, marched=nodes))
     run = trajectory(own, problem, outcome)
-    return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
+    return replace(run, tolerance=goal, error_estimate=estimate)
 
 
 def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:

@@ -78,16 +78,6 @@ LEVEL = 0.3  # slope of what no longer falls
 UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
 
 
-class Controlled(NamedTuple):
-    """A run or an ensemble within its tolerance."""
-
-    scheme: Integrator
-    problem: IVP
-    outcome: Outcome
-    tolerance: float
-    estimate: float
-
-
 class First(NamedTuple):
     """What the local estimate chooses: the coarse run to begin with."""
 
@@ -125,8 +115,10 @@ class Trial(NamedTuple):
 
 def controlled(
     plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, on_gpu: bool = False, **options: Any
-) -> Controlled:
-    """Return the run or the ensemble of a plan with a tolerance, whose `options` its problem has.
+) -> tuple[Trial, float, float]:
+    """Return the run or the ensemble of a plan with a tolerance, the tolerance, and the estimate of its error.
+
+    `options` are those of the problem.
 
     Raises
     ------
@@ -164,7 +156,7 @@ def controlled(
                 continue
         fine = coarse if coarse.has(*COARSE, *ENDED) else run(scheme, finer(coarse.grid), None)
         if fine.has(*ENDED):
-            return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
+            return fine, goal, np.inf
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
             continue
@@ -174,7 +166,7 @@ def controlled(
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
             if amplified and plan.tolerance is None:
                 warn(amplified)
-            return Controlled(scheme, fine.problem, fine.outcome, goal, d)
+            return fine, goal, d
         is_seen = (gap < UNSEEN and fine.grid.longest * gyration <= STEADY) or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
@@ -184,12 +176,12 @@ def controlled(
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
     if fine.has(*COARSE):  # at any step: the run says how it fails
         fine = run(scheme, fine.grid, None)
-        return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
+        return fine, goal, np.inf
     text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
     if plan.tolerance is not None:
         raise ValueError(text)
     warn(text)
-    return Controlled(scheme, fine.problem, fine.outcome, goal, d)
+    return fine, goal, d
 
 
 def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple[Integrator, float]:

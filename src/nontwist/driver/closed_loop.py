@@ -43,7 +43,8 @@ class MarchedStep:
     """The step of a body under dry friction, or with wheels that have friction: a run of one step."""
 
     def __init__(self, system: DirectorSystem, load: Load, step: float, scheme: Compiled) -> None:
-        self.step, self.scheme, self._failed = step, scheme, Failure(Status.OK, 0, nan, nan)
+        self.step, self.scheme = step, scheme
+        self._failure: Failure | None = None
         self.stack = IVP(stacked(system), np.eye(4)[3:], np.zeros((1, 3)), load, 0.0, step, 1, ENDS, intervals=True)
         fitting(load, scheme, self.stack.systems)
         if (reason := refusal(scheme, self.stack)) is not None:
@@ -76,14 +77,15 @@ class MarchedStep:
         begin: dict[str, Any] = {"quaternion": np.array([numbers[:4]]), "velocity": np.array([numbers[4:7]])}
         begin |= {"internal": np.array([z]) if z else None, "t_start": t, "t_end": t + h}
         outcome = completion.march(self.scheme, replace(self.stack, load=load, **begin))
-        self._failed = (outcome.failure() or Failure(Status.OK, 0, nan, nan))._replace(step=number)
+        self._failure = (found := outcome.failure()) and found._replace(step=number)
         end, means = outcome.states.part(0, -1), outcome.intervals
         assert means is not None
         z = [] if end.internal is None else end.internal.tolist()
         ends = tuple(tuple(z[COMMANDED * k :][:3]) for k in range(len(own)))
         mu = float(means.multipliers[0, 0, -1]) if self.stack.systems.axis is not None else 0.0
         work, rest = float(means.load_work[0, 0]), z[COMMANDED * len(own) :]
-        return self._numbers(end.quaternion, end.velocity, mu, work, rest, self._failed.status), ends
+        status = self._failure.status if self._failure else Status.OK
+        return self._numbers(end.quaternion, end.velocity, mu, work, rest, status), ends
 
     @staticmethod
     def _numbers(p: Array, W: Array, mu: float, work: float, z: list[float], status: float) -> Numbers:
@@ -91,7 +93,7 @@ class MarchedStep:
 
     def failure(self, number: int) -> Failure | None:
         """Return why the step just taken failed, None where it did not."""
-        return self._failed if self._failed.status else None
+        return self._failure
 
 
 ZERO: Vector = (0.0, 0.0, 0.0)

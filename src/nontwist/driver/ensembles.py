@@ -7,7 +7,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, statistics
@@ -16,7 +15,6 @@ from ..errors import InputError, Option, warn
 from ..geometry.arrays import Array, as_number, largest_size, vector
 from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
-from ..integrators.base import IVP, Outcome
 from ..integrators.compiled import Compiled
 from ..integrators.problem import stretched
 from ..models.stack import SystemStack
@@ -28,12 +26,12 @@ from .notices import (
     announce,
     coarseness,
     cores,
-    failure_message,
     members_cost,
     progress_bar,
     say,
     warn_of_cost,
     warn_of_grid,
+    with_messages,
 )
 from .parameters import EVERY
 from .planning import Plan, require_observed
@@ -190,25 +188,6 @@ def is_gpu(device: Any) -> bool:
     if not among(device, ("cpu", "gpu")):
         raise InputError("type", name=Option("device"), words="'cpu' or 'gpu'", value=short_repr(device))
     return bool(device == "gpu")
-
-
-def messages(problem: IVP, outcome: Outcome) -> dict[int, str]:
-    """Return the messages of failed members, as `simulate` raises them."""
-    failed = np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist()
-    return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
-
-
-def with_messages(many: xarray.Dataset, problem: IVP, outcome: Outcome) -> xarray.Dataset:
-    """Return an ensemble with the messages of failed members, and warn of them."""
-    failed = messages(problem, outcome)
-    if not failed:
-        return many.assign_attrs(message="done")
-    first = next(iter(failed))
-    summary = f"{len(failed)} of {len(problem)} members have failed, the first is {first}: {failed[first]}"
-    warn(summary)
-    texts = [failed.get(i, "") for i in range(len(problem))]
-    many["message"] = ("member", np.array(texts, dtype=object), {"long_name": "why the run of the member ended"})
-    return many.assign_attrs(message=summary)
 
 
 def _require_memory(variables: tuple[str, ...], members: int, times: int) -> None:

@@ -24,8 +24,7 @@ from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
 from .derivatives import differentiable, solved_with
-from .ensembles import with_messages
-from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid
+from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid, with_messages
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
 from .starts import Starts

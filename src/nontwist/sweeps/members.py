@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from ..analysis import ensemble_dataset, statistics
 from ..analysis.variables import SIZES, Wheels, about, observables, potentials_of
 from ..driver.completion import march
-from ..driver.ensembles import messages
+from ..driver.notices import messages
 from ..driver.planning import known_body
 from ..driver.starts import starts
 from ..errors import RunFileError

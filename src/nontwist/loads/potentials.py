@@ -58,12 +58,6 @@ class DirectorForces(ForceTerm):
 
     kind = "forces"
 
-    @property
-    def called(self) -> Callable[..., Any]:
-        """The text."""
-        found: Callable[..., Any] = getattr(self, "forces")  # noqa: B009 - of subclasses
-        return found
-
 
 @dataclass(frozen=True, eq=False)
 class ForceTable(DirectorForces):
@@ -157,12 +151,6 @@ class Potential(ForceTerm):
     def counts(self) -> tuple[int, int]:  # type: ignore[override]
         """How many numbers γ has."""
         return self.vectors.size, 0
-
-    @property
-    def called(self) -> Callable[..., Any]:
-        """The text."""
-        found: Callable[..., Any] = getattr(self, "potential")  # noqa: B009 - of subclasses
-        return found
 
     def level(self, call: Call, x: Sequence[Any]) -> Any:
         """Return V of the numbers of γ, and those of the term behind them, by a way to call functions (`functions`)."""
@@ -323,7 +311,7 @@ class GravityGradient(OfOneVector):
     radial: Annotated[Array, in_space("the radius at start, perigee of an ellipse, in space")] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
     normal: Annotated[Array, in_space("the normal of the orbit, in space")] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
-    eccentricity: Annotated[float, Spec("", rule="from 0 and below 1")] = 0.0
+    eccentricity: Annotated[float, Spec("", rule="at least 0 and below 1")] = 0.0
     inertia: Any = None  # J, (3, 3), when a run has told its body
     linear = np.zeros(3)
 

@@ -213,9 +213,10 @@ def compared(
     attitude, momentum = distances(run, exact, stride)
     found = {"attitude_error": attitude[-1], "momentum_error": momentum[-1]}
     found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
-    x = quantities(run)
+    data = run.to_dataset()
+    x = quantities(data)
     found |= {name: drift(one, x, true.scales[one.units]) for name, one in kept.items()}
-    if (defect := twist_defect(run)) is not None:
+    if (defect := twist_defect(data)) is not None:
         found["twist_defect"] = defect
     issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - known)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
@@ -257,11 +258,7 @@ class Reference(NamedTuple):
     momentum_error: float
     name: str
     growth: tuple[float, float]  # of attitude and momentum, under a change of the start, relative to that; at least 1
-
-    @property
-    def scales(self) -> dict[str, float]:
-        """The sizes of quantities, by unit."""
-        return scales(quantities(self.run), self.run.system)
+    scales: dict[str, float]  # the sizes of quantities, by unit
 
 
 def automatic_run(problem: Problem, begin: Starts) -> Trajectory:
@@ -311,7 +308,8 @@ def _reference(run: Trajectory, bar: tuple[float, float], moves: tuple[float, fl
     """Return the reference; `moves`: how far a change of the start by `CHANGE` moves attitude and momentum."""
     largest = float(np.linalg.norm(material_momentum(run), axis=1).max())
     growth = max(1.0, moves[0] / CHANGE), max(1.0, moves[1] / (CHANGE * largest or 1.0))
-    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name, growth)
+    sizes = scales(quantities(run.to_dataset()), run.system)
+    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name, growth, sizes)
 
 
 def error_bar(own: float, gap: float, gap_of_other: float) -> float:

@@ -14,8 +14,11 @@ from warnings import catch_warnings, simplefilter
 
 import typer
 
+import nontwist
+
 from ..errors import RunFileError
 from ..geometry.values import number_text
+from ..io.whole import require_free, written
 from ..validation import GROUPS
 from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
@@ -80,7 +83,6 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
-    from ..integrators import INTEGRATORS
 
     given = list(overrides or ())
     if target is not None:
@@ -88,7 +90,7 @@ def precision_command(
     whole = read_all([file], [*given, "sweep="])[file].prepared
     prepared = whole.on_grid
     if prepared.plan.scheme.any_times:
-        known = ", ".join(f'"{name}"' for name, scheme in INTEGRATORS.items() if scheme.orders)
+        known = ", ".join(f'"{name}"' for name, scheme in nontwist.integrators.INTEGRATORS.items() if scheme.orders)
         name = prepared.plan.scheme.name
         raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
     if target is not None:
@@ -244,8 +246,6 @@ def compare_command(
 
     Ignores the tables [integrator] and [[event]] of FILE, and all of [time] except its span.
     """
-    from .. import comparison, plot
-    from ..comparison import compare
     from ..plot.journals import require_places
 
     refuse((against != "seconds" and figure is None, "--against", "applies to --figure only; add --figure PATH"))
@@ -255,14 +255,14 @@ def compare_command(
         require_places(figure, force=force)
     with on_file(file):
         bar = not quiet and sys.stderr.isatty()
-        found = compare(problem, integrators=chosen, steps=steps, progress=bar)
+        found = nontwist.compare(problem, integrators=chosen, steps=steps, progress=bar)
     is_read = in_words(
         {"file": str(file), "reference": found.attrs["reference"], "runs": _rows_of(found)}, as_json, quiet
     )
     if is_read:
         if every:
-            print_fitting(comparison.table(found))
-        print_fitting(comparison.summary(found))
+            print_fitting(nontwist.comparison.table(found))
+        print_fitting(nontwist.comparison.summary(found))
     if (found["status"] != 0).all():
         refused = bool((found["status"] < 0).all())
         raise CommandError(
@@ -271,7 +271,7 @@ def compare_command(
     if is_read:
         say_next(("precision", file), ("run", file), sets=overrides)
     if figure is not None:
-        plot.save(plot.work_precision(found, against=against), figure, force=force)
+        nontwist.plot.save(nontwist.plot.work_precision(found, against=against), figure, force=force)
         say_written([figure])
 
 
@@ -315,11 +315,9 @@ def reproduce_command(
     """
     from rich.console import Console
 
-    from ..paper import reproduce
-
     require_folder(out)
     with Console(stderr=True).status("starting") as status:
-        result = reproduce(
+        result = nontwist.reproduce(
             out,
             case or (1, 2, 3),
             quick=quick,
@@ -384,9 +382,6 @@ def validate_command(
     """
     from rich.console import Console
 
-    from ..io.whole import require_free, written
-    from ..validation import validate
-
     if page is not None:
         require_suffix(page, ".md", option="--page")
         files = page, page.with_suffix(".json")
@@ -394,7 +389,7 @@ def validate_command(
             require_free(file, force=force)
     errors = Console(stderr=True)
     with errors.status("starting") as status:
-        result = validate(group or None, workers=WORKERS, progress=status.update)
+        result = nontwist.validate(group or None, workers=WORKERS, progress=status.update)
     if page is not None:
         for file, text in zip(files, (result.to_markdown(files[1].name), result.to_json() + "\n"), strict=True):
             with written(file, force=force) as stream:

@@ -29,7 +29,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-import nontwist as package
+import nontwist
 
 from ..errors import SimulationError, SweepError
 from .printing import for_terminals, imported, printed_warnings, say, words
@@ -105,7 +105,7 @@ class Commands(TyperGroup):
         except Exception as error:
             if word in COMMON:
                 error.message = f"No such command {word!r}. Did you mean {COMMON[word]!r}?"  # type: ignore[attr-defined]
-            elif word in dir(package) and word.isidentifier() and not word.startswith("_"):
+            elif word in dir(nontwist) and word.isidentifier() and not word.startswith("_"):
                 error.message = f"No such command {word!r}. In Python: nontwist.{word}"  # type: ignore[attr-defined]
             raise
 

@@ -10,7 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
-from ..geometry.values import number_text
+import nontwist
+
+from ..errors import ResultFileError
+from ..geometry.values import nearest, number_text
+from ..io.whole import require_free, written
 from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
 from .outcomes import require_readable
 from .printing import in_words, print_rows, print_variables, printed_warnings, say_next, say_written
@@ -65,7 +69,6 @@ def export_command(
     """
     from ..geometry.attitudes import require_sequence
     from ..io.results import in_degrees, with_euler, write_csv, write_json, write_npz
-    from ..io.whole import require_free, written
 
     if out is not None:
         require_suffix(out, *((".csv", ".npz", ".json") if to is None else (f".{to}",)))
@@ -109,11 +112,8 @@ def export_command(
 
 def _opened(path: Path) -> xarray.Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
-    from ..errors import ResultFileError
-    from ..io.results import open_run
-
     require_readable(path)
-    run = open_run(path)
+    run = nontwist.open_run(path)
     if "time" not in run.indexes:
         raise ResultFileError(f"{path} does not contain a run: it has no coordinate time with its states along it")
     return run
@@ -138,7 +138,6 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
 
     For CSV, variables of events come without states, whose lines are others.
     """
-    from ..geometry.values import nearest
     from ..io.results import EVENTS, STATES
 
     if names is None:
@@ -161,7 +160,6 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import STATES
     from ..io.results import record
-    from ..models.system import DirectorSystem
 
     attributes, time = record(run), run["time"].values
     facts: dict[str, Any] = {
@@ -187,7 +185,7 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     if "twist_angle" in run and len(time):
         facts["total_twist"] = float(run["twist_angle"].values[-1])
     if "system" in run.attrs:
-        body = DirectorSystem.from_json(run.attrs["system"])
+        body = nontwist.DirectorSystem.from_json(run.attrs["system"])
         facts["convected_inertia"] = body.convected_inertia.tolist()
         if {*STATES} <= {*run.data_vars}:  # not of a choice of variables, as `run[["kinetic_energy"]]`
             facts |= invariants_kept(run)

@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import nontwist
+
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
-from ..geometry.values import number_text
+from ..geometry.values import nearest, number_text, vector_text
+from ..io.whole import require_free, written
 from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
 from .printing import in_words, print_rows, say, say_next, say_written, shown_unit
@@ -51,7 +54,6 @@ def run_command(
     """
     from ..driver.notices import sigterm_interrupts
     from ..io.results import reserved
-    from ..io.whole import require_free
 
     run_files = read_all(files, overrides)
     targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
@@ -135,14 +137,12 @@ def _run(
     quiet: bool,
 ) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
-    from ..driver.runs import simulate
-
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
     with on_file(path):
         try:
-            run = simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
+            run = nontwist.simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
         except (SimulationError, SimulationInterrupt) as error:
             stopped, run = error, error.partial.to_dataset().assign_attrs(run_file.record())
     seconds = perf_counter() - started
@@ -173,8 +173,7 @@ def _figure_files(target: Path, name: str) -> list[Path]:
 
 
 def _draw(run: xarray.Dataset, target: Path, name: str, force: bool) -> list[Path]:
-    from .. import plot
-
+    plot = nontwist.plot
     if name == "momenta":
         left, right = plot.new_axes(columns=2, panels=2)
         plot.momenta(run, left, frame="space")
@@ -203,9 +202,6 @@ def example_command(
     force: Force = False,
 ) -> None:
     """List the bundled run files, or copy one to start from."""
-    from ..geometry.values import nearest
-    from ..io.whole import written
-
     texts = {name: _text(name) for name in example_names()}
     if name is None:
         return _list(texts)
@@ -246,9 +242,8 @@ def scheme_words(scheme: Mapping[str, Any]) -> str:
     """Return an integrator in words: its name, its order, and its options that are not the usual ones."""
     from dataclasses import fields
 
-    from ..integrators import INTEGRATORS
-
-    known = fields(INTEGRATORS[scheme["name"]]) if scheme["name"] in INTEGRATORS else ()
+    kind: Any = nontwist.integrators.INTEGRATORS.get(scheme["name"])
+    known = () if kind is None else fields(kind)
     usual = {field.name: field.default for field in known if field.name != "order"}
     own = [f"{name} {value}" for name, value in scheme.items() if name != "name" and usual.get(name) != value]
     return ", ".join([scheme["name"], *own])
@@ -257,8 +252,6 @@ def scheme_words(scheme: Mapping[str, Any]) -> str:
 def _body_words(run_file: RunFile) -> str:
     """Return kind, principal moments and weight of a body."""
     import numpy as np
-
-    from ..geometry.values import vector_text
 
     moments = np.linalg.eigvalsh(run_file.problem.system.convected_inertia)
     weight = run_file.body.weight(run_file._folder)

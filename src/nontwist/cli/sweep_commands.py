@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import nontwist
+
 from ..geometry.values import number_text
+from ..io.whole import require_free, written
 from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
 from .outcomes import DIFFERS, on_file
 from .printing import in_words, print_rows, print_table, print_variables, say, say_next, say_written
@@ -52,11 +55,10 @@ def _over(data: dict[str, Any]) -> str:
 
 def sweep_facts(store: Path) -> dict[str, Any]:
     """Return what a store holds, as plain data."""
-    from ..sweeps import open_sweep
     from ..sweeps.store import open_store
 
     kept = open_store(store)
-    data = open_sweep(store, verify=bool(kept.blocks.seal))
+    data = nontwist.open_sweep(store, verify=bool(kept.blocks.seal))
     marked = kept.done()
     sweep = kept.members.sweep
     reasons = {int(i): reason for done in marked.values() for i, reason in done.reasons.items()}
@@ -159,7 +161,7 @@ def sweep_command(
     """
     from ..driver.notices import cores, sigterm_interrupts
     from ..sweeps.members import Members
-    from ..sweeps.sweeping import plan, sweep
+    from ..sweeps.sweeping import plan
 
     store = Path(f"{file.stem}.zarr") if out is None else out
     if looks_like_a_file(store):
@@ -177,7 +179,7 @@ def sweep_command(
     begin = perf_counter()
     report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
     with sigterm_interrupts(), on_file(file):
-        many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
+        many = nontwist.sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
     seconds, failed = perf_counter() - begin, int((many["status"] != 0).sum())
     numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
     if in_words(numbers | {"seconds": seconds}, as_json, quiet):
@@ -262,18 +264,15 @@ def _progress_lines() -> Any:
 
 
 def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
-    from ..plot.journals import require_places, save
+    from ..plot.journals import require_places
     from ..sweeps.reading import draw
 
     require_places(figure, force=force)
-    save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
+    nontwist.plot.save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
     say_written([figure])
 
 
 def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
-    from ..io.results import save_run
-    from ..io.whole import require_free, written
-    from ..sweeps import sweep_member
     from ..sweeps.reading import member_file
     from ..sweeps.store import open_store
 
@@ -285,5 +284,5 @@ def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
         with written(out, force=force) as file:
             file.write(text.encode())
     else:
-        save_run(sweep_member(store, member), out, force=force)
+        nontwist.save_run(nontwist.sweep_member(store, member), out, force=force)
     say_written([out], (command, out))

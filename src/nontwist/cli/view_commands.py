@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import nontwist
+
 from ..errors import SimulationError
+from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
@@ -100,8 +103,6 @@ def view_command(
     same scene, without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with
     status 5 if a file cannot be read or written, or exists already.
     """
-    from ..io.whole import require_free
-    from ..viewer import view
     from ..viewer.films import NO_FFMPEG, save_film, save_still
 
     if out is not None:
@@ -145,7 +146,7 @@ def view_command(
         refuse((True, given[0], f"applies to recordings only; {run} is a result"))
     require_free(*films, *([] if target is None else [target]), force=force)
     runs = [_read(path, reading, slice(first, last), given) for path in inputs]
-    page = view(*runs, title=title, labels=names) if target is not None else None
+    page = nontwist.view(*runs, title=title, labels=names) if target is not None else None
     look: dict[str, Any] = {"width": width, "labels": names, "title": title, "camera": camera, "dark": dark}
     for path in moving:
         save_film(runs, path, seconds=seconds, rate=fps, force=force, **look)
@@ -166,18 +167,14 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
 
     A recording is read as `how` says, which was typed as `given`.
     """
-    from ..io.results import open_run
-    from ..recordings.reading import read_motion
-    from ..recordings.twisting import twist
-
     require_readable(path)
     if _is_result(path):
-        run = open_run(path)
+        run = nontwist.open_run(path)
         with about(str(path), ValueError):
             return _smooth_part(path, run, span)
     with about(str(path), ValueError):
-        motion = read_motion(path, **how)
-        found = twist(_part(motion, span))
+        motion = nontwist.read_motion(path, **how)
+        found = nontwist.twist(_part(motion, span))
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
     again = shlex.join(["nontwist", "twist", str(path), *given, "--axis", "AXIS"])
     say(f"to choose the axis: {again}, then nontwist view of its result")
@@ -224,9 +221,7 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
 
 def largest_turn(run: xarray.Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
-    from ..recordings.motions import rotation
-
-    attitudes = rotation(run)
+    attitudes = nontwist.rotation(run)
     return float((attitudes[:-1].inv() * attitudes[1:]).magnitude().max()) if run.sizes["time"] > 1 else 0.0
 
 
@@ -239,8 +234,6 @@ def smooth(
     """
     import numpy as np
 
-    from ..driver.resampling import resample
-
     time = run["time"].values
     first, last = (time[0], time[-1]) if span is None else np.clip(span, time[0], time[-1])
     part = run.sel(time=slice(first, last))
@@ -250,7 +243,7 @@ def smooth(
     count, own = min(np.ceil((last - first) * speed / FAR), most), np.unique([first, *part["time"].values, last])
     parts = np.ceil(np.diff(own) * (count / (last - first)))  # of each interval between stored states
     ends = np.append(0.0, np.cumsum(parts))
-    found = resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
+    found = nontwist.resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
     return found.assign({name: one for name, one in run.items() if name not in found and "time" not in one.dims})
 
 

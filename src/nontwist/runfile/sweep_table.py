@@ -219,12 +219,7 @@ KINDS: dict[str, type[Over]] = {
 }
 AnyOver = Annotated[Over, OneOf(KINDS)]
 
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    Reduction: TypeAlias = str
-else:
-    Reduction = Literal[STATISTICS]
+Reduction = Annotated[str, OneOf(dict.fromkeys(STATISTICS))]
 Variable = Annotated[str, OneOf(ChainMap(OBSERVABLES, dict.fromkeys(KEPT)))]
 
 
@@ -383,8 +378,7 @@ def numeric_keys(data: Any, at: str = "") -> dict[str, tuple[int, ...]]:
 
 def _regular(data: list[Any]) -> tuple[int, ...] | None:
     """Return the shape of a list of numbers, or of lists of them, that is an array; None where it is none."""
-    try:
+    with suppress(ValueError):
         array = np.array(data)
-    except ValueError:
-        return None
-    return array.shape if array.dtype.kind in "if" and array.size else None
+        return array.shape if array.dtype.kind in "if" and array.size else None
+    return None

@@ -10,19 +10,16 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import starmap
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 
 from ..errors import RunFileError
 
-if TYPE_CHECKING:
-    pass
-
-LARGEST_NUMBER = (
-    1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
-)
+# Beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46.
+LARGEST_NUMBER = 1e60
 SMALLEST_NUMBER = 1e-60  # smaller ones count as 0
 LARGEST = 1_000_000  # bytes
 DEEPEST = 32  # parts of a dotted key; tomllib's time grows with the square of them
@@ -40,17 +37,16 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 def toml_text(data: dict[str, Any]) -> str:
     """Return plain data as TOML: scalars first, then a table for each dict and for each entry of a list of dicts."""
-    lines, tables = [], []
+    lines, tables = [], list[str]()
     for key, item in data.items():
         if isinstance(item, dict):
-            tables.append((f"[{toml_key(key)}]", item))
+            tables += ["", f"[{toml_key(key)}]", *starmap(_line, item.items())]
         elif isinstance(item, list) and item and all(isinstance(entry, dict) for entry in item):
-            tables += [(f"[[{toml_key(key)}]]", entry) for entry in item]
+            for entry in item:
+                tables += ["", f"[[{toml_key(key)}]]", *starmap(_line, entry.items())]
         else:
             lines.append(_line(key, item))
-    for head, table in tables:
-        lines += ["", head, *(_line(key, item) for key, item in table.items())]
-    return "\n".join(lines).strip() + "\n"
+    return "\n".join([*lines, *tables]).strip() + "\n"
 
 
 def _line(key: str, item: Any) -> str:
@@ -65,7 +61,7 @@ def toml_key(key: str) -> str:
 def toml_value(value: Any) -> str:
     """Return a value as TOML writes it."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(_line(key, item) for key, item in value.items()) + " }"
+        return "{ " + ", ".join(starmap(_line, value.items())) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, str):
@@ -154,13 +150,9 @@ def bounded(data: Any) -> Any:
         return [bounded(value) for value in data]
     if not isinstance(data, int | float) or isinstance(data, Unbounded):
         return data
-    is_usual = data == 0 or SMALLEST_NUMBER <= abs(data) <= LARGEST_NUMBER or data != data
-    return data if is_usual else _number(_digits(data))
-
-
-def _digits(number: float) -> str:
-    """Return the text of a number; 1e4000 for a whole one with more digits than Python writes."""
-    return repr(number) if isinstance(number, float) or abs(number) < 10**4000 else "1e4000"
+    if data == 0 or SMALLEST_NUMBER <= abs(data) <= LARGEST_NUMBER or data != data:
+        return data
+    return _number("1e4000" if abs(data) >= 10**4000 and isinstance(data, int) else repr(data))
 
 
 def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:

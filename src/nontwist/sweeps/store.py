@@ -36,6 +36,7 @@ from .members import REFUSED, Members, Results, values
 
 FORMAT, ABSENT = 3, -2
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
+CONVENTIONS = "Λ maps body to space; quaternions have the scalar last; what failed members have not reached is NaN"
 CHANGED = "was changed after it was written"
 MOST_REASONS = 1000  # in a marker; running a member again gives its own
 MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
@@ -244,11 +245,6 @@ class SweepStore:
         self.blocks = Blocks(path, self.group, block, len(self.members), seal)
 
     @property
-    def path(self) -> Path:
-        """Its folder."""
-        return self.blocks.path
-
-    @property
     def seal_words(self) -> str:
         """The hash of the seal, or why there is none."""
         return self.blocks.seal or "not read: verify=False"
@@ -297,7 +293,7 @@ class SweepStore:
         """Remove the markers of blocks, and temporary files of killed writers."""
         for k in blocks:
             self.blocks.place(k).unlink(missing_ok=True)
-        for left in self.path.glob("**/*.partial"):
+        for left in self.blocks.path.glob("**/*.partial"):
             left.unlink(missing_ok=True)
 
 
@@ -327,7 +323,18 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
     zarr, m = _zarr(), len(members)
     statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
     with atomic_folder(path) as temporary:
-        group = zarr.create_group(str(temporary), attributes=_record(members, block))
+        record = {
+            "sweep_format": FORMAT,
+            "title": members.file.title or f"{m} {members.file.body.kind} rigid bodies",
+            "run_file": members.text,
+            "run_file_sha256": hashlib.sha256(members.text.encode()).hexdigest(),
+            "folder": str(members.folder.path.absolute()),
+            "block": block,
+            "t_end": members.file.time.t_end,
+            "conventions": CONVENTIONS,
+            "versions": json.dumps(versions()),
+        }
+        group = zarr.create_group(str(temporary), attributes=record)
 
         def add(name: str, shape: tuple[int, ...], fill: Any, dims: tuple[str, ...], attributes: Any) -> None:
             group.create_array(
@@ -354,21 +361,6 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
         with atomic_file(temporary / SEAL) as file:
             file.write(sealed({"files": hashes}))
     return SweepStore(path, members=members)
-
-
-def _record(members: Members, block: int) -> dict[str, Any]:
-    return {
-        "sweep_format": FORMAT,
-        "title": members.file.title or f"{len(members)} {members.file.body.kind} rigid bodies",
-        "run_file": members.text,
-        "run_file_sha256": hashlib.sha256(members.text.encode()).hexdigest(),
-        "folder": str(members.folder.path.absolute()),
-        "block": block,
-        "t_end": members.file.time.t_end,
-        "conventions": "Λ maps body to space; quaternions have the scalar last; what failed members have "
-        "not reached is NaN",
-        "versions": json.dumps(versions()),
-    }
 
 
 def _sha256(array: Array) -> str:

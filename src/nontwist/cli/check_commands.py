@@ -179,7 +179,8 @@ def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
     x = [run["directors"].values.reshape(run.sizes["time"], -1)[1:] for run in runs]
     coarse, fine = (np.linalg.norm(a - b, axis=1) for a, b in pairwise(x))
     clear = np.minimum(coarse, fine) > NOISE
-    orders = np.log2(quotient.values, where=clear, out=np.full(len(fine), np.nan))
+    quotients = np.where(clear, quotient.values, np.nan)
+    orders = np.log2(quotients)
     median = float(np.median(orders[clear])) if clear.any() else None
     at = np.unique(np.rint(np.linspace(0, len(fine), 6)).astype(int)[1:] - 1)
     return {
@@ -190,8 +191,8 @@ def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
         "error_at_end": float(coarse[-1] / np.sqrt(2) / (1 - 2.0**-order)),
         "times": quotient["time"].values[at].tolist(),
         "differences": fine[at].tolist(),
-        "second_quotients": [float(q) if c else None for q, c in zip(quotient.values[at], clear[at], strict=True)],
-        "observed_orders": [float(n) if c else None for n, c in zip(orders[at], clear[at], strict=True)],
+        "second_quotients": quotients[at].tolist(),
+        "observed_orders": orders[at].tolist(),
     }
 
 
@@ -200,8 +201,8 @@ def print_precision(numbers: dict[str, Any]) -> None:
     columns = {
         "t (s)": [f"{t:g}" for t in numbers["times"]],
         "ξ(h/2) - ξ(h/4)": [f"{difference:.1e}" for difference in numbers["differences"]],
-        "Q_II": ["–" if value is None else f"{value:.6f}" for value in numbers["second_quotients"]],
-        "observed order": ["–" if value is None else f"{value:.6f}" for value in numbers["observed_orders"]],
+        "Q_II": [f"{value:.6f}".replace("nan", "–") for value in numbers["second_quotients"]],
+        "observed order": [f"{value:.6f}".replace("nan", "–") for value in numbers["observed_orders"]],
     }
     title = f"{numbers['file']}: steps h = {numbers['step']:.6g} s, h/2, h/4"
     print_table(title, columns, right=tuple(columns))

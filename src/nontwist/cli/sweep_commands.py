@@ -23,7 +23,6 @@ from .run_commands import read_one
 if TYPE_CHECKING:
     from ..runfile import RunFile
     from ..sweeps.sweeping import Plan
-    from ..sweeps.workers import Progress
 
 # What the commands on sweeps print.
 
@@ -132,7 +131,6 @@ def _telling(dimensions: dict[str, int]) -> str:
     return name + (".3" if name == "quaternion" else ".2.2" * (dimensions[name] == 3))
 
 
-EVERY = 10.0  # s between lines of progress where stderr is no terminal
 Store = Annotated[Path, argument("STORE", "The store of a sweep (a folder).")]
 WORKERS = Opt("Number of threads, or of processes with --dask local.", "N", default="all processors", least=1)
 BLOCK = Opt("Members per block.", "N", default="at most 10 s and 64 MiB, as measured", least=1)
@@ -176,10 +174,9 @@ def sweep_command(
             given = [word for name, one in options.items() if one is not None for word in (name, one)]
             say_next(("sweep", file, *given), sets=overrides)
         return
-    begin = perf_counter()
-    report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
+    begin, bar = perf_counter(), not quiet and sys.stderr.isatty()
     with sigterm_interrupts(), on_file(file):
-        many = nontwist.sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
+        many = nontwist.sweep(run_file, store, workers=workers, dask=dask, block=block, progress=bar)
     seconds, failed = perf_counter() - begin, int((many["status"] != 0).sum())
     numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
     if in_words(numbers | {"seconds": seconds}, as_json, quiet):
@@ -239,37 +236,20 @@ def show_command(
     Components are named by their number: body.axis.0, material_angular_velocity.2. For a vector, --plot draws its
     length. The last state of --member equals that in the store, bit for bit.
     """
+    from ..plot.journals import require_places
+    from ..sweeps.reading import draw
+
     wrong = bool(plotted) != plot or (plotted and len(plotted) not in (2, 3))
     refuse((wrong, "--plot", "give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY"))
     if plotted:
-        _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png"), force)
+        figure = figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png")
+        require_places(figure, force=force)
+        nontwist.plot.save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
+        say_written([figure])
     elif member is not None:
         _rerun(store, member, out or Path(f"{member}.nc"), force)
     elif in_words(facts := sweep_facts(store), as_json):
         print_sweep(facts)
-
-
-def _progress_lines() -> Any:
-    """Return what prints the progress line by line, now and then."""
-    from ..sweeps.workers import words
-
-    last = [perf_counter()]
-
-    def report(now: Progress) -> None:
-        if perf_counter() - last[0] > EVERY:
-            last[0] = perf_counter()
-            say(f"{now.done} of {now.members} members, {words(now)}")
-
-    return report
-
-
-def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
-    from ..plot.journals import require_places
-    from ..sweeps.reading import draw
-
-    require_places(figure, force=force)
-    nontwist.plot.save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
-    say_written([figure])
 
 
 def _rerun(store: Path, member: int, out: Path, force: bool) -> None:

@@ -221,8 +221,9 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
 
 def largest_turn(run: xarray.Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
-    attitudes = nontwist.rotation(run)
-    return float((attitudes[:-1].inv() * attitudes[1:]).magnitude().max()) if run.sizes["time"] > 1 else 0.0
+    from ..viewer.content import turns_between
+
+    return float(turns_between(run["quaternion"].values).max(initial=0.0))
 
 
 def smooth(

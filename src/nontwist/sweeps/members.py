@@ -39,7 +39,7 @@ from ..geometry.arrays import Array
 from ..integrators import IVP, Integrator
 from ..integrators.problem import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
-from ..models.stack import SystemStack
+from ..models.stack import SystemStack, doubtful
 from ..models.system import DirectorSystem
 from ..runfile import RunFile
 from ..runfile.body import Body
@@ -114,7 +114,6 @@ def _quasi_random(name: str, seed: int, dimension: int, first: int, last: int) -
 # `E = 1/2 tr(J) I - J`; shapes, and bodies under gravity, whose inertia must suit the mass, one after the other.
 
 AT_ONCE = ("axis", "inertia")
-DOUBTFUL = 1e-6  # of the trace: members with a smaller eigenvalue of E are checked one by one
 
 
 class InvalidMembersError(ValueError):
@@ -206,13 +205,11 @@ def _at_once(body: Body, values: Values) -> SystemStack:
     how: dict[str, Any] = {} if body.physical is None else {"physical": body.physical}
     E, fixed = kind.at_once(J), None if "axis" in given else kind.make(**kind.sample).axis
     axis = given.get("axis") if fixed is None else np.repeat(fixed[None], m, axis=0)
-    doubtful = np.linalg.eigvalsh(E)[:, 0] <= DOUBTFUL * np.trace(E, axis1=1, axis2=2)
-    doubtful |= (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
     if axis is not None:
         length = np.sqrt(axis[:, 0] * axis[:, 0] + axis[:, 1] * axis[:, 1] + axis[:, 2] * axis[:, 2])
-        doubtful |= length == 0
         axis = axis / np.where(length == 0, 1.0, length)[:, None]
-    alone = np.flatnonzero(doubtful).tolist()
+    is_odd = (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
+    alone = np.flatnonzero(doubtful(E, axis) | is_odd).tolist()
     made = _each(alone, lambda i: kind.make(**{name: array[i] for name, array in given.items()}, **how))
     E[alone] = np.reshape([one.euler_inertia for one in made], (-1, 3, 3))
     return SystemStack(E, axis, name=body.kind, **how)

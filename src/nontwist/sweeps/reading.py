@@ -25,7 +25,6 @@ from .store import Blocks, SweepStore, open_store
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.artist import Artist
 
 # What three numbers of a key are components along; those of a load by their last word.
 DIMS = {"start.rotation": "quat", "start.angular_velocity.space": "axis", "start.angular_velocity.body": "director"}
@@ -309,10 +308,9 @@ def _component(data: Any, name: str, known: Sequence[str], fault: str) -> _Compo
     return _Component(name, data[base], [int(part) for part in rest])
 
 
-def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> Artist:
+def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> Any:
     size = 9 if len(x) < DENSE else max(0.3, 9 * DENSE / len(x))
-    dots: Artist = ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)
-    return dots
+    return ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)
 
 
 def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
@@ -326,7 +324,7 @@ def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
 
 def _map(
     ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str], logarithmic: Sequence[str]
-) -> Artist | None:
+) -> Any:
     """Draw cells, where the sweep is the product of two grids and nothing else."""
     whole = [one.key for one in sweep.axes]
     if sweep.drawn or sweep.combine != "product" or sorted(whole) != sorted(keys) or len(values) != sweep.members:
@@ -335,8 +333,7 @@ def _map(
     grids = x[:, 0], y[0]
     a, b = (_borders(one, key in logarithmic) for one, key in zip(grids, keys, strict=True))
     cells = values[np.ix_(*map(np.argsort, grids))]
-    mesh: Artist = ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)
-    return mesh
+    return ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)
 
 
 def _borders(values: Array, logarithmic: bool) -> Array:

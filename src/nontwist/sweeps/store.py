@@ -108,8 +108,7 @@ def _verified_seal(path: Path) -> str:
         raise _damaged(path, f"{name} is missing") from error
     except (ValueError, KeyError, TypeError) as error:
         raise _damaged(path, f"{name} {CHANGED}") from error
-    found: str = seal["seal"]
-    return found
+    return str(seal["seal"])
 
 
 def _damaged(path: Path, reason: str) -> SweepStoreError:
@@ -199,13 +198,12 @@ class Blocks:
 
     def array(self, name: str, k: int, done: Done | None = None) -> Array:
         """Return the numbers of a variable in a block; a DamagedBlockError where they are not those of its marker."""
-        first, last = self.span(k)
+        numbers: Any = slice(*self.span(k))
         if not self.seal:
-            unchecked: Array = self.group[name][first:last]
-            return unchecked
+            return np.asarray(self.group[name][numbers])
         done, cause = self.marker(k) if done is None else done, None
         try:
-            found: Array = self.group[name][first:last]
+            found: Array = self.group[name][numbers]
             if _sha256(found) == done.sha256[name]:
                 return found
         except MemoryError:

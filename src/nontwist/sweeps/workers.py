@@ -52,7 +52,7 @@ class Workers(NamedTuple):
     """Threads, or with a Dask `client` the workers of its cluster, now and later."""
 
     executor: Any
-    count: int
+    threads: int
     client: Any = None
 
     def submit(self, store: SweepStore, k: int) -> Future[Done]:
@@ -63,7 +63,7 @@ class Workers(NamedTuple):
     @property
     def capacity(self) -> int:
         """The number of workers now."""
-        return self.count if self.client is None else max(1, sum(self.client.nthreads().values()))
+        return self.threads if self.client is None else max(1, sum(self.client.nthreads().values()))
 
     def revive(self) -> None:
         """Restart the workers of a local cluster where none is left, as blocks would wait for ever.

@@ -19,7 +19,7 @@ from ..integrators.problem import Intervals, Stretches
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.kinds import is_rotor, load_of, rotors_of
-from ..models.constraints import LABELS
+from ..models.equations import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
     COORDINATES,

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
 from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Changes, Entries, StepNodes, is_in_orbital_frame

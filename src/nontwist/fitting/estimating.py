@@ -41,7 +41,7 @@ from itertools import pairwise, repeat
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import BASIS, ENTRIES, LEVI
+from ..geometry.attitudes import BASIS, ENTRIES, LEVI
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
 from .motions import RunawayError

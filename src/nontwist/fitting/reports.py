@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import ENTRIES
+from ..geometry.attitudes import ENTRIES
 from .bodies import unit_vector
 from .measuring import IDEAL, PLACES, UNITS
 from .readings import STRAY
@@ -279,7 +279,7 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     """Return the tables of a run file of the motion of one recording."""
     from scipy.spatial.transform import Rotation
 
-    from ..models.catalogue import heavy_top, standard, suslov
+    from ..models.bodies import heavy_top, standard, suslov
 
     model, more = fit.solution.problem.model, fit.solution.unknowns.more
     said = "the rotor is a load" if model.wheel is not None else "moments of inertia in parts of their sum"

@@ -338,10 +338,9 @@ class Intervals(NamedTuple):
     @property
     def of_one(self) -> dict[str, Any]:
         """The fields of one body, but for what works are made of."""
-        known = self._replace(velocity_integrals=None)._asdict()
-        return {
-            name: None if array is None else array[0] for name, array in known.items() if name != "velocity_integrals"
-        }
+        found = {name: None if array is None else array[0] for name, array in self._asdict().items()}
+        del found["velocity_integrals"]
+        return found
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""
@@ -386,11 +385,8 @@ class Outcome(NamedTuple):
 
     def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
-        indices, k, times = (
-            np.searchsorted(whole.stored_times, problem.stored_times),
-            len(problem.stored_times),
-            self.times(whole),
-        )
+        k, times = len(problem.stored_times), self.times(whole)
+        indices = np.searchsorted(whole.stored_times, problem.stored_times)
         if self.end is None:
             good = np.searchsorted(indices, self.good)
         else:  # the last state is that of no output

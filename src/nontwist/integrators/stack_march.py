@@ -65,10 +65,8 @@ class StackMarch:
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = float(power_of_two(np.max(sizes)))
         systems, self.load = as_marched(stack, director)
-        assert not any(one.is_driven for one in self.load.wheels), "a body with wheels is marched as_gyrostat"
-        acts_alone = not known.get("space", False)  # without a moment in space that is added to the load
-        is_at_stages = self.needs.action == STAGE
-        self.about = orbit_of(systems, self.load, self.unit) if is_at_stages and acts_alone else None
+        has_orbit = self.needs.action == STAGE and not known.get("space", False)  # which is added to the load
+        self.about = orbit_of(systems, self.load, self.unit) if has_orbit else None
         self.bodies = body_rows(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
@@ -111,14 +109,8 @@ class StackMarch:
         pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.functions.address, self.functions.generalised, self.functions.terms
         pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
-        self.internal_scales = self.load.internal_scale
-        pack(
-            self.block,
-            BLOCK,
-            memory_response=self.functions.memory_response,
-            internal=z.size,
-            internal_scales=self.internal_scales,
-        )
+        self.internal_scales, response = self.load.internal_scale, self.functions.memory_response
+        pack(self.block, BLOCK, memory_response=response, internal=z.size, internal_scales=self.internal_scales)
         pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)

@@ -15,8 +15,7 @@ from ..engine.known_steps import LANES, STEPS
 from ..engine.linearised import ForwardRun, chain_back, chain_forward, grow
 from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
@@ -69,12 +68,8 @@ class PreparedTangents:
     """
 
     def __init__(self, steps: Linearised, count: int, entries: EntriesOf, is_stored: StepMask) -> None:
-        self._steps, self._chunks, self._stored_count = (
-            steps,
-            list(steps.chunks(count, entries, is_stored)),
-            int(is_stored.sum()),
-        )
-        self._count, self._threads = count, PerThread(lambda: (None,) * 6)
+        self._steps, self._chunks = steps, list(steps.chunks(count, entries, is_stored))
+        self._stored_count, self._count, self._threads = int(is_stored.sum()), count, PerThread(lambda: (None,) * 6)
         self._run = chain_forward(steps.rows).function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:

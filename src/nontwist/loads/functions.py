@@ -29,8 +29,8 @@ from ..geometry.arrays import Array, as_floats
 from ..kernels import machine_code
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
+from ..kernels.machine_code import tracing
 from ..kernels.memory import Pointer, call, put, scratch
-from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, numbers, traced
 
 if TYPE_CHECKING:

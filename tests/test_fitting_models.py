@@ -15,7 +15,7 @@ import nontwist as nt
 from conftest import ended
 from fit_errors import csv, differences, model_of, off, off_by, recorded
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
-from nontwist.fitting.estimating import pencil, short, with_moments
+from nontwist.fitting.estimating import short, with_moments
 from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed, constant
 from nontwist.fitting.motions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
@@ -96,12 +96,12 @@ def test_motions_and_their_derivatives_are_those_of_scipy(acts):
     assert abs(found - by_scipy(J / unit, arm * n, acts * drag, BEGUN, TIMES)[:, taken]).max() < 1e-9 * 7
     columns = [*np.arange(10)[taken], *range(10, 22 if acts else 16)]
     assert D.shape == (len(TIMES), len(BEGUN[taken]), len(columns))
-    for k in (1, 5, 8, 13, 17, 20):
-        if k in columns:
-            e = 1e-30j * np.eye(22)[k]
-            given = J / unit + 1j * symmetric(e[10:16].imag), arm * (n + e[16:19]), acts * (drag + e[19:])
-            true = by_scipy(*given, BEGUN + e[:10], TIMES).imag[:, taken] / 1e-30
-            assert abs(D[:, :, columns.index(k)] - true).max() < 1e-8 * abs(true).max()
+    way = np.zeros(22)  # in which all of them change, each as much
+    way[columns] = np.random.default_rng(2).normal(size=len(columns)) / abs(D).max(axis=(0, 1))
+    e = 1e-30j * way
+    given = J / unit + 1j * symmetric(e[10:16].imag), arm * (n + e[16:19]), acts * (drag + e[19:])
+    true = by_scipy(*given, BEGUN + e[:10], TIMES).imag[:, taken] / 1e-30
+    assert abs(D @ way[columns] - true).max() < 1e-8 * abs(true).max()
 
 
 def test_the_motion_of_a_free_body_keeps_energy_and_momentum_over_many_turns():
@@ -176,14 +176,11 @@ def test_the_weak_form_finds_inertia_arm_and_vertical_of_clean_recordings(direct
         np.testing.assert_allclose(sign * found.more[:3], CENTRE / FAR, atol=1e-3)
 
 
-def test_the_linear_methods_find_the_inertia_of_clean_recordings():
-    for times in (np.arange(400) / 400, np.arange(30) / 5):  # at last 2.8 rad from sample to sample
-        rates = by_scipy(FREE, np.zeros(3), 0, np.array([8.0, 9, -7, 0, 0, 0, 0, 0, 0, 0]), times)[:, :3]
-        assert abs(pencil([(times, rates)]) - FREE).max() < 0.01  # half a degree of its search
-        if len(times) == 400:
-            found = with_moments([(times, rates)], Model(), 2.0, 0.0)
-            assert abs(found.inertia - FREE).max() < 1e-4
-            assert found.misfit < 1e-4
+def test_the_linear_method_finds_the_inertia_of_clean_recordings():
+    rates = by_scipy(FREE, np.zeros(3), 0, np.array([8.0, 9, -7, 0, 0, 0, 0, 0, 0, 0]), np.arange(400) / 400)[:, :3]
+    found = with_moments([(np.arange(400) / 400, rates)], Model(), 2.0, 0.0)
+    assert abs(found.inertia - FREE).max() < 1e-4
+    assert found.misfit < 1e-4
 
 
 # Estimates
@@ -204,6 +201,14 @@ def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
     assert ("does not determine the sign" in fit.table()["centre of mass"]) == (known != "centre")
     if known == "unknown":
         np.testing.assert_allclose(fitted("distance").inertia / unit, fit.inertia, atol=1e-7)
+
+
+def test_a_long_fast_swing_is_found_by_arcs_that_are_joined_two_by_two():
+    sensor = {"noise": 3e-4, "rate": 200, "seed": 2}
+    rotation = Rotation.random(rng=1)
+    recording = recorded(nt.heavy_top(J, MASS, CENTRE), 4, (5.53, 2.22, -8.77), rotation=rotation, sensor=sensor)
+    fit = nt.fit_inertia(recording, interval="all", gravity=GRAVITIES["unknown"])
+    assert abs(off(fit, J / MASS / FAR)).max() < 4
 
 
 def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeypatch):
@@ -480,7 +485,7 @@ test_rotors_that_are_none_are_refused = refused_as(
         "two scales": of_spun(gravity="unknown"),
         "misaligned": of_spun(axis="fit", speed=0, misalignment="fit"),
         "the other way": lambda: nt.fit_inertia(thrown()[:3], rotor={"axis": "-z", "inertia": WHEEL, "speed": 0}),
-        "another axis": of_spun(thin=4, axis=(0.6, 0, 0.8), speed=0, interval="all"),
+        "another axis": of_spun(thin=10, axis=(0.6, 0, 0.8), speed=0, interval="all"),
     }
 )
 

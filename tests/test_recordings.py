@@ -22,8 +22,7 @@ from conftest import ended
 from nontwist import read_motion, rotation, twist
 from nontwist.recordings.checks import evidence_of
 from nontwist.recordings.formats import READERS
-from nontwist.recordings.formats.apart import read_apart, rotations
-from nontwist.recordings.formats.arrays import loaded
+from nontwist.recordings.formats.libraries import loaded, read_apart, rotations
 from nontwist.recordings.reading import read_rates
 from nontwist.recordings.table import Table
 from nontwist.recordings.times import BITS, counted_on

@@ -295,14 +295,12 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any, physical: 
     wheel = None if rotor is None else as_wheel(rotor)
     if pivot is not None and pivot.mass is None and wheel is not None:
         raise ValueError("gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre")
-    axis = None
-    if constraint is not None:
-        axis, _ = _directed(constraint, "constraint", "it must be an axis of the body, about which it does not turn")
-        if pivot is None and wheel is None:
-            raise ValueError(
-                "constraint needs gravity or a rotor: without them the motion does not determine the scale of the "
-                "inertia, and nothing at all of a body that may not turn about a principal axis"
-            )
+    axis = None if constraint is None else as_direction(constraint, "constraint")
+    if axis is not None and pivot is None and wheel is None:
+        raise ValueError(
+            "constraint needs gravity or a rotor: without them the motion does not determine the scale of the "
+            "inertia, and nothing at all of a body that may not turn about a principal axis"
+        )
     model = Model(pivot, wheel=wheel, constraint=axis, physical=physical)
     if damping is None:
         return model
@@ -310,8 +308,8 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any, physical: 
         if not among(damping, COUNTS):
             raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {short_repr(damping)}")
         return replace(model, damping=COUNTS[damping])
-    C = as_floats(damping, "damping")
-    C = np.full(3, as_number(damping, "damping")) if C.ndim == 0 else as_array(damping, "damping", (3,))
+    shape = (3,) if as_floats(damping, "damping").ndim else ()
+    C = np.ones(3) * as_array(damping, "damping", shape)
     if C.min() < 0:
         raise ValueError(f"damping must not be negative, got {C.min():g} N m s")
     if not model.has_scale:
@@ -341,8 +339,10 @@ def as_pivot(gravity: Any) -> Pivot:
     mass = float(as_positive(given["mass"], "gravity: mass", (), "kg"))
     if "distance" in given:
         return Pivot(mass, float(as_positive(given["distance"], "gravity: distance", (), "m")), None, g)
-    c, distance = _directed(given["centre"], "gravity: centre", "the pivot is then the centre of mass, without moment")
-    return Pivot(mass, distance, c, g)
+    c = as_axis(given["centre"], "gravity: centre")
+    if not (distance := float(np.linalg.norm(c))) > 0:
+        raise ValueError("gravity: centre is zero: the pivot is then the centre of mass, without moment")
+    return Pivot(mass, distance, c / distance, g)
 
 
 def as_wheel(rotor: Any) -> Wheel:
@@ -385,13 +385,3 @@ def of_keys(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[
         if not among(key, keys):
             raise ValueError(f"{name} has an unknown key {short_repr(key)}: {nearest(key, keys)}")
     return dict(given)
-
-
-def _directed(value: Any, name: str, zero: str) -> tuple[Array, float]:
-    """Return a direction and a length."""
-    v = as_axis(value, name)
-    largest = float(abs(v).max())
-    if not largest > 0:
-        raise ValueError(f"{name} is zero: {zero}")
-    size = float(np.linalg.norm(v / largest))
-    return v / largest / size, size * largest

@@ -7,7 +7,7 @@ first inertias are moved off the wall of flat bodies: there the derivative of th
 chart, so that a fit that begins on it creeps along. σ follows from the residuals, and where it changes, the second
 stage is repeated, since the priors weigh more or less then.
 
-Starting values without an iteration: two methods that are linear in the inertia.
+Starting values are found without an iteration, by a method that is linear in the inertia.
 
 **Weak form.** A free body has ``J W' = J W × W``. Times a smooth function φ that vanishes at the ends of a window and
 integrated by parts, this needs no derivative of the recording,
@@ -17,11 +17,6 @@ integrated by parts, this needs no derivative of the recording,
 and it is linear in the six entries of J. Many windows make a least-squares problem on tr J = 1. With
 ``φ = (1 - s²)⁴`` the trapezoidal rule is exact to high order. White noise does not bias the second term, since
 ``I × I`` vanishes; it biases the first a little towards a sphere.
-
-**Energy and momentum.** ``W·J W`` and ``W·J² W`` are constant. A quadratic form that is constant along the recording is
-found without any time: the two smallest singular vectors of the centred products W_i W_j span J and J². J is the
-member of this pencil whose square lies in it too, and of the few that do, the one that the weak form likes best. Noise
-harms it more, coarse sampling does not harm it at all.
 
 **Other moments.** What acts beside enters the weak form as columns of its own. Damping is ``-∫φ W dt`` times C. A rotor
 of momentum h is ``∫φ h × W dt + ∫φ' h dt`` over the unit of J, which follows; where its axis is fitted there is one for
@@ -36,12 +31,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, repeat
+from itertools import accumulate, pairwise, repeat
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.attitudes import BASIS, ENTRIES, LEVI
+from ..geometry.attitudes import BASIS, LEVI
+from ..geometry.rotations import exp
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
 from .motions import RunawayError
@@ -53,7 +49,6 @@ WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere
 FEWEST, TOGETHER = 8, 8  # samples in a window; windows at once
 SPHERE = entries(np.eye(3) / 3)
-ANGLES = 360  # of a pencil
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
 
@@ -101,50 +96,10 @@ def weak_rows(
     return np.concatenate(rows)
 
 
-def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
-    """Return J of trace 1 by energy and momentum, or None where they do not tell."""
-    centred = []
-    for _, W in stretches:
-        products = np.stack([W[:, i] * W[:, j] * (1 if i == j else 2) for i, j in ENTRIES], axis=1)
-        centred.append(products - products.mean(axis=0))
-    rows = np.concatenate(centred)
-    if len(rows) < 6:
-        return None
-    found = np.linalg.svd(rows, full_matrices=False)[2]
-    first, second = symmetric(found[-1]), symmetric(found[-2])
-    angle = np.linspace(0, np.pi, ANGLES, endpoint=False)
-    J = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
-    trace = np.trace(J, axis1=1, axis2=2)
-    J = J[abs(trace) > 0.1] / trace[abs(trace) > 0.1, None, None]
-    E = np.eye(3) / 2 - J
-    J = J[np.linalg.eigvalsh(E)[:, 0] > -0.05] if len(J) else J
-    if not len(J):
-        return None
-    plane = np.stack([entries(first), entries(second)])
-    squares = entries(J @ J)
-    squares = squares / np.linalg.norm(squares, axis=1, keepdims=True)
-    outside = np.linalg.norm(squares - squares @ np.linalg.pinv(plane) @ plane, axis=1)
-    best = J[np.argsort(outside)[:20]]
-    weak = np.concatenate([weak_rows(time, rates, WIDTHS[1]) for time, rates in stretches]).reshape(-1, 6)
-    return np.asarray(best[0] if not len(weak) else best[np.argmin(np.linalg.norm(entries(best) @ weak.T, axis=1))])
-
-
 def turns(time: Array, rates: Array) -> Array:
     """Return the rotations since the first sample by angular velocities that are linear between samples, (n, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    if len(time) < 2:  # of no rotations SciPy before 1.17 makes none
-        return np.tile(np.eye(3), (len(time), 1, 1))
-    steps = Rotation.from_rotvec((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None]).as_matrix()
-    n, size = len(time), int(np.sqrt(len(time))) + 1
-    found = np.broadcast_to(np.eye(3), (size * size, 3, 3)).copy()  # blocks of so many, each from its own beginning
-    found[1:n] = steps
-    blocks = found.reshape(size, size, 3, 3)
-    for k in range(1, size):
-        blocks[:, k] = blocks[:, k - 1] @ blocks[:, k]
-    for k in range(1, size):
-        blocks[k] = blocks[k - 1, -1] @ blocks[k]
-    return found[:n]
+    steps = exp((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None])
+    return np.array([*accumulate(steps, np.matmul, initial=np.eye(3))])
 
 
 @dataclass(frozen=True)
@@ -274,16 +229,12 @@ def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], guess: Guess) -> 
 
 
 def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
-    """Return values to start from, by all linear methods."""
+    """Return values to start from: by windows of several widths, or those of some body that moves freely."""
     pairs = [(one.time, one.rates) for one in stretches]
     speeds = [None if one.speed is None else one.speed.at(one.time) @ one.speed.values for one in stretches]
     ways = [(width, 0.0) for width in WIDTHS] if model.is_free else ROUND
     found = [made for how in ways if (made := with_moments(pairs, model, *how, speeds)) is not None]
-    if model.is_free:
-        energetic = pencil(pairs)
-        others = [np.diag([0.25, 0.33, 0.42])] * (not found) if energetic is None else [energetic]
-        found += [Guess(model, J, np.zeros(0)) for J in others]
-    return found
+    return found or [Guess(model, np.diag([0.25, 0.33, 0.42]), np.zeros(0))] * model.is_free
 
 
 def estimate(
@@ -312,9 +263,8 @@ def estimate(
             break
     if not tried:
         raise RunawayError("no start leads to a motion")
-    tried.sort(key=lambda one: one.cost)
     ends: list[Solution] = []
-    for first in tried[: 1 if model.is_free else MOST_ENDS]:
+    for first in sorted(tried, key=lambda one: one.cost)[: 1 if model.is_free else MOST_ENDS]:
         ends.append(_joined(first, len(lanes), stage))
         if explains(first) and not explains(ends[-1]):
             ends.append(_joined(first, 2, stage))
@@ -348,9 +298,9 @@ def explains(solution: Solution) -> bool:
 
 def _joined(found: Solution, many: int, calls: int) -> Solution:
     """Return the solution for whole recordings by lanes of which so many are joined, each time from the one before."""
-    is_first = True
-    while is_first or any(one.joined for one in found.problem.lanes):
-        kept, lanes, is_first = list[int](), list[Lane](), False
+    lanes: list[Lane] = []
+    while not lanes or any(one.joined for one in lanes):
+        kept, lanes = list[int](), []
         for k, lane in enumerate(found.problem.lanes):
             if lanes and lanes[-1].joined and k < kept[-1] + many:
                 lanes[-1] = lanes[-1]._replace(last=lane.last, joined=lane.joined)

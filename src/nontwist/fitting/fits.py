@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -228,16 +228,17 @@ class Task:
             raise NoMotionError(self.no_motion(stretches, None, model)) from error
         if is_hopeless(found):
             raise NoMotionError(self.no_motion(stretches, found.misses, model))
-        parts, row, problem, at = [], 0, found.problem, found.unknowns
-        states = [] if problem.has_gyroscope else [values for values, _ in problem.motions(at)]
+        parts, problem, at = [], found.problem, found.unknowns
+        if problem.has_gyroscope:
+            ends = np.cumsum([len(one.time) for one in stretches])[:-1]
+            explained = np.split(problem.data - found.left_over, ends)
+        else:
+            explained = [values[:, :3] for values, _ in problem.motions(at)]
         for k, (one, stretch, (*_, how)) in enumerate(zip(self.given, problem.stretches, cuts, strict=True)):
-            t, y = stretch.time, stretch.rates
-            explained = states[k][:, :3] if states else y - found.left_over[row : row + len(t)]
-            row += len(t)
             start, down, attitude = np.split(at.starts[k], [3, 3 + 3 * (model.pivot is not None)])
             spun = None if stretch.speed is None else (stretch.speed.knots, at.flat[problem.speeds_of(k)])
-            seen = spun, stretch.quaternions, attitude
-            parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, *seen))
+            seen = start, down, how, one.left_out, one.notes, spun, stretch.quaternions, attitude
+            parts.append(Part(one.name, stretch.time, stretch.rates, explained[k], *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
         if (outside := beyond_the_wall(found, told_of(found, white=True))) > OUTSIDE:
             raise NoMotionError(
@@ -308,7 +309,8 @@ class Task:
             except ValueError:
                 continue
             if fit.is_explained:
-                return f"; it fits with {words(fit)}"
+                found, _ = fit.rotor_axis if other.pivot is model.pivot else fit.centre
+                return f"; it fits with {words.format(','.join(f'{x + 0.0:.4g}' for x in found.round(4)))}"
         return ""
 
     @property
@@ -340,27 +342,15 @@ class Task:
         )
 
 
-def _others(model: Model) -> Iterator[tuple[Model, Callable[[Fit], str]]]:
-    """Yield models that are close to one, with words on what they fit."""
-    if model.wheel is not None and model.wheel.axis is not None:
-        turned, free = (replace(model.wheel, axis=axis) for axis in (-model.wheel.axis, None))
-        yield (
-            replace(model, wheel=turned),
-            lambda fit: f"the rotor turning the other way: axis={_listed(fit.rotor_axis[0])}",
-        )
-        yield (
-            replace(model, wheel=free),
-            lambda fit: f"the axis of the rotor along {_listed(fit.rotor_axis[0])}: axis=fit",
-        )
-    if model.pivot is not None and model.pivot.direction is not None:
-        yield (
-            replace(model, pivot=replace(model.pivot, direction=None)),
-            lambda fit: f"the centre of mass along {_listed(fit.centre[0])}, or opposite: mass and distance",
-        )
-
-
-def _listed(v: Array) -> str:
-    return ",".join(f"{x + 0.0:.4g}" for x in v.round(4))
+def _others(model: Model) -> Iterator[tuple[Model, str]]:
+    """Yield models that are close to one, with words on what they fit, where the direction that is found belongs."""
+    wheel, pivot = model.wheel, model.pivot
+    if wheel is not None and wheel.axis is not None:
+        yield replace(model, wheel=replace(wheel, axis=-wheel.axis)), "the rotor turning the other way: axis={}"
+        yield replace(model, wheel=replace(wheel, axis=None)), "the axis of the rotor along {}: axis=fit"
+    if pivot is not None and pivot.direction is not None:
+        free = replace(model, pivot=replace(pivot, direction=None))
+        yield free, "the centre of mass along {}, or opposite: mass and distance"
 
 
 def _beyond(model: Model) -> str:

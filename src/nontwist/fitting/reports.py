@@ -26,6 +26,7 @@ SCALES = {
 ROTOR = "by the known momentum of the rotor; J of the body with the rotor held"
 OPPOSITE = ", or opposite: a gyroscope does not determine the sign"
 DAMPING = {"": "s⁻¹, of the sum of the moments", "m": "m/s, of m|c|", "kg m²": "N m s"}
+QUALITY = ("attitude_noise", "correlation", "is_white", "misfit", "is_explained", "cross_validation")
 SHARE = 0.5  # of the second moments along the centre: what an unknown mass takes of them
 
 
@@ -131,10 +132,7 @@ def numbers(fit: Fit) -> dict[str, Any]:
     found, model, seen = fit.principal, fit.solution.problem.model, fit.has_gyroscope
     told: dict[str, Any] = {
         "unit": fit.unit,
-        "moments": found.moments,
-        "intervals": found.intervals,
-        "ratios": found.ratios,
-        "ratio_intervals": found.ratio_intervals,
+        **{name: getattr(found, name) for name in ("moments", "intervals", "ratios", "ratio_intervals")},
         "axes": found.axes.T,
         "tilts": found.tilts,
         "inertia": fit.inertia,
@@ -156,12 +154,7 @@ def numbers(fit: Fit) -> dict[str, Any]:
         "bias": fit.bias if seen else None,
         "gyroscope_scale": fit.scale if seen else None,
         "noise": fit.noise if seen else None,
-        "attitude_noise": fit.attitude_noise,
-        "correlation": fit.correlation,
-        "is_white": fit.is_white,
-        "misfit": fit.misfit,
-        "is_explained": fit.is_explained,
-        "cross_validation": fit.cross_validation,
+        **{name: getattr(fit, name) for name in QUALITY},
         "recordings": [
             {
                 "name": part.name,

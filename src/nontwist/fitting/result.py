@@ -12,8 +12,9 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.attitudes import ENTRIES
 from ..geometry.values import as_whole
+from . import reports
 from .estimating import whole
-from .measuring import PLACES
+from .measuring import BIAS, PLACES, SCALE
 from .readings import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
 from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
@@ -139,9 +140,7 @@ class Fit:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Problems of the recordings, and of what they determine."""
-        from .reports import worth
-
-        return (*self.read, *worth(self))
+        return (*self.read, *reports.worth(self))
 
     @cached_property
     def covariance(self) -> Array:
@@ -164,16 +163,7 @@ class Fit:
     @cached_property
     def principal(self) -> Principal:
         """Principal moments in `unit`, ascending, axes and ratios, with 95 % intervals; nan where undetermined."""
-        found = principal(self.solution, covariance(self.told))
-        lost = np.diff(found.intervals)[:, 0] > 4 * UNTOLD
-        lost_ratios = lost[:2] | lost[2]
-        for values, intervals, which in (
-            (found.moments, found.intervals, lost),
-            (found.ratios, found.ratio_intervals, lost_ratios),
-        ):
-            values[which], intervals[which] = np.nan, np.nan
-        found.tilts[np.isnan(found.tilts) | (found.tilts > 0.5)] = np.nan
-        return replace(found, moments=found.moments * self.size, intervals=found.intervals * self.size)
+        return principal(self.solution, covariance(self.told), self.size)
 
     @cached_property
     def centre(self) -> tuple[Array, float]:
@@ -243,12 +233,12 @@ class Fit:
     @property
     def bias(self) -> Array:
         """Bias of the gyroscope, (3,), rad/s."""
-        return self.solution.unknowns.bias
+        return self.solution.unknowns.gyroscope[BIAS]
 
     @property
     def scale(self) -> float:
         """Ratio of reading to angular velocity."""
-        return self.solution.unknowns.scale
+        return float(self.solution.unknowns.gyroscope[SCALE])
 
     def _error(self, name: str) -> tuple[Array, Array]:
         """Return an error of the gyroscope and its 95 % intervals; nan where it is not told beyond what was known."""
@@ -351,15 +341,11 @@ class Fit:
 
     def table(self) -> dict[str, str]:
         """Return the results in words, as rows of a table."""
-        from .reports import rows
-
-        return rows(self)
+        return reports.rows(self)
 
     def numbers(self) -> dict[str, Any]:
         """Return the results as plain data, in rad, s, and the unit of the inertia."""
-        from .reports import numbers
-
-        return numbers(self)
+        return reports.numbers(self)
 
     def __repr__(self) -> str:
         rows = self.table()
@@ -392,9 +378,7 @@ class Fit:
         >>> len(fit.plot().figure.axes)
         3
         """
-        from .reports import drawn
-
-        return drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
+        return reports.drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
 
     def problem(self, recording: int = 0) -> Problem:
         """Return the motion that was fitted as a problem: the body, its start and its times.
@@ -426,10 +410,9 @@ class Fit:
         array([3., 8., 1.])
         """
         from ..runfile import RunFile
-        from .reports import as_run
 
         part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
         if self.untold:
             told = f"it leaves open {self.untold[-1].name}"
             raise ValueError(f"the recording does not determine the whole inertia, which a problem needs: {told}")
-        return RunFile.model_validate(as_run(self, part)).problem
+        return RunFile.model_validate(reports.as_run(self, part)).problem

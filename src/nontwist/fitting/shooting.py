@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model, entries, symmetric
-from .measuring import BIAS, SCALE, Gyroscope, Speed, finite_rows, gaps, triangle
+from .measuring import Gyroscope, Speed, finite_rows, gaps, triangle
 from .motions import Line, Motion, response
 
 UNIT = 1e-6  # how closely directions have the length 1
@@ -62,16 +62,6 @@ class Unknowns:
     gyroscope: Array
     starts: Array
     speeds: Array
-
-    @property
-    def bias(self) -> Array:
-        """That of the gyroscope, (3,), rad/s."""
-        return self.gyroscope[BIAS]
-
-    @property
-    def scale(self) -> float:
-        """That of the gyroscope."""
-        return float(self.gyroscope[SCALE])
 
     @cached_property
     def flat(self) -> Array:

@@ -21,6 +21,7 @@ from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, s
 FINE = 1e-8  # of cost and unknowns, relative
 CALLS, PATIENT = 40, 3000  # trials of a stage, and of what is returned: valleys may be long
 HELD = 1e6  # weight of what is held
+SINGULAR = 1e-12  # of the information: none
 WHITE, MOST = 5.0, 0.9999  # standard errors of a correlation; correlation
 FAR = 1e6  # residual of a motion that is none
 
@@ -51,11 +52,6 @@ def inverse(A: Array, rcond: float = 1e-12) -> Array:
     """Return the pseudo-inverse of a positive semidefinite matrix of which the scales of rows differ."""
     size = np.sqrt(np.maximum(A.diagonal(), 1e-300))
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=rcond, hermitian=True) / np.outer(size, size))
-
-
-def _root(A: Array) -> Array:
-    values, vectors = np.linalg.eigh(A)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
 
 
 def smeared(x: Array, phi: float) -> Array:
@@ -121,13 +117,14 @@ class Solution:
     @cached_property
     def trusted(self) -> Array:
         """The same where noise is as correlated as the residuals are, in no direction more than of white noise."""
+        from scipy.linalg import eigh
+
         white = self.information
         if self.memory == 0:
             return white
-        root = np.linalg.pinv(_root(white), rcond=1e-12, hermitian=True)
-        values, vectors = np.linalg.eigh(root @ self._scatter @ root)
-        of_both = vectors / np.maximum(values, 1.0) @ vectors.T
-        return np.asarray(_root(white) @ of_both @ _root(white))
+        values, vectors = eigh(self._scatter, white + SINGULAR * np.trace(white) * np.eye(len(white)))
+        both = white @ vectors
+        return np.asarray(both / np.maximum(values, 1.0) @ both.T)
 
     @cached_property
     def memory(self) -> float:

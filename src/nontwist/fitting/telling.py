@@ -85,9 +85,8 @@ class Principal:
     ratio_intervals: Array
 
 
-@dataclass(frozen=True)
-class Told:
-    """What a solution tells: information, best first, and its directions in six entries each, in columns."""
+class Told(NamedTuple):
+    """What a solution tells: the information, best first, along directions of six entries each, in columns."""
 
     information: Array
     vectors: Array
@@ -183,8 +182,8 @@ def quantile(solution: Solution) -> float:
     return float(t.ppf((1 + LEVEL) / 2, max(free, 1)))
 
 
-def principal(solution: Solution, C: Array) -> Principal:
-    """Return principal moments, ratios and axes with their intervals."""
+def principal(solution: Solution, C: Array, size: float) -> Principal:
+    """Return principal moments, of this sum, ratios and axes with their intervals; nan where they are not told."""
     J, wide = solution.unknowns.inertia, quantile(solution)
     values, axes = np.linalg.eigh(J)
     if np.linalg.det(axes) < 0:
@@ -209,7 +208,12 @@ def principal(solution: Solution, C: Array) -> Principal:
     ratios = values[:2] / values[2]
     slopes = [by[k, k] / values[2] - values[k] / values[2] ** 2 * by[2, 2] for k in range(2)]
     spread = wide * np.sqrt([slope @ C @ slope for slope in slopes])
-    return Principal(values, intervals, axes, tilts, ratios, np.stack([ratios - spread, ratios + spread], axis=1))
+    ratio_intervals = np.stack([ratios - spread, ratios + spread], axis=1)
+    lost = np.diff(intervals)[:, 0] > 4 * UNTOLD
+    values[lost], intervals[lost] = np.nan, np.nan
+    ratios[lost[:2] | lost[2]], ratio_intervals[lost[:2] | lost[2]] = np.nan, np.nan
+    tilts[~(tilts <= 0.5)] = np.nan
+    return Principal(values * size, intervals * size, axes, tilts, ratios, ratio_intervals)
 
 
 def _product(a: Array, b: Array) -> Array:

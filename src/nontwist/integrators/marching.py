@@ -89,8 +89,10 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
             return march(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
-    observed, march_state = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, march_state, end, todo)
+    observed = _observed(todo) if problem.observed else None
+    states, is_kept = states_in(arrays, first), len(problem) == 1  # what many carry would take most of the memory
+    carried, kept = (todo.arrays["states"] * todo.factors, todo) if is_kept else (None, None)
+    return Outcome(states, good, failures, reasons, intervals, observed, carried, end, kept)
 
 
 def on_constraint(problem: IVP) -> IVP:

@@ -372,9 +372,9 @@ class Outcome(NamedTuple):
     reasons: dict[int, str | Exception]  # of members that have failed otherwise than by a turn or a stalled iteration
     intervals: Intervals | None = None
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
-    memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit
+    memory: Array | None = None  # (1, ...) what a march of one body carries at its end, to continue bit for bit
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
-    march: Any = None  # what found them, from which others can be found between nodes
+    march: Any = None  # what found those of one body, from which others can be found between nodes
 
     def times(self, problem: IVP) -> Array:
         """Return the times of the states: of a run that was stopped the last one is that of no output."""

@@ -24,7 +24,20 @@ from ..engine.functions import StateFunctions
 from ..engine.generalised import STAGE
 from ..engine.marching import Text, march_kernel
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, slab_layout
+from ..engine.records import (
+    BLOCK,
+    BODY,
+    FAILURE,
+    OBSERVED,
+    STATE,
+    SUMS,
+    WORK,
+    Parts,
+    apart,
+    pack,
+    side_by_side,
+    slab_layout,
+)
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
@@ -97,7 +110,7 @@ class StackMarch:
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
         self.slab = slab_layout(self.shapes)
-        self.arrays, array_addresses = side_by_side(**self.shapes)
+        self.arrays, array_addresses = (side_by_side if m == 1 or stack.on_gpu else apart)(**self.shapes)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)

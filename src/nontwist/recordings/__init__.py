@@ -9,4 +9,4 @@
 - `twisting` measures the twist and its errors, `counting` counts it live.
 """
 
-from . import sentences as sentences  # which errors of this package look up
+from . import options as options  # whose sentences errors of this package look up

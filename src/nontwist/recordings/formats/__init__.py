@@ -12,9 +12,8 @@ from pathlib import Path
 from ..options import ReadOptions
 from ..table import Content
 from ..text import read_gyroflow, read_text
-from .apart import read_c3d, read_ros, read_spice, readable
-from .arrays import read_matlab, read_numpy, read_run
 from .capture import read_bvh, read_mvnx, read_opensim
+from .libraries import read_c3d, read_matlab, read_numpy, read_ros, read_run, read_spice, readable
 
 READERS: dict[str, Callable[[Path, ReadOptions], Content]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".log"), read_text),

@@ -31,7 +31,7 @@ from ...geometry.arrays import Array
 from ..options import ReadOptions
 from ..table import Content, Table, by_name, number, place, stacked
 from ..text import fields_of, opened
-from .apart import readable
+from .libraries import readable
 
 WORDS = re.compile(r"\b(ROOT|JOINT|End|CHANNELS)\b([^{}\r\n]*)|([{}])")
 IN_SECONDS = 30.0  # periods of the frame rate: times that are closer together are no ms, which would be 1000

@@ -140,7 +140,7 @@ def _import(modules: list[str] | None) -> list[str] | None:
 
 def _checked(overrides: list[str] | None) -> list[str] | None:
     for override in overrides or ():
-        from ..runfile.toml_data import split_override
+        from ..runfile.files import split_override
 
         try:
             split_override(override)

@@ -27,8 +27,8 @@ from ..driver.grid import even_step
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import Integrator
+from .files import Fault, shown
 from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
-from .toml_data import Fault, shown
 
 if TYPE_CHECKING:
     from ..driver.single_run import Prepared

@@ -111,7 +111,7 @@ def precision_command(
 
 def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
     """Return overrides for a run to an error: without an order of the file, or another step or tolerance."""
-    from ..runfile.toml_data import document, split_override
+    from ..runfile.files import document, split_override
 
     integrator = document(str(file), file.read_bytes()).get("integrator")
     found = ["integrator.order="] if isinstance(integrator, dict) and "order" in integrator else []
@@ -123,7 +123,7 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
     from ..comparison.reference import shortest_times
-    from ..runfile.toml_data import document
+    from ..runfile.files import document
 
     prepared = whole.on_grid
     with on_file(file):

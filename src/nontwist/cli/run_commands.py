@@ -306,7 +306,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     time, iterations = run["time"].values, run.get("newton_iterations")
     numbers = {name: value for name, value in record(run).items() if name in TOLD}
     numbers |= {"steps": steps_of(run), "t_start": float(time[0]), "t_end": float(time[-1]), "states": len(time)}
-    numbers["newton_iterations"] = None if iterations is None or not iterations.size else int(iterations.max())
+    numbers["newton_iterations"] = None if iterations is None or not iterations.size else int(iterations.values.max())
     if (grid := stretches_from(run.attrs.get("stretches"))) is not None:
         numbers["stretches"] = len(grid.sizes)
     if "t_events" in run:

@@ -61,7 +61,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
     marked = kept.done()
     sweep = kept.members.sweep
     reasons = {int(i): reason for done in marked.values() for i, reason in done.reasons.items()}
-    swept = [one.key for one in sweep.over]
+    hidden = {"status", *(one.key for one in sweep.over)}
     return {
         "store": str(store),
         "title": data.attrs["title"],
@@ -76,7 +76,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "samples": sweep.samples,
         "sampling": sweep.sampling if sweep.drawn else None,
         "seed": sweep.seed,
-        "variables": {str(name): _variable(data[name]) for name in data.data_vars if name not in (*swept, "status")},
+        "variables": {str(name): _variable(one) for name, one in data.data_vars.items() if name not in hidden},
         "failures": _kinds(reasons),
     }
 

@@ -120,17 +120,12 @@ def view_command(
         (at is not None and png is None, "--at", "applies to --png only; add --png PATH"),
     )
     moving = [path for path in (gif, mp4) if path is not None]
-    for option, value, where in (
-        ("--dark", dark or None, films),
-        ("--width", width, films),
-        ("--camera", camera, films),
-        ("--seconds", seconds, moving),
-        ("--fps", fps, moving),
-    ):
-        kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
-        other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
-        is_lost = value is not None and not where
-        refuse((is_lost, option, f"applies to {kinds} only; add one of them{other_way}"))
+    by_page = "; add one of them. The page follows the system, and has a button"
+    refuse((dark and not films, "--dark", f"applies to --gif, --mp4 and --png only{by_page}"))
+    for option, value in {"--width": width, "--camera": camera, "--seconds": seconds, "--fps": fps}.items():
+        is_still = option in ("--width", "--camera")
+        kinds, found = ("--gif, --mp4 and --png", films) if is_still else ("--gif and --mp4", moving)
+        refuse((value is not None and not found, option, f"applies to {kinds} only; add one of them"))
     names = None
     if labels is not None:  # one run alone may have a comma in its label
         names = [labels] if other is None else [label.strip() for label in labels.split(",")]

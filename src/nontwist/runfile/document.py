@@ -40,12 +40,11 @@ from ..models.spin import as_spin
 from ..models.system import DirectorSystem
 from ..units import RATE, in_datasets
 from .body import Body, SpinTable
-from .folder import Folder
+from .files import LARGEST, Fault, Folder, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
 from .section import Faults, Section, entry, path_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
-from .toml_data import LARGEST, Fault, document, overridden, parsed, shown, toml_text
 
 
 def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Problem, Prepared] | None:

@@ -23,11 +23,12 @@ import numpy as np
 
 from ..analysis.statistics import STATISTICS
 from ..analysis.variables import NODES, OBSERVABLES, ROTORS, STATE, WHEELS
+from ..driver.grid import even_step
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import Integrator
+from .files import Fault, shown
 from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
-from .toml_data import Fault, shown
 
 if TYPE_CHECKING:
     from ..driver.single_run import Prepared
@@ -340,21 +341,12 @@ def step_problems(step: float | None, integrator: type[Integrator], prepared: Pr
     with suppress(ValueError):  # too many steps
         if prepared is not None:
             prepared = prepared.on_grid  # members store the states at their steps
-            order = getattr(prepared.scheme, "order", None)
+            plan, order = prepared.plan, getattr(prepared.scheme, "order", None)
             at = f" with integrator.order = {order}" if order else ""
-            accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep], and "
+            even = even_step(prepared.grid.longest, plan.grid_load, plan.t_start, plan.t_end)
+            accepted += f"; {even:.12g}{at} suits the file without [sweep], and " if even else "; "
             accepted += "nontwist precision FILE --target 1e-8 finds one that has this error"
     yield Fault("time.step", "missing", accepted)
-
-
-def _suggested_step(prepared: Prepared) -> float:
-    """Return a step that divides the span, no longer than those of the run, if possible with one digit."""
-    span, longest = prepared.plan.t_end - prepared.plan.t_start, prepared.grid.longest
-    power = 10.0 ** math.floor(math.log10(longest))
-    for step in (5 * power, 2 * power, power, power / 2, power / 5, power / 10):
-        if step <= longest and math.isclose(span / step, round(span / step), rel_tol=1e-12):
-            return step
-    return span / math.ceil(span / longest)
 
 
 def _form(shape: tuple[int, ...]) -> str:

@@ -18,7 +18,7 @@ from ..integrators import Integrator as Scheme
 from ..integrators.problem import FIT
 from ..recordings.motions import rotation
 from ..units import RATE
-from .folder import Folder, Table
+from .files import Folder, Table
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
 
 if TYPE_CHECKING:

@@ -26,9 +26,8 @@ from ..models.system import DirectorSystem, as_system
 from ..spec import specs
 from .body import Body
 from .document import checked
-from .folder import Folder
+from .files import Folder, plain
 from .loads import Tables, keys_of
-from .toml_data import plain
 
 if TYPE_CHECKING:
     from .document import RunFile

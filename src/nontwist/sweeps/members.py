@@ -44,7 +44,7 @@ from ..models.system import DirectorSystem
 from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, file_of_text, with_loads
-from ..runfile.folder import Folder
+from ..runfile.files import Folder
 from ..runfile.loads import AnyLoad, Place
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep

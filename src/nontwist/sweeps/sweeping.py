@@ -33,8 +33,7 @@ from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from ..runfile.document import checked, forecast
-from ..runfile.folder import Folder
-from ..runfile.toml_data import bounded, parsed, plain
+from ..runfile.files import Folder, bounded, parsed, plain
 from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
 from .reading import dataset

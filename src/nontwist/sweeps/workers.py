@@ -1,6 +1,6 @@
 """The workers that compute blocks: threads of this process, or the workers of a Dask cluster, behind one interface.
 
-A process opens a store once, and compiles its kernels once; threads share both.
+Threads share the store of the caller. A process of a cluster opens it once, and compiles its kernels once.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def own_modules() -> tuple[str, ...]:
     return tuple(sorted(name for name in names if name.partition(".")[0] != "nontwist"))
 
 
-def make(path: str, seal: str, k: int, modules: tuple[str, ...]) -> Done:
-    """Make block `k` of the store at `path` that has this seal, with what these modules add; for any process."""
+def make_there(path: str, seal: str, k: int, modules: tuple[str, ...]) -> Done:
+    """Make block `k` of the store at `path` that has this seal, with what these modules add."""
     for name in modules:
         import_module(name)
     with _opening:
@@ -57,7 +57,9 @@ class Workers(NamedTuple):
 
     def submit(self, store: SweepStore, k: int) -> Future[Done]:
         """Begin to make a block of a store."""
-        begun: Future[Done] = self.executor.submit(make, str(store.blocks.path), store.blocks.seal, k, own_modules())
+        there = str(store.blocks.path), store.blocks.seal, k, own_modules()
+        what = (store.make, k) if self.client is None else (make_there, *there)
+        begun: Future[Done] = self.executor.submit(*what)
         return begun
 
     @property

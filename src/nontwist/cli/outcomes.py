@@ -103,7 +103,7 @@ class Commands(TyperGroup):
         try:
             return super().resolve_command(ctx, args)
         except Exception as error:
-            if word in COMMON or word in nontwist.__all__:
+            if word in COMMON or word in dir(nontwist):
                 advice = f"Did you mean {COMMON[word]!r}?" if word in COMMON else f"In Python: nontwist.{word}"
                 error.message = f"No such command {word!r}. {advice}"  # type: ignore[attr-defined]
             raise

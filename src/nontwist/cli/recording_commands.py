@@ -272,8 +272,8 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
         samples += f"{number_text(most, '.4g')} s)"
     rows["samples"] = samples
     rows["largest turn between samples"] = angle(_told(found["largest_turn_between_samples"]), ".4g")
-    names = ("read", "relative_to", "alignment")
-    read, other, alignment = (re.split(r"; (?=\w+: )", result.attrs.get(name, "")) for name in names)
+    texts = (result.attrs.get(name, "") for name in ("read", "relative_to", "alignment"))
+    read, other, alignment = (re.split(r"; (?=\w+: )", text) for text in texts)
     both = [one for one in read if one.startswith("direction: ") and one in other]
     own, others = ([one for one in lines if one not in both] for lines in (read, other))
     notes = {"read as": own, "relative to": others, "both sensors": both, "alignment": alignment}

@@ -241,7 +241,7 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str) -> A
             _curve(ax, x[0][finite], y[finite], sweep)
         else:
             ax.set_ylabel(across[1].column)
-            shown = _map(ax, *x, y, sweep, keys, logarithmic) or _dots(ax, *(one[finite] for one in x), c=y[finite])
+            shown = _map(ax, x, y, sweep, keys, logarithmic) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
             ax.figure.colorbar(shown, ax=ax, label=drawn.label)
         for key, axis in zip(keys, "xy", strict=False):
             if key in logarithmic:
@@ -302,14 +302,15 @@ def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
 
 
 def _map(
-    ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str], logarithmic: Sequence[str]
+    ax: Any, x: Sequence[Array], values: Array, sweep: Any, keys: Sequence[str], logarithmic: Sequence[str]
 ) -> Any:
     """Draw cells, where the sweep is the product of two grids and nothing else."""
     whole = [one.key for one in sweep.axes]
     if sweep.drawn or sweep.combine != "product" or sorted(whole) != sorted(keys) or len(values) != sweep.members:
         return None
-    x, y, values = (one.reshape(sweep.shape).transpose([whole.index(key) for key in keys]) for one in (x, y, values))
-    grids = x[:, 0], y[0]
+    order = [whole.index(key) for key in keys]
+    a, b, values = (one.reshape(sweep.shape).transpose(order) for one in (*x, values))
+    grids = a[:, 0], b[0]
     a, b = (_borders(one, key in logarithmic) for one, key in zip(grids, keys, strict=True))
     cells = values[np.ix_(*map(np.argsort, grids))]
     return ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)

@@ -361,16 +361,8 @@ def _print_table(table: PaperTable) -> None:
 WORKERS = min(2, os.cpu_count() or 1)
 
 
-def _known(groups: list[str] | None) -> list[str] | None:
-    if unknown := [name for name in groups or () if name not in GROUPS]:
-        raise typer.BadParameter(f"{unknown[0]!r} is not one of {', '.join(GROUPS)}")
-    return groups
-
-
 def validate_command(
-    group: Annotated[
-        list[str] | None, Opt(f"One of {', '.join(GROUPS)}. Repeatable.", "NAME", default="all", check=_known)
-    ] = None,
+    group: Annotated[list[str] | None, Opt(f"One of {', '.join(GROUPS)}. Repeatable.", "NAME", default="all")] = None,
     as_json: Annotated[bool, Opt("Print JSON with every digit instead of tables.", option="--json")] = False,
     page: Annotated[
         Path | None, Opt("Write a summary to this file (.md), and all checks beside it (.json).", "PATH")
@@ -383,6 +375,7 @@ def validate_command(
     """
     from rich.console import Console
 
+    refuse(*((name not in GROUPS, "--group", f"{name!r} is not one of {', '.join(GROUPS)}") for name in group or ()))
     if page is not None:
         require_suffix(page, ".md", option="--page")
         files = page, page.with_suffix(".json")

@@ -54,12 +54,6 @@ def parse_axis(text: str) -> Any:
         raise typer.BadParameter(f"{text!r} is neither x, y, z nor three numbers like 0.1,0.2,0.97") from error
 
 
-def _two_or_four(order: int) -> int:
-    if order not in (2, 4):
-        raise typer.BadParameter(f"{order} is neither 2 nor 4")
-    return order
-
-
 DATA = argument(
     "DATA", "Recording: CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS or NetCDF; - for CSV on standard input."
 )
@@ -76,7 +70,7 @@ SHAKE = Opt(
 )
 ALIGN = Opt("Correct the mounting: at rest, the axes of both bodies are parallel to those of space.")
 STATIC = Opt("Interval at rest (s).", "T0,T1", default="the second in which all turn least")
-ORDER = Opt("4 for a smooth path, 2 for great circles between samples.", "2|4", check=_two_or_four)
+ORDER = Opt("4 for a smooth path, 2 for great circles between samples.", "2|4")
 RESULTS = Opt("Results to write: NAME.nc, NAME.pdf, NAME.png.", "NAME", default="DATA-twist here")
 
 
@@ -115,7 +109,10 @@ def twist_command(
     require_readable(Path(data), "a recording")
     second = relative_to or (data if relative_columns or relative_body else None)
     none = "there is no second sensor: --relative-to FILE"
-    refuse((decimal_comma and not csv, "--decimal-comma", "applies to CSV only; add --csv"))
+    refuse(
+        (order not in (2, 4), "--order", f"{order} is neither 2 nor 4"),
+        (decimal_comma and not csv, "--decimal-comma", "applies to CSV only; add --csv"),
+    )
     target = _named(out) if out is not None else Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
@@ -275,18 +272,12 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
         samples += f"{number_text(most, '.4g')} s)"
     rows["samples"] = samples
     rows["largest turn between samples"] = angle(_told(found["largest_turn_between_samples"]), ".4g")
-    notes = {
-        label: re.split(r"; (?=\w+: )", result.attrs[name])
-        for label, name in (("read as", "read"), ("relative to", "relative_to"), ("alignment", "alignment"))
-        if result.attrs.get(name)
-    }
-    both = [
-        one for one in notes.get("read as", ()) if one.startswith("direction: ") and one in notes.get("relative to", ())
-    ]
-    for label, lines in notes.items():
-        rows[label] = "\n".join(one for one in lines if one not in both)
-        if both and label == "relative to":
-            rows["both sensors"] = "\n".join(both)
+    texts = (result.attrs.get(name, "") for name in ("read", "relative_to", "alignment"))
+    read, other, alignment = (re.split(r"; (?=\w+: )", text) for text in texts)
+    both = [one for one in read if one.startswith("direction: ") and one in other]
+    own, others = ([one for one in lines if one not in both] for lines in (read, other))
+    notes = {"read as": own, "relative to": others, "both sensors": both, "alignment": alignment}
+    rows |= {label: "\n".join(lines) for label, lines in notes.items() if any(lines)}
     if is_noisy:
         told = ", of the drift of a clock two" if " ppm" in result.attrs["alignment"] else ""
         of_noise = f"of noise, independent from sample to sample, one standard deviation{told}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-from collections import Counter
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -89,14 +88,11 @@ def _variable(values: Any) -> dict[str, Any]:
 
 def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
     """Return failures that differ in numbers alone as one: how many, the first member, its reason."""
-    first: dict[str, int] = {}
-    kind_of = {i: NUMBER.sub("#", reason) for i, reason in sorted(reasons.items())}
-    for i, kind in kind_of.items():
-        first.setdefault(kind, i)
-    return [
-        {"members": count, "first": first[kind], "reason": reasons[first[kind]]}
-        for kind, count in Counter(kind_of.values()).most_common(SHOWN)
-    ]
+    kinds: dict[str, list[int]] = {}
+    for i, reason in sorted(reasons.items()):
+        kinds.setdefault(NUMBER.sub("#", reason), []).append(i)
+    most = sorted(kinds.values(), key=len, reverse=True)[:SHOWN]
+    return [{"members": len(one), "first": one[0], "reason": reasons[one[0]]} for one in most]
 
 
 def print_sweep(facts: dict[str, Any]) -> None:

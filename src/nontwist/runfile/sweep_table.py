@@ -277,10 +277,8 @@ class Sweep(Section):
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
-EXCLUDED = (  # no numbers of the motion, which cannot be swept
-    *("title", "output", "sweep", "event"),
-    *("time.store", "time.times"),
-)
+# No numbers of the motion, which cannot be swept.
+EXCLUDED = ("title", "output", "sweep", "event", "time.store", "time.times")
 
 
 def table_problems(sweep: Sweep, faults: Faults) -> None:

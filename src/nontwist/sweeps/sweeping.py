@@ -72,10 +72,9 @@ def plan(members: Members, workers: int, block: int | None = None) -> Plan:
     ValueError
         All members that were tried are refused; a `block` that is no whole number >= 1.
     """
-    block = None if block is None else as_whole(block, "block", 1)
     each, refused, reason = _measured(members)
     m, size = len(members), members.bytes_each
-    fits = _block(m, each, size, workers) if block is None else min(int(block), m)
+    fits = _block(m, each, size, workers) if block is None else min(as_whole(block, "block", 1), m)
     blocks = -(-m // fits)
     files = (len(members.kept) + 2) * blocks
     seconds = m * each / min(workers, blocks)

@@ -404,7 +404,7 @@ def validate_command(
 def _print_checks(group: str, checks: tuple[Check, ...]) -> None:
     from rich.text import Text
 
-    from ..validation.report import numbers, verdict
+    from ..validation.checks import numbers, verdict
 
     sources = list(dict.fromkeys(check.source for check in checks))
     expected, measured, tolerance = zip(*map(numbers, checks), strict=True)

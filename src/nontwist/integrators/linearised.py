@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import body_rows
 from ..engine.functions import DifferentiableFunctions
-from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
+from ..engine.generalised import OF_TABLE, OF_TERMS, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
 from ..engine.records import BODY, pack
@@ -28,7 +28,6 @@ from ..loads import Load
 from ..loads.base import is_called
 from ..loads.potentials import ForceTable, Potential
 from ..loads.terms import Term
-from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_size
@@ -77,11 +76,6 @@ class StepNodes(NamedTuple):
 
 
 LONGEST, ONE = 2048, np.eye(1)  # steps that are laid out at a time
-
-
-def is_in_orbital_frame(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
-    """Whether steps under a load, as it is marched, turn with an orbit."""
-    return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
 def scheme_of(integrator: Integrator, load: Load, with_memory: bool = False) -> Compiled:
@@ -145,7 +139,7 @@ class Linearised:
         if scheme.dissipation:
             self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
         sizes = tuple((name, size or len(changes)) for name, size in INPUTS.items() if name in wanted)
-        about = orbit_of(systems, self.load, 1.0) if scheme.needs.action == STAGE else None
+        about = orbit_of(systems, self.load, 1.0, scheme)
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
         is_parted = scheme.linear is not None
@@ -193,10 +187,6 @@ class Linearised:
         found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
         return found
 
-    def ranges(self, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of all chunks."""
-        return ranged(0, self.problem.steps, LONGEST, back)
-
     def nodes(self, first: int, last: int) -> StepNodes:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
@@ -235,7 +225,7 @@ class Linearised:
 
         `is_stored`: 1 for each step at whose end the state is stored, else 0.
         """
-        for ends in self.ranges(back):
+        for ends in ranged(self.problem.steps, LONGEST, back):
             nodes = self.nodes(*ends)
             chunk = chunk_of(self, nodes, count, entries(nodes), back)
             if is_stored is not None:
@@ -300,9 +290,9 @@ def input_maps_of(body: Array) -> dict[str, Array]:
     return vectors | tensors | {"factor": force * np.eye(1)}
 
 
-def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:
+def ranged(count: int, size: int, back: bool = False) -> list[tuple[int, int]]:
     """Return the borders of ranges of this size, from the last one `back`."""
-    found = [(k, min(k + size, last)) for k in range(first, last, size)]
+    found = [(k, min(k + size, count)) for k in range(0, count, size)]
     return found[::-1] if back else found
 
 

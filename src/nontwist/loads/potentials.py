@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -136,6 +136,7 @@ MOST_VECTORS = 4
 I3 = np.eye(3)
 ZEROS: Any = (0.0, 0.0, 0.0)
 NO_MATRIX: Any = (ZEROS,) * 3
+in_space = partial(Spec, shape=(3,), rule="direction in space", is_fixed=True)
 
 
 class Potential(ForceTerm):
@@ -319,15 +320,8 @@ class GravityGradient(OfOneVector):
     """The gravity gradient on an orbit."""
 
     mean_motion: Annotated[float, Spec("", unit="rad/s", rule="positive")]
-    radial: Annotated[
-        Array,
-        Spec(
-            "the radius at start, perigee of an ellipse, in space", shape=(3,), rule="direction in space", is_fixed=True
-        ),
-    ] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
-    normal: Annotated[
-        Array, Spec("the normal of the orbit, in space", shape=(3,), rule="direction in space", is_fixed=True)
-    ] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    radial: Annotated[Array, in_space("the radius at start, perigee of an ellipse, in space")] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
+    normal: Annotated[Array, in_space("the normal of the orbit, in space")] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
     eccentricity: Annotated[float, Spec("", rule="from 0 and below 1")] = 0.0
     inertia: Any = None  # J, (3, 3), when a run has told its body

@@ -16,7 +16,7 @@ from abc import abstractmethod
 from collections import ChainMap
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import islice
+from itertools import combinations, islice
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -288,11 +288,10 @@ def table_problems(sweep: Sweep, faults: Faults) -> None:
         with faults.of(f"sweep.over.{k}", one, "values"):
             _ = one.form
     is_valid = len(faults) == before
-    for k, one in enumerate(sweep.over):
-        for other in sweep.over[:k]:
-            if f"{one.key}.".startswith(f"{other.key}.") or f"{other.key}.".startswith(f"{one.key}."):
-                given = f"{shown(one.key)}, beside {shown(other.key)}"
-                faults.append(Fault(f"sweep.over.{k}.key", given, "each number once"))
+    for (_, other), (k, one) in combinations(enumerate(sweep.over), 2):
+        if f"{one.key}.".startswith(f"{other.key}.") or f"{other.key}.".startswith(f"{one.key}."):
+            given = f"{shown(one.key)}, beside {shown(other.key)}"
+            faults.append(Fault(f"sweep.over.{k}.key", given, "each number once"))
     if sweep.samples > 1 and not sweep.drawn:
         given = f"{sweep.samples} (nothing is drawn)"
         faults.append(Fault("sweep.samples", given, "left out, or a key that is drawn"))

@@ -323,7 +323,7 @@ class GravityGradient(OfOneVector):
     radial: Annotated[Array, in_space("the radius at start, perigee of an ellipse, in space")] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
     normal: Annotated[Array, in_space("the normal of the orbit, in space")] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
-    eccentricity: Annotated[float, Spec("", rule="from 0 and below 1")] = 0.0
+    eccentricity: Annotated[float, Spec("", rule="at least 0 and below 1")] = 0.0
     inertia: Any = None  # J, (3, 3), when a run has told its body
     linear = np.zeros(3)
 

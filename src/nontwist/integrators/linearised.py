@@ -227,14 +227,7 @@ class Linearised:
         """
         for ends in ranged(self.problem.steps, LONGEST, back):
             nodes = self.nodes(*ends)
-            chunk = chunk_of(self, nodes, count, entries(nodes), back)
-            if is_stored is not None:
-                part = is_stored[nodes.first : nodes.last]
-                pack(chunk.chain, CHAIN, is_stored=part)
-                chunk = chunk._replace(
-                    arrays=chunk.arrays | {"is_stored": part}, first_stored=int(is_stored[: nodes.first].sum())
-                )
-            yield chunk
+            yield chunk_of(self, nodes, count, entries(nodes), is_stored, back)
 
     def workspace(self) -> Workspace:
         """Return memory for matrices."""
@@ -330,33 +323,31 @@ class Chunk(NamedTuple):
         return address_of(self.chain)
 
 
-def chunk_of(steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
+def chunk_of(
+    steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], is_stored: StepMask | None, back: bool
+) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
-    first, last = nodes.first, nodes.last
+    first, last, none, before = nodes.first, nodes.last, np.zeros(0, dtype=np.int64), 0
     every = [entry.transformed(steps.input_maps.get(entry.name, ONE)) for entry in entries]
-    columns, parameters, values = _concatenated(steps, [entry for entry in every if entry.step is None])
-    block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
-    arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}
-    block[CHAIN.fixed] = len(values)
+    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in every)])
+    parameters = np.concatenate([none, *(one.parameter for one in every)])
+    values = np.concatenate([np.zeros(0), *(one.value for one in every)])
+    at = (np.full(len(one.value), -1) if one.step is None else one.step - first for one in every)
+    step, block, padded = np.concatenate([none, *at]), np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
+    fixed, own = np.flatnonzero(step < 0), np.flatnonzero(step >= 0)
+    arrays: dict[str, Any] = {"columns": columns[fixed], "parameters": parameters[fixed], "values": values[fixed]}
+    block[CHAIN.fixed] = len(fixed)
     if not back:
-        used, rows = np.unique(columns, return_inverse=True)
+        used, rows = np.unique(columns[fixed], return_inverse=True)
         changes, block[CHAIN.inputs] = aligned(len(used), padded), len(used)
-        np.add.at(changes, (rows, parameters), values)
+        np.add.at(changes, (rows, parameters[fixed]), values[fixed])
         arrays = {"used": used, "changes": changes}
-    if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
-        step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
-        columns, parameters, values = _concatenated(steps, own)
-        order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
-        arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
-        arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
+    if len(own):
+        own = own[np.argsort(step[own], kind="stable") if back else np.lexsort((parameters[own], step[own]))]
+        arrays |= {"begins": np.searchsorted(step[own], np.arange(last - first + 1)), "own_columns": columns[own]}
+        arrays |= {"own_parameters": parameters[own], "own_values": values[own]}
+    if is_stored is not None:
+        arrays["is_stored"], before = is_stored[first:last], int(is_stored[:first].sum())
     pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
     pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays)
-
-
-def _concatenated(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Return columns of inputs, parameters and values of entries."""
-    none: Any = np.zeros(0, dtype=np.int64)
-    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in entries)])
-    parameters = np.concatenate([none, *(one.parameter for one in entries)])
-    return columns, parameters, np.concatenate([np.zeros(0), *(one.value for one in entries)])
+    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays, before)

@@ -58,12 +58,6 @@ class DirectorForces(ForceTerm):
 
     kind = "forces"
 
-    @property
-    def called(self) -> Callable[..., Any]:
-        """The text."""
-        found: Callable[..., Any] = getattr(self, "forces")  # noqa: B009 - of subclasses
-        return found
-
 
 @dataclass(frozen=True, eq=False)
 class ForceTable(DirectorForces):
@@ -157,12 +151,6 @@ class Potential(ForceTerm):
     def counts(self) -> tuple[int, int]:  # type: ignore[override]
         """How many numbers γ has."""
         return self.vectors.size, 0
-
-    @property
-    def called(self) -> Callable[..., Any]:
-        """The text."""
-        found: Callable[..., Any] = getattr(self, "potential")  # noqa: B009 - of subclasses
-        return found
 
     def level(self, call: Call, x: Sequence[Any]) -> Any:
         """Return V of the numbers of γ, and those of the term behind them, by a way to call functions (`functions`)."""

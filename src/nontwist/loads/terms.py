@@ -155,7 +155,8 @@ class Term(ABC):
     @property
     def called(self) -> Callable[..., Any]:
         """The text: a function of time, or of time, directors and angular velocity."""
-        found: Callable[..., Any] = getattr(self, next(name for name, kind in TEXTS.items() if kind == self.kind))
+        texts = TEXTS | {"forces": "forces", "potential": "potential"}
+        found: Callable[..., Any] = getattr(self, next(name for name, kind in texts.items() if kind == self.kind))
         return found
 
     def samples(self, times: Array) -> Array:

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
-from ..analysis import ensemble_dataset, statistics
-from ..analysis.variables import SIZES, Wheels, about, observables, potentials_of
+from ..analysis import statistics
+from ..analysis.variables import SIZES, Acting, about, observables
 from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.planning import known_body
@@ -251,7 +251,7 @@ class Members:
         self.file, self.text, self.folder = file, file.text(), file._folder
         self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
-        self.variables = ensemble_dataset.checked(self.sweep.variables)
+        self.variables = statistics.checked_variables(self.sweep.variables)
 
     @classmethod
     def of(cls, text: str, folder: Path) -> Members:
@@ -356,10 +356,8 @@ class Members:
                 self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
-        rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
-        held = potentials_of(problem.load, problem.stored_times[-1:], problem.load_scale)
-        wheels = Wheels.of(problem.load.description)
-        for name, found in observables(self.variables, problem.systems, ends, rotors, held, wheels).items():
+        acting = Acting.of(problem.load, problem.stored_times[-1:], problem.load_scale)
+        for name, found in observables(self.variables, problem.systems, ends, acting).items():
             last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
         if outcome.observed is not None:

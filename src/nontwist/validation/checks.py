@@ -193,11 +193,6 @@ def share(check: Check) -> float:
     return 0.0 if check.holds else math.inf
 
 
-def verdict(check: Check) -> str:
-    """Return "PASS" or "FAIL"."""
-    return "PASS" if check.holds else "FAIL"
-
-
 def numbers(check: Check) -> tuple[str, str, str]:
     """Return expected, measured and tolerance as text, with the digits that the tolerance resolves."""
     tolerance = f"{check.tolerance:.2g}"

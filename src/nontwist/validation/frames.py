@@ -38,7 +38,7 @@ from ..geometry.frames import closed_frame, holonomy, nontwisting_frame, solid_a
 from ..loads import sine
 from ..recordings.twisting import twist
 from .checks import Check
-from .problems import SAMPLES, all_are, error, order, turns_apart
+from .problems import SAMPLES, all_are, error, order, spun, turns_apart
 
 COUNT, I3 = 2000, np.eye(3)
 ONE_MAP, TWO_MAPS = 8 * np.finfo(float).eps, 16 * np.finfo(float).eps
@@ -264,9 +264,9 @@ def twist_orders() -> Iterator[Check]:
 def codman() -> Iterator[Check]:
     """Raise an arm that hangs sideways, swing it to the front, lower it: no twist, a quarter turn of swing–twist."""
     s, down = np.linspace(0, np.pi / 2, 91), Rotation.from_rotvec([np.pi, 0, 0])
-    up = Rotation.from_rotvec(np.outer(s, [0, -1, 0])) * down
-    front = Rotation.from_rotvec(np.outer(s, [0, 0, 1])) * up[-1]
-    back = Rotation.from_rotvec(np.outer(s, [-1, 0, 0])) * front[-1]
+    up = spun(s, [0, -1, 0]) * down
+    front = spun(s, [0, 0, 1]) * up[-1]
+    back = spun(s, [-1, 0, 0]) * front[-1]
     end = twist(Rotation.concatenate([up, front[1:], back[1:]]), order=2).isel(time=-1)
     yield error("Codman's paradox: twist, rad", float(end.twist_angle), 1e-12, "Codman 1934", "closed form")
     name = "Codman's paradox: swing–twist angle, rad"
@@ -277,7 +277,7 @@ def random_motions() -> Iterator[Check]:
     """Compare τ - ψ with Ω on five random motions, and the twist of a joint with its own turn."""
     gaps, t = [], np.linspace(0, 4, 400)
     f = np.stack([np.sin((k + 1) * 0.7 * t + k) for k in range(3)], axis=1)
-    spin = Rotation.from_rotvec(np.outer(t, [0, 0, 0.3]))
+    spin = spun(t, [0, 0, 0.3])
     for seed in range(5):
         a, b, n = np.split(np.random.default_rng(seed).normal(size=(7, 3)), [3, 6])
         R = Rotation.from_rotvec(f @ a) * Rotation.from_rotvec(f[::-1] @ b) * Rotation.from_rotvec([0.5, -1, 2])

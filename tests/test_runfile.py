@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from conftest import ended
+from conftest import ended, problems_of
 from nontwist import (
     DirectorSystem,
     Load,
@@ -53,13 +53,7 @@ def read(write, text, *overrides):
 
 
 def lines(write, text, *overrides):
-    """Return the lines of the error that a run file ends in, without the name of the file."""
-    path = write(text)
-    with pytest.raises(RunFileError) as caught:
-        read_run_file(path, overrides)
-    found = str(caught.value).splitlines()
-    assert all(line.startswith(f"{path}: ") for line in found)
-    return [line.removeprefix(f"{path}: ") for line in found]
+    return problems_of(write(text), *overrides)
 
 
 ONE_LINE = {

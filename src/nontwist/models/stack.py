@@ -179,10 +179,7 @@ class SystemStack:
         """Whether gravity or another dead force acts on a body."""
         return bool(np.any(self.dead_force))
 
-    @property
-    def inertia(self) -> Array:
-        """The convected inertia J, (m, 3, 3), kg m²."""
-        return self.convected_inertia
+    inertia = convected_inertia
 
     @property
     def vertical(self) -> Array:

@@ -406,16 +406,14 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
-    keepalive: tuple[Any, ...] = ()
+    rates, keepalive = None, None
     if has_outputs:
         rows, rates, keepalive = _calls_with_outputs(march, parts, first, last, unloaded)
-        pack(head, CALLS, rates=rates)
-        keepalive = rates, keepalive
     elif rows is None:
         rows = grid_calls(march, first, last, unloaded)
-    pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
+    pack(head, CALLS, calls=len(rows), rows=rows, rates=rates, guesses=march.guesses.start)
     pack(head, CALLS, **march.addresses(parts, width, has_outputs))
-    return Listed(head, (rows, keepalive), has_outputs, parts)
+    return Listed(head, (rows, (rates, keepalive)), has_outputs, parts)
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:

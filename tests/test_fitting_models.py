@@ -308,6 +308,9 @@ def test_damping_is_fitted_or_given():
     assert (abs(found - C) < np.diff(intervals)[:, 0]).all()
     assert np.diff(intervals).max() < 1e-4
     assert np.array_equal(given.damping[0], C)
+    still = nt.fit_inertia(swing(1), gravity=GRAVITIES["centre"], damping="one")
+    assert still.damping[0].max() < 0  # by noise: no problem has such a damping
+    assert not still.problem().load.terms
 
 
 @cache

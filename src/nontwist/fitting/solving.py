@@ -146,8 +146,7 @@ class Solution:
         k, found, basis = self.own, self.information, self.problem.model.basis
         others = np.linalg.lstsq(A[:, k:], A[:, :k], rcond=1e-12)[0]
         for row in self.residuals.rates:
-            whole = np.zeros((len(row.r), self.problem.columns))
-            whole[:, row.columns] = row.A
+            _, whole = stacked([row], self.problem.columns)
             own = (whole[:, :6] @ basis - whole[:, 6:] @ others).reshape(-1, 3, k)
             found = found + np.einsum("nai,naj->ij", own, smeared(own, self.memory) - own)
         times = float(np.trace(np.linalg.pinv(self.information, rcond=1e-12, hermitian=True) @ found)) / k

@@ -17,7 +17,7 @@ from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
-from nontwist.loads.compiled import Moment
+from nontwist.loads.functions import Moment
 from nontwist.spec import Spec
 from refusals import said, says
 from test_derivatives import (

@@ -21,7 +21,7 @@ from scipy import LowLevelCallable, special
 
 from conftest import BODIES, compiled_load
 from nontwist import body_moment, damping, director_forces, integrate, moment, potential, simulate
-from nontwist.loads.compiled import Moment, c_function
+from nontwist.loads.functions import Moment, c_function
 from refusals import refused_as
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import PAPER_J
-from nontwist.models.constraints import constraint_matrices
+from nontwist.models.equations import constraint_matrices
 from nontwist.validation import compiled_steps as reference
 
 EM = {"integrator": "energy-momentum", "order": 2}

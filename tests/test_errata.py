@@ -11,7 +11,7 @@ from nontwist import integrate, nontwisting, pulse, rotation, rotations, simulat
 from nontwist.analysis import variables as obs
 from nontwist.comparison import second_quotient
 from nontwist.integrators import Continuous
-from nontwist.models.constraints import constraint_matrices
+from nontwist.models.equations import constraint_matrices
 from nontwist.paper.tables import CASES, printed_tables
 from nontwist.validation import GROUPS
 from nontwist.validation import compiled_steps as reference

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import ended, shoelace
 from nontwist import moment, view
-from nontwist.geometry.stacks import arcs
+from nontwist.geometry.arrays import arcs
 from nontwist.plot.looks import contrast
 from nontwist.runfile import read_run_file
 from nontwist.viewer import drawing

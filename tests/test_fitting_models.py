@@ -20,7 +20,7 @@ from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed, constant
 from nontwist.fitting.motions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
 from nontwist.fitting.telling import covariance, quantile, walled
-from nontwist.geometry.tensors import ENTRIES
+from nontwist.geometry.attitudes import ENTRIES
 from nontwist.runfile import read_run_file
 from refusals import refused, refused_as, says
 

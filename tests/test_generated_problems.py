@@ -19,7 +19,7 @@ from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.inertia import convected_inertia
 from nontwist.integrators import INTEGRATORS, continuous
-from nontwist.models.constraints import constraint_matrices
+from nontwist.models.equations import constraint_matrices
 
 LIMITS = {
     "CHECK_EVERY": 100,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nontwist.exact import free_bodies, free_constants, suslov_body
-from nontwist.geometry import frame_kernels, linking, path_kernels, twist_kernels
+from nontwist.geometry import frame_kernels, linking, path_kernels
 from nontwist.kernels.kernel import Kernel
 
 ROOT = Path(__file__).parents[1] / "src"
@@ -45,7 +45,7 @@ def paths():
 def streams():
     """Quaternions of streams: turned slowly, by half turns, missing, not of length 1."""
     for wrong in (False, True):
-        state, q = np.zeros((4, twist_kernels.SIZE)), unit(4, 4)
+        state, q = np.zeros((4, path_kernels.SIZE)), unit(4, 4)
         for i in range(9):
             q = q + 0.3 * rng.normal(size=(4, 4))
             q /= np.linalg.norm(q, axis=1, keepdims=True)
@@ -102,12 +102,12 @@ def exact_cases():
 def cases():
     """Kernels, and arguments for them."""
     yield from exact_cases()
-    yield from ((twist_kernels.count, given) for given in streams())
+    yield from ((path_kernels.count, given) for given in streams())
     yield from ((linking.row_integrals, given) for given in links())
     for u in paths():
         m, n = u.shape[:2]
         for order in (2, 4):
-            yield path_kernels.error_angles, (u, order, np.empty(path_kernels.SIZE), np.empty((m, n)))
+            yield path_kernels.error_angles, (u, order, np.empty((m, n)))
         for closed in (0, 1):
             node, nodes = np.zeros((m, n), dtype=np.int64), np.zeros(n, dtype=np.int64)
             yield frame_kernels.smooth_rolls, (u, closed, np.zeros((m, n)), node, nodes, np.zeros((3, n)))
@@ -118,7 +118,7 @@ def cases():
         points = np.cumsum(u + rng.normal(size=u.shape), axis=1)
         points[:, 1] = points[:, 0]
         yield frame_kernels.double_reflection, (points, u, across(u), np.zeros((m, n, 3, 3)))
-        yield twist_kernels.angles, (unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n))
+        yield path_kernels.angles, (unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n))
 
 
 CASES = defaultdict(list)
@@ -145,7 +145,7 @@ KERNELS = dict(kernels())
 def test_floats_and_machine_code_have_the_same_bits(name):
     kernel, results = KERNELS[name], []
     for arguments in CASES[kernel]:
-        is_stream = kernel is twist_kernels.count
+        is_stream = kernel is path_kernels.count
         copies = [[a.copy() if isinstance(a, np.ndarray) else a for a in arguments] for _ in range(2)]
         one, two = kernel(*copies[0]), kernel.on_floats(*copies[1])
         assert one == two
@@ -157,5 +157,5 @@ def test_floats_and_machine_code_have_the_same_bits(name):
             np.testing.assert_array_equal(a, b)
         if is_stream:
             arguments[0][...] = copies[0][0]
-    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, twist_kernels.count, free_bodies.free_members):
+    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, path_kernels.count, free_bodies.free_members):
         assert len(set(results)) > 1  # faults are among the cases

@@ -14,8 +14,8 @@ from conftest import thinned
 from nontwist.engine import marching
 from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
 from nontwist.integrators.compiled import Compiled
-from nontwist.integrators.members import in_threads
 from nontwist.integrators.stack_march import StackMarch
+from nontwist.integrators.stepping import in_threads
 from nontwist.kernels import machine_code
 
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]

@@ -19,7 +19,6 @@ import typer
 
 from conftest import ended
 from nontwist.cli import app
-from nontwist.cli.outcomes import imports_first
 
 ROOT = Path(__file__).parents[1]
 TEXTS = {
@@ -129,7 +128,7 @@ def test_run_files_are_in_order(place):
 def test_commands_and_their_options_exist():
     group = typer.main.get_command(app)
     for line in (line for name in TEXTS for line in (*typed(name), *mentioned(name))):
-        words = imports_first(shlex.split(re.split(r" [>|] ", line)[0], comments=True)[1:])
+        words = shlex.split(re.split(r" [>|] ", line)[0], comments=True)[1:]
         _, words, _ = group.make_parser(click.Context(group)).parse_args(words)
         if words:
             command = group.commands[words[0]]

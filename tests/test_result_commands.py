@@ -28,7 +28,7 @@ from nontwist import (
     standard,
     twist,
 )
-from nontwist.cli.summaries import print_rows, shown_unit
+from nontwist.cli.printing import print_rows, shown_unit
 from refusals import said
 
 W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}

@@ -21,7 +21,7 @@ from nontwist import (
     stepper,
 )
 from nontwist.errors import SimulationError, Status
-from nontwist.integrators import INTEGRATORS, LieMidpoint, time_grid
+from nontwist.integrators import INTEGRATORS, LieMidpoint
 from nontwist.integrators.problem import IVP
 from nontwist.models.stack import stacked
 from refusals import says
@@ -146,8 +146,8 @@ def test_states_that_are_missing_are_a_failed_run():
 
 
 def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
-    sound = time_grid.OnGrid._at
-    monkeypatch.setattr(time_grid.OnGrid, "_at", lambda self, *at: np.minimum(sound(self, *at), 0.55))
+    sound = IVP._at
+    monkeypatch.setattr(IVP, "_at", lambda self, *at: np.minimum(sound(self, *at), 0.55))
     with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the output times do not increase up to t_end$"):
         integrate(BODY, t_end=1, step=0.1, integrator="exact", **W)
     with pytest.warns(UserWarning, match="2 of 2 members have failed, the first is 0: step 0 at t = 0 s: the output"):

@@ -14,7 +14,7 @@ from nontwist.driver.single_run import integrated
 from nontwist.driver.starts import start_of_one
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.integrators.time_grid import stretched
+from nontwist.integrators.problem import stretched
 from refusals import says
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])

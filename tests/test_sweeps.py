@@ -36,8 +36,8 @@ from nontwist.io.whole import locked
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep
-from nontwist.sweeps.figure import draw
 from nontwist.sweeps.members import InvalidMembersError, Members, stack, values
+from nontwist.sweeps.reading import draw
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
 from nontwist.sweeps.sweeping import LARGEST, LONGEST, MOST, _block, plan
 from refusals import said, says
@@ -506,7 +506,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert dry.stderr == "next: nontwist sweep sweep.toml --out sweep.zarr\n"
     options = ["--set", "time.step=0.25", "--set", "integrator.order=4", "--block", "2", "--workers", "1"]
     dry = nontwist("sweep", "sweep.toml", *options, "--dry-run", "--out", "a b.zarr")
-    again = "--set time.step=0.25 --set integrator.order=4 --out 'a b.zarr' --workers 1 --block 2"
+    again = "--out 'a b.zarr' --workers 1 --block 2 --set time.step=0.25 --set integrator.order=4"
     assert dry.stderr == f"next: nontwist sweep sweep.toml {again}\n"
     assert os.listdir() == ["sweep.toml"]
     ran = nontwist("sweep", "sweep.toml", "--workers", "1")

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import LOW_CONTRAST, PAPER_J, UNNAMED, ended, frames, until
-from nontwist.cli.outcomes import smooth
+from nontwist.cli.view_commands import smooth
 from nontwist.loads.kinds import load_in_words
 from nontwist.paper.tables import CASES
 from nontwist.viewer.content import content

@@ -91,7 +91,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         "io.results.open_run",
         "recordings.reading.read_motion",
         "sweeps.sweep_member",
-        "sweeps.figure.draw",
+        "sweeps.reading.draw",
         "driver.runs.simulate",
     ):
         monkeypatch.setattr(f"nontwist.{place}", worked)

@@ -7,6 +7,7 @@ from importlib import import_module
 
 import pandas as pd
 
+import nontwist
 from nontwist import body_moment, damping, integrate, moment, nontwisting, rotor, space_moment, wheel
 from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import sample_bodies
@@ -29,7 +30,7 @@ def table_of(*modules):
         (name, ", ".join(inspect.signature(f).parameters), _first_line(f))
         for module in modules
         for name, f in vars(import_module(module)).items()
-        if inspect.isfunction(f) and f.__module__ == module and not name.startswith("_")
+        if inspect.isfunction(f) and f.__module__ == module and name in dir(nontwist)
     ]
     table = pd.DataFrame(rows, columns=["function", "parameters", "description"])
     return table.style.hide(axis="index").set_properties(**{"text-align": "left"})

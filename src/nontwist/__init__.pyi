@@ -50,11 +50,11 @@ from .loads import sine as sine
 from .loads import space_moment as space_moment
 from .loads import spring as spring
 from .loads import wheel as wheel
-from .models.catalogue import heavy_top as heavy_top
-from .models.catalogue import nontwisting as nontwisting
-from .models.catalogue import standard as standard
-from .models.catalogue import suslov as suslov
-from .models.catalogue import with_gravity as with_gravity
+from .models.bodies import heavy_top as heavy_top
+from .models.bodies import nontwisting as nontwisting
+from .models.bodies import standard as standard
+from .models.bodies import suslov as suslov
+from .models.bodies import with_gravity as with_gravity
 from .models.stack import SystemStack as SystemStack
 from .models.system import DirectorSystem as DirectorSystem
 from .paper import reproduce as reproduce

@@ -180,7 +180,7 @@ def _simulating_elsewhere(place: Path) -> None:
     sys.path.insert(0, str(place))
     _homeless(str(place))
     from nontwist.driver.runs import simulate as elsewhere
-    from nontwist.models.catalogue import nontwisting as body
+    from nontwist.models.bodies import nontwisting as body
 
     assert elsewhere.__code__.co_filename.startswith(str(place))
     run = elsewhere(body([3, 4, 5]), t_end=1, step=0.01, material_angular_velocity=(1, 2, 0))

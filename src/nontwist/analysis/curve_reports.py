@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..geometry.arrays import arcs, norm
 from ..geometry.frames import closed_frame
 from ..geometry.linking import directions, normalised, polygon, ribbon_twist, writhe_and_crossings
-from ..geometry.stacks import arcs, norm
 
 if TYPE_CHECKING:
     import xarray

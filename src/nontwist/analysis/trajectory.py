@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
-from ..integrators.problem import Intervals
-from ..integrators.time_grid import Stretches
+from ..integrators.problem import Intervals, Stretches
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.kinds import is_rotor, load_of, rotors_of
-from ..models.constraints import LABELS
+from ..models.equations import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
     COORDINATES,

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from itertools import pairwise
@@ -19,21 +18,9 @@ from ..errors import RunFileError
 from ..geometry.values import number_text
 from ..validation import GROUPS
 from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse, require_folder, require_suffix
-from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, about, printed_warnings, say, show
-from .run_commands import read_all, read_one
-from .summaries import (
-    estimate_words,
-    forecast_rows,
-    hint,
-    in_words,
-    print_fitting,
-    print_rows,
-    print_table,
-    say_written,
-    set_again,
-    shown_unit,
-    typed,
-)
+from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
+from .printing import in_words, print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
+from .run_commands import estimate_words, forecast_rows, read_all, read_one
 
 if TYPE_CHECKING:
     import xarray
@@ -75,7 +62,7 @@ def check_command(files: RunFiles, overrides: Overrides = None, as_json: Json = 
         if is_read and expected is not None and not problems:
             print_rows(f"{path} is valid", forecast_rows(run_file, expected))
             command = "run" if run_file.sweep is None else "sweep"
-            say(hint(" ".join(["nontwist", command, typed(path), *set_again(overrides)])))
+            say_next((command, path), sets=overrides)
         wrong = wrong or bool(problems)
     if wrong:
         raise typer.Exit(BAD_DATA)
@@ -108,7 +95,7 @@ def precision_command(
         print_target(file, whole, target, given, as_json, quiet)
         return
     bar = not quiet and sys.stderr.isatty()
-    with about(str(file), ValueError), printed_warnings(file):
+    with on_file(file):
         first = prepared.run(bar)
         with catch_warnings():
             simplefilter("ignore")  # of the same as the first
@@ -137,7 +124,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
     from ..runfile.toml_data import document
 
     prepared = whole.on_grid
-    with about(str(file), ValueError), printed_warnings(file):
+    with on_file(file):
         found = prepared.run()
         again = whole.refined(found, 1)  # at the times of the file
         again.run()  # may compile
@@ -159,12 +146,12 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
     if in_words(numbers, as_json, quiet):
         span = grid.borders[-1] - grid.borders[0]
         swept = "sweep" in document(str(file), file.read_bytes())  # its members take one step
-        many, chosen = "no step was found that fits the breakpoints; move them to a common grid", ""
+        many, chosen = "no step was found that fits the breakpoints; move them to a common grid", list[str]()
         if not swept:
             many = "time.tolerance; no step was found that fits the breakpoints"
         if even:
-            chosen = f"--set time.step={even:.12g}" + (f" --set integrator.order={order}" if order else "")
-            many = f"{chosen} ({round(span / even)} steps)"
+            chosen = [f"time.step={even:.12g}", *([f"integrator.order={order}"] if order else [])]
+            many = " ".join([*(f"--set {one}" for one in chosen), f"({round(span / even)} steps)"])
         rows = {
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
             "steps": f"{grid.steps} of {'at most ' * (len(grid.sizes) > 1)}{grid.longest:.12g} s",
@@ -175,9 +162,9 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
         print_rows(f"{file}: an error of {target:g} rad", rows)
         if swept and chosen:
             say(f"for the numbers of {file}; pass those of the most demanding member of the sweep with --set")
-            say(hint(f"nontwist sweep {typed(file)} {chosen}"))
+            say_next(("sweep", file), sets=chosen)
         elif not swept:
-            say(hint(" ".join(["nontwist run", typed(file), *set_again(given)])))
+            say_next(("run", file), sets=given)
 
 
 def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
@@ -266,7 +253,7 @@ def compare_command(
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
         require_places(figure, force=force)
-    with about(str(file), ValueError), printed_warnings(file):
+    with on_file(file):
         bar = not quiet and sys.stderr.isatty()
         found = compare(problem, integrators=chosen, steps=steps, progress=bar)
     is_read = in_words(
@@ -282,8 +269,7 @@ def compare_command(
             f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
         )
     if is_read:
-        again = " ".join([typed(file), *set_again(overrides)])
-        say(hint(f"nontwist precision {again}", f"nontwist run {again}"))
+        say_next(("precision", file), ("run", file), sets=overrides)
     if figure is not None:
         plot.save(plot.work_precision(found, against=against), figure, force=force)
         say_written([figure])
@@ -298,19 +284,18 @@ def _choice(text: str) -> str | tuple[str, int]:
 
 
 def _rows_of(found: xarray.Dataset) -> list[dict[str, Any]]:
-    """Return every run as plain data; what it does not have is null."""
+    """Return every run as plain data."""
     rows = []
     for name in found["integrator"].values:
         group = found.sel(integrator=name)
         stepping = bool(group["takes_steps"])
         for h in group["step"].values[: None if stepping else 1]:
             run = group.sel(step=h)
-            numbers = {key: float(run[key]) for key in NUMBERS if key in run}
-            row = {key: number if math.isfinite(number) else None for key, number in numbers.items()}
-            drift = dict(zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True))
-            row |= {f"drift_{key}": value if math.isfinite(value) else None for key, value in drift.items()}
-            status = {"status": int(run["status"]), "message": str(run["message"].values)}
-            rows.append({"integrator": str(name), "step": float(h) if stepping else None, **row, **status})
+            row = {"integrator": str(name), "step": float(h) if stepping else None}
+            row |= {key: float(run[key]) for key in NUMBERS if key in run}
+            drifts = zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True)
+            row |= {f"drift_{key}": value for key, value in drifts}
+            rows.append({**row, "status": int(run["status"]), "message": str(run["message"].values)})
     return rows
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import inspect
 import re
 import shlex
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal, Optional, get_args, get_origin, get_type_hints
 
@@ -18,6 +20,7 @@ from typer.core import TyperCommand
 from ..errors import InputError, ShellOptions
 from ..recordings.options import ReadOptions
 from ..spec import Spec, specs
+from .printing import imported
 
 # How help is laid out: plain text, in lines that are broken between words only, never within a name or an option.
 #
@@ -25,7 +28,6 @@ from ..spec import Spec, specs
 # was given nor what would do.
 
 HYPHEN = "\N{NON-BREAKING HYPHEN}"  # stands for the hyphen while lines are broken
-COMMON = "--import"  # the option of all commands, which the program reads
 NARROW = 70  # columns; below them only short names stand beside what they mean
 
 
@@ -99,8 +101,8 @@ class Command(TyperCommand):
                 formatter.write_text(whole(paragraph))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments and the options, that of all commands last."""
-        params: list[Any] = [*self.get_params(ctx), *(one for one in ctx.parent.command.params if COMMON in one.opts)]
+        """Write the arguments and the options."""
+        params: list[Any] = self.get_params(ctx)
         for title, kind in (("Arguments", "argument"), ("Options", "option")):
             shown = [one for one in params if one.param_type_name == kind and not one.hidden]
             rows = [(whole(place(one)), whole(meaning(one))) for one in shown]
@@ -120,6 +122,20 @@ def _remember(ctx: typer.Context, value: bool) -> bool:
     if value:
         ctx.find_root().ensure_object(dict)["debug"] = True
     return value
+
+
+def _import(modules: list[str] | None) -> list[str] | None:
+    for name in modules or ():
+        if not all(part.isidentifier() for part in name.split(".")) or name.endswith(".py"):
+            raise BadParameter(f"{name!r} is not the name of a module, as own_load", param_hint="--import")
+        imported.append(name)
+        sys.path.insert(0, "")  # the current folder, as of python -c
+        try:
+            import_module(name)
+        except Exception as error:  # whatever the module does
+            reason = f"{name} cannot be imported: {type(error).__name__}: {error}"
+            raise BadParameter(reason, param_hint="--import") from error
+    return modules
 
 
 def _checked(overrides: list[str] | None) -> list[str] | None:
@@ -184,6 +200,15 @@ def names_of(text: str | None) -> list[str] | None:
     return [name.strip() for name in text.split(",")] if text else None
 
 
+IMPORT = Opt(
+    "Import this module first, from here or the Python path. It adds bodies, loads, integrators or readers. "
+    "Repeatable.",
+    "MODULE",
+    "--import",
+    check=_import,
+)
+
+
 def _option(name: str, kind: Any, default: Any, spec: Spec) -> inspect.Parameter:
     """Return a parameter as Typer reads it."""
     own = spec if isinstance(spec, Opt) else Opt(**vars(spec))
@@ -202,12 +227,9 @@ def _option(name: str, kind: Any, default: Any, spec: Spec) -> inspect.Parameter
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with the options that the descriptions of its parameters make, and --debug."""
-    hints, made, reading = (
-        get_type_hints(function, include_extras=True),
-        list[inspect.Parameter](),
-        dict[str, Reading](),
-    )
+    """Return a command with the options that the descriptions of its parameters make, --debug and --import."""
+    hints = get_type_hints(function, include_extras=True)
+    made, reading = list[inspect.Parameter](), dict[str, Reading]()
     for name, one in inspect.signature(function).parameters.items():
         kind, *about = get_args(hints[name]) or (hints[name],)
         if about and isinstance(about[0], Reading):
@@ -218,9 +240,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         else:
             made.append(one.replace(annotation=hints[name], kind=one.KEYWORD_ONLY))
     made.append(_option("debug", bool, False, Opt("Show the traceback of an error.", check=_remember)))
+    made.append(_option("modules", Optional[list[str]], None, IMPORT))  # noqa: UP045
 
     @wraps(function)
-    def called(*, debug: bool, **given: Any) -> None:
+    def called(*, debug: bool, modules: Any, **given: Any) -> None:
         function(**{name: one.read(given) for name, one in reading.items()}, **given)
 
     called.__signature__ = inspect.Signature(made)  # type: ignore[attr-defined]
@@ -253,17 +276,38 @@ Quiet = Annotated[
 DecimalComma = Annotated[bool, Opt("Write CSV with decimal commas, and semicolons between columns.")]
 
 
+def read_otherwise(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
+    """Return how the second file is read, from its options as they stand on a command line."""
+    hint = "--relative-options"
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise BadParameter(f"{text!r} has a quotation mark too few", param_hint=hint) from error
+    refused = "it accepts options that define how a file is read; nontwist twist -h lists them"
+    refuse(({"-h", "--help"} & set(words), hint, refused))
+    names = [name for name in specs(ReadOptions) if name not in ("columns", "body")]
+    own = ctx.command.make_context("twist", [file, *words], parent=ctx.parent)
+    known = ", ".join(one.opts[0] for one in ctx.command.params if one.name in names)
+    for one in given(own):
+        advice = f"; use --relative-{one.name}" if one.name in ("columns", "body") else ""
+        is_other = one.name not in (*names, "data")
+        refuse((is_other, hint, f"{one.opts[0]} is not one of {known}{advice}"))
+    return {name: own.params[name] for name in names}
+
+
+def given(ctx: Any) -> list[Any]:
+    """Return the parameters that a command line has."""
+    sources = ((one, ctx.get_parameter_source(one.name or "")) for one in ctx.command.params)
+    return [one for one, source in sources if getattr(source, "name", "") == "COMMANDLINE"]
+
+
 def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
     """Return those of these options that a command line has, as words to be typed again."""
     words = []
-    for option in ctx.command.params:
-        source = ctx.get_parameter_source(option.name or "")
-        if option.name in names and getattr(source, "name", "") == "COMMANDLINE":
-            value = ctx.params[option.name]
-            if isinstance(value, bool):
-                words.append((option.opts if value else option.secondary_opts)[0])
-            else:
-                words += [option.opts[0], shlex.quote(str(value))]
+    for option in (one for one in given(ctx) if one.name in names):
+        value = ctx.params[option.name]
+        words.append((option.secondary_opts if value is False else option.opts)[0])
+        words += [] if isinstance(value, bool) else [str(value)]
     return words
 
 
@@ -285,10 +329,41 @@ def numbers_of(text: str, wanted: str, option: str | None = None, count: int = 2
     return numbers
 
 
+WORDS = ("gravity", "rotor", "orientation")  # whose text without settings is one word
+
+
+def settings(text: str | None, name: str) -> Any:
+    """Return the value of an option such as ``mass=0.35,centre=0,0,-0.1``: a mapping of what is set, or one value."""
+    option, found, key = f"--{name.replace('_', '-')}", dict[str, list[str]](), ""
+    if text is None or ("=" not in text and name in WORDS):
+        return text
+    if "=" not in text:
+        return _value(text.split(","), option)
+    for part in text.split(","):
+        setting, is_set, value = part.rpartition("=")
+        refuse((not is_set and not key, option, f"{part.strip()!r} is before the first NAME="))
+        if is_set:
+            key = setting.strip()
+            refuse((key in found, option, f"{key} is set twice"))
+        found.setdefault(key, []).append(value.strip() if is_set else part.strip())
+    return {key: _value(values, f"{key} of {option}") for key, values in found.items()}
+
+
+def _value(parts: list[str], name: str) -> Any:
+    """Return a word, a number, or a list of numbers."""
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError as error:
+        if len(parts) == 1:
+            return parts[0]
+        raise BadParameter(f"{name} must be numbers, got {','.join(parts)!r}") from error
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
 def require_suffix(path: Path, *suffixes: str, option: str = "--out", instead: str = "") -> None:
     """Refuse a file whose suffix promises another format than it would have."""
-    if path.suffix.lower() not in suffixes:
-        raise typer.BadParameter(f"{path} does not end in {' or '.join(suffixes)}{instead}", param_hint=option)
+    is_other = path.suffix.lower() not in suffixes
+    refuse((is_other, option, f"{path} does not end in {' or '.join(suffixes)}{instead}"))
 
 
 def looks_like_a_file(path: Path) -> bool:
@@ -298,5 +373,4 @@ def looks_like_a_file(path: Path) -> bool:
 
 def require_folder(path: Path, option: str = "--out", instead: str = "") -> None:
     """Refuse the name of a file where a folder is wanted."""
-    if looks_like_a_file(path):
-        raise typer.BadParameter(f"{path} would be a folder{instead}", param_hint=option)
+    refuse((looks_like_a_file(path), option, f"{path} would be a folder{instead}"))

@@ -19,27 +19,20 @@ from __future__ import annotations
 import errno
 import io
 import os
-import re
 import sys
 import traceback
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
 import nontwist as package
 
-from ..errors import ShellOptions, SimulationError, SweepError, Worded
-
-if TYPE_CHECKING:
-    import xarray
-    from rich.console import Console
-
-    from ..loads import Load
+from ..errors import SimulationError, SweepError
+from .printing import for_terminals, imported, printed_warnings, say, words
 
 COMMON = {  # words that people try, and the command that does it
     **dict.fromkeys(("plot", "show", "animate", "film"), "view"),
@@ -88,17 +81,11 @@ def about(subject: str, *kinds: type[Exception]) -> Iterator[None]:
         raise CommandError(f"{subject}: {reason}", code_of(error) or DIFFERS) from error
 
 
-def imports_first(args: list[str]) -> list[str]:
-    """Return the words of a command with its options --import MODULE in front of all others."""
-    end = args.index("--") if "--" in args else len(args)
-    first, rest = list[str](), list(args)
-    for k in reversed([k for k, word in enumerate(args[:end]) if word.partition("=")[0] == "--import"]):
-        size = 1 if "=" in args[k] else 2
-        if k + size > end:  # its value is missing, which is said where it stands
-            continue
-        first[:0] = rest[k : k + size]
-        del rest[k : k + size]
-    return [*first, *rest]
+@contextmanager
+def on_file(path: object) -> Iterator[None]:
+    """Name a file in front of warnings and of ValueErrors."""
+    with about(str(path), ValueError), printed_warnings(path):
+        yield
 
 
 class Commands(TyperGroup):
@@ -109,11 +96,6 @@ class Commands(TyperGroup):
         with formatter.section("Commands"):
             names = self.list_commands(ctx)
             formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options of all commands, which may stand anywhere."""
-        found: list[str] = super().parse_args(ctx, imports_first(args))
-        return found
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return a command; one that is unknown is refused with the command or the Python function that does it."""
@@ -129,6 +111,7 @@ class Commands(TyperGroup):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; a terminal that cannot show a letter shows a question mark."""
+        imported.clear()
         _open_closed()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
@@ -192,94 +175,3 @@ def _message(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); store fewer states: time.store"
     return words(error)
-
-
-def words(said: Any) -> str:
-    """Return an error or a warning in the words of a command line."""
-    return said.worded(ShellOptions()) if isinstance(said, Worded) else str(said)
-
-
-def for_terminals(text: str) -> str:
-    """Return a text without the names in Python that stand behind options, as in ``--inverse (inverse=True)``."""
-    text = re.sub(r"(?<![\w./\\-])relative_to(?![\w./=-])", "the second recording", text)
-    return re.sub(r"(--[a-z][a-z-]*(?: [A-Z][A-Z0-9,]*)?) \((?:\w+=[^(),]*(?:, )?)+\)", r"\1", text)
-
-
-def say(text: str, style: str = "") -> None:
-    """Print a message on stderr, in colour where that is wanted; one that cannot be shown is no error."""
-    from rich.console import Console
-
-    with suppress(OSError):
-        Console(stderr=True, highlight=False).print(
-            for_terminals(text), style=style, markup=False, emoji=False, soft_wrap=True
-        )
-
-
-def stdout() -> Console:
-    """Return where data is printed; a closed pipe raises BrokenPipeError there."""
-    from rich.console import Console
-
-    class Stdout(Console):
-        def on_broken_pipe(self) -> None:
-            raise BrokenPipeError
-
-    return Stdout(highlight=False)
-
-
-def show(text: str) -> None:
-    """Print a line of data as it is, but for line breaks."""
-    stdout().print(text, markup=False, emoji=False)
-
-
-@contextmanager
-def printed_warnings(subject: object = "") -> Iterator[None]:
-    """Print warnings on stderr as they come, each once, with what they are about, as the name of a file."""
-    printed, about_it = set[str](), f"{subject}: " if str(subject) else ""
-
-    def told(message: Warning | str, *where: Any, **more: Any) -> None:
-        if str(message) not in printed:
-            say(f"{about_it}warning: {words(message)}", "yellow")
-        printed.add(str(message))
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = told
-        yield
-
-
-# Runs with more states than they store, for what is drawn of them.
-
-
-FAR, DRAWN = 0.1, 20_000  # rad between states that are drawn as they are; states that are drawn, and steps for them
-
-
-def largest_turn(run: xarray.Dataset) -> float:
-    """Return the largest rotation from one state of a run to the next, rad."""
-    from ..recordings.motions import rotation
-
-    attitudes = rotation(run)
-    return float((attitudes[:-1].inv() * attitudes[1:]).magnitude().max()) if run.sizes["time"] > 1 else 0.0
-
-
-def smooth(
-    run: xarray.Dataset, load: Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
-) -> xarray.Dataset:
-    """Return a run, or a span of it, with more states where its own lie far apart; at most about `most`.
-
-    A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.
-    """
-    import numpy as np
-
-    from ..driver.resampling import resample
-
-    time = run["time"].values
-    first, last = (time[0], time[-1]) if span is None else np.clip(span, time[0], time[-1])
-    part = run.sel(time=slice(first, last))
-    if first == last or len(part["time"]) >= most or largest_turn(run) <= FAR:
-        return part
-    speed = float(np.linalg.norm(run["material_angular_velocity"], axis=1).max())
-    count, own = min(np.ceil((last - first) * speed / FAR), most), np.unique([first, *part["time"].values, last])
-    parts = np.ceil(np.diff(own) * (count / (last - first)))  # of each interval between stored states
-    ends = np.append(0.0, np.cumsum(parts))
-    found = resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
-    return found.assign({name: one for name, one in run.items() if name not in found and "time" not in one.dims})

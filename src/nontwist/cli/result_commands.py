@@ -12,19 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 from ..geometry.values import number_text
 from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
-from .outcomes import printed_warnings, require_readable, say
-from .summaries import (
-    hint,
-    in_words,
-    invariants_kept,
-    print_rows,
-    print_variables,
-    rows_of_run,
-    say_written,
-    steps_of,
-    times_of_events,
-    typed,
-)
+from .outcomes import require_readable
+from .printing import in_words, print_rows, print_variables, printed_warnings, say_next, say_written
+from .run_commands import invariants_kept, rows_of_run, steps_of, times_of_events
 
 if TYPE_CHECKING:
     import xarray
@@ -209,8 +199,7 @@ def _print(facts: dict[str, Any]) -> None:
     sizes = [zip(one["dimensions"], one["shape"], strict=True) for one in facts["variables"].values()]
     dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
     print_variables(facts["variables"], ("dimensions",), dimensions=dimensions)
-    file = typed(facts["file"])
-    say(hint(f"nontwist view {file}", f"nontwist export {file} --out NAME.csv"))
+    say_next(("view", facts["file"]), ("export", facts["file"], "--out", "NAME.csv"))
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, str]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from importlib.resources import files
 from pathlib import Path
@@ -14,17 +15,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
+from ..geometry.values import number_text
 from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
-from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, printed_warnings, say, smooth
-from .summaries import hint, in_words, print_rows, run_numbers, run_rows, say_written, typed
+from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
+from .printing import in_words, print_rows, say, say_next, say_written, shown_unit
+from .view_commands import smooth
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..driver.single_run import Forecast
     from ..runfile import RunFile
 
 RESULTS = Opt("Result file (.nc), or folder for results.", "PATH", default="output.path of FILE, else NAME.nc here")
 COPY = Opt("File (.toml) or folder to copy to; - for standard output.", "PATH", default="NAME.toml here")
+ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes
+MOST_TIMES = 5  # of an event, in a table
 FIGURES = ("momenta", "energy", "path")
 
 
@@ -134,7 +140,7 @@ def _run(
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
-    with about(str(path), ValueError), printed_warnings(path):
+    with on_file(path):
         try:
             run = simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
         except (SimulationError, SimulationInterrupt) as error:
@@ -156,8 +162,7 @@ def _run(
     if in_words(numbers | {"written": [*map(str, written)]}, as_json, quiet):
         print_rows(numbers["title"], run_rows(numbers))
     if not quiet:
-        result = typed(target)
-        say_written(written, f"nontwist view {result}", f"nontwist info {result}")
+        say_written(written, ("view", target), ("info", target))
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None
@@ -214,7 +219,7 @@ def example_command(
     with written(target, force=force) as file:
         file.write(texts[name].encode())
     command = "sweep" if "[sweep]" in texts[name] else "run"
-    say_written([target], f"nontwist check {typed(target)}", f"nontwist {command} {typed(target)}")
+    say_written([target], ("check", target), (command, target))
     return None
 
 
@@ -231,4 +236,162 @@ def _text(name: str) -> str:
 
 def _list(texts: dict[str, str]) -> None:
     print_rows("Examples", {name: text.splitlines()[0].removeprefix("# ") for name, text in texts.items()})
-    say(hint("nontwist example NAME"))
+    say_next(("example", "NAME"))
+
+
+# What is said of a run, before it and after it.
+
+
+def scheme_words(scheme: Mapping[str, Any]) -> str:
+    """Return an integrator in words: its name, its order, and its options that are not the usual ones."""
+    from dataclasses import fields
+
+    from ..integrators import INTEGRATORS
+
+    known = fields(INTEGRATORS[scheme["name"]]) if scheme["name"] in INTEGRATORS else ()
+    usual = {field.name: field.default for field in known if field.name != "order"}
+    own = [f"{name} {value}" for name, value in scheme.items() if name != "name" and usual.get(name) != value]
+    return ", ".join([scheme["name"], *own])
+
+
+def _body_words(run_file: RunFile) -> str:
+    """Return kind, principal moments and weight of a body."""
+    import numpy as np
+
+    from ..geometry.values import vector_text
+
+    moments = np.linalg.eigvalsh(run_file.problem.system.convected_inertia)
+    weight = run_file.body.weight(run_file._folder)
+    heavy = "" if weight is None else f"; {weight[0]:.4g} kg, centre of mass {vector_text(weight[1])} m"
+    return f"{run_file.body.kind}, principal moments {', '.join(f'{J:.4g}' for J in moments)} kg m²{heavy}"
+
+
+def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
+    """Return what a run will be like, in words."""
+    from dataclasses import asdict
+
+    from ..driver.notices import amount, duration
+
+    scheme = run_file.prepared.scheme
+    rows = {
+        "body": _body_words(run_file),
+        "loads": ", ".join(forecast.loads) or "none",
+        "integrator": scheme_words({"name": scheme.name, **asdict(scheme)}),
+    }
+    span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
+    automatic = " (automatic)" if run_file.time.step is None else ""
+    if scheme.any_times:
+        rows["output"] = f"{forecast.states} states, {span}, every {forecast.step:.6g} s{automatic}"
+    else:
+        most = "at most " * (len(run_file.prepared.grid.sizes) > 1)
+        rows["steps"] = f"{forecast.steps} of {most}{forecast.step:.6g} s{automatic}, {span}"
+        rows["turn per step"] = f"at most {forecast.turn:.3g}°"
+    if run_file.prepared.plan.is_controlled:
+        rows["tolerance"] = f"{run_file.prepared.plan.goal:g} rad; order and steps are a first estimate, often too high"
+    elif forecast.phase_error is not None:
+        rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation at this speed"
+    rows["result"] = f"{forecast.states} states, about {amount(forecast.size)} of memory"
+    rows["time"] = f"about {duration(forecast.seconds)}, without start-up"
+    if run_file.sweep is not None:
+        keys = ", ".join(one.key for one in run_file.sweep.over)
+        time = f"about {duration(forecast.sweep_seconds or 0.0)} on one core"
+        rows["sweep"] = f"{run_file.sweep.members} members over {keys}, {time}; nontwist sweep --dry-run gives details"
+    return rows
+
+
+def steps_of(run: xarray.Dataset) -> int:
+    """Return how many steps a run has taken."""
+    from ..analysis.trajectory import stretches_from
+    from ..integrators.problem import FIT
+
+    time, grid = run["time"].values, stretches_from(run.attrs.get("stretches"))
+    span = float(time[-1] - time[0])
+    return math.ceil(span / run.attrs["step"] * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1]))
+
+
+def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
+    """Return what was done in a run and how well its invariants were kept, as plain data."""
+    from ..analysis.trajectory import stretches_from
+
+    time, iterations = run["time"].values, run.get("newton_iterations")
+    grid = stretches_from(run.attrs.get("stretches"))
+    numbers: dict[str, Any] = {
+        "title": run.attrs["title"],
+        "status": int(run.attrs["status"]),
+        "message": run.attrs["message"],
+        "integrator": json.loads(run.attrs["integrator"]),
+        "steps": steps_of(run),
+        "step": float(run.attrs["step"]),
+        "t_start": float(time[0]),
+        "t_end": float(time[-1]),
+        "states": len(time),
+        "newton_iterations": int(iterations.values.max()) if iterations is not None and iterations.size else None,
+    }
+    if grid is not None:
+        numbers["stretches"] = len(grid.sizes)
+    numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate") if "tolerance" in run.attrs}
+    if "warning" in run.attrs:
+        numbers["warning"] = run.attrs["warning"]
+    if "t_events" in run:
+        numbers["events"] = times_of_events(run)
+    return numbers | invariants_kept(run)
+
+
+def invariants_kept(run: xarray.Dataset) -> dict[str, Any]:
+    """Return the drifts of the invariants of a run, and its defect of the twist where its body may not twist."""
+    from ..analysis.invariants import drifts, twist_defect
+
+    defect = twist_defect(run)
+    found = {"drift": {name: drift._asdict() for name, drift in drifts(run).items()}}
+    return found | ({} if defect is None else {"twist_defect": defect})
+
+
+def times_of_events(run: xarray.Dataset) -> dict[str, list[float]]:
+    """Return the times of the events of a run, s, by their names, of those that did not happen none."""
+    names, times = run["event_name"].values.tolist(), run["t_events"].values.tolist()
+    asked = dict.fromkeys([*json.loads(run.attrs.get("events", "[]")), *names])
+    return {one: [t for t, name in zip(times, names, strict=True) if name == one] for one in asked}
+
+
+def estimate_words(error: float) -> str:
+    """Return the estimate of a truncation error in words; one below round-off is not given as a number."""
+    return f"estimated as {number_text(error, '.1e')} rad" if error > ROUND_OFF else "below round-off"
+
+
+def rows_of_run(
+    numbers: Mapping[str, Any], events: Mapping[str, list[float]], most: int | None = None
+) -> dict[str, str]:
+    """Return in words what is known of how a run was made and how right it is; of events so many times at most."""
+    from ..analysis.invariants import in_words
+
+    rows = {}
+    if "integrator" in numbers:
+        rows["integrator"] = scheme_words(numbers["integrator"])
+    if "steps" in numbers:
+        rows["steps"] = f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s"
+    if "tolerance" in numbers:
+        rows["error"] = f"{estimate_words(numbers['error_estimate'])}, tolerance {numbers['tolerance']:g}"
+    for name, drift in numbers.get("drift", {}).items():
+        relative, absolute = (number_text(drift[kind], ".1e") for kind in ("relative", "absolute"))
+        sized = f"{relative} relative, {absolute} {shown_unit(drift['units'])} ({drift['symbol']})"
+        rows[f"drift of {in_words(name)}"] = absolute if drift["units"] == "1" else sized
+    if "twist_defect" in numbers:
+        rows["largest twist rate about the axis"] = f"{number_text(numbers['twist_defect'], '.1e')} rad/s"
+    for name, times in events.items():
+        more = f", ... ({len(times)}; nontwist info lists all)" if most is not None and len(times) > most else ""
+        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:most])} s{more}" if times else "none"
+    return rows
+
+
+def run_rows(numbers: Mapping[str, Any]) -> dict[str, str]:
+    """Return the numbers of a run that has just been made in words."""
+    rows = rows_of_run(numbers, numbers.get("events", {}), MOST_TIMES)
+    rows["time"] = f"{numbers['t_start']:g} s to {numbers['t_end']:g} s"
+    rows["states"] = str(numbers["states"])
+    if "warning" in numbers:
+        rows["warning"] = numbers["warning"]
+    if numbers["newton_iterations"]:
+        rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
+    if numbers["status"] == 0 and numbers["message"] != "done":
+        rows["end"] = numbers["message"]
+    return rows | {"time taken": f"{number_text(numbers['seconds'], '.3g')} s, with start-up"}

@@ -13,18 +13,9 @@ import typer
 
 from ..geometry.values import number_text
 from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
-from .outcomes import DIFFERS, about, printed_warnings, say
+from .outcomes import DIFFERS, on_file
+from .printing import in_words, print_rows, print_table, print_variables, say, say_next, say_written
 from .run_commands import read_one
-from .summaries import (
-    hint,
-    in_words,
-    print_rows,
-    print_table,
-    print_variables,
-    say_written,
-    set_again,
-    typed,
-)
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
@@ -130,16 +121,13 @@ def print_sweep(facts: dict[str, Any]) -> None:
         quantity = _telling({name: len(one["dimensions"]) for name, one in facts["variables"].items()})
         keys = [f"{key}{'' if words.startswith(plain) else '.0'}" for key, words in facts["swept"].items()]
         drawn = keys if len(keys) == 2 else keys[:1]
-        say(hint(f"nontwist sweep-show {typed(facts['store'])} --plot {' '.join(drawn)} {quantity}"))
+        say_next(("sweep-show", facts["store"], "--plot", *drawn, quantity))
 
 
 def _telling(dimensions: dict[str, int]) -> str:
     """Return what says something: a number, or else the length of a vector, or else a component of an attitude."""
-    whole = {name: n for name, n in dimensions.items() if n < 3 and name != "quaternion"}
-    if whole:
-        return min(whole, key=lambda name: whole[name])
-    name = max(dimensions, key=lambda name: dimensions[name])
-    return f"{name}.2.2" if dimensions[name] == 3 else f"{name}.3"
+    name = min(dimensions, key=lambda name: (name == "quaternion", dimensions[name]))
+    return name + (".3" if name == "quaternion" else ".2.2" * (dimensions[name] == 3))
 
 
 EVERY = 10.0  # s between lines of progress where stderr is no terminal
@@ -169,19 +157,26 @@ def sweep_command(
     are counted and do not stop the others. Completed blocks remain saved after Ctrl-C, SIGTERM or a closed terminal
     (SIGHUP). Exits with status 4 if a block cannot be computed.
     """
-    from ..driver.notices import sigterm_interrupts
+    from ..driver.notices import cores, sigterm_interrupts
+    from ..sweeps.members import Members
+    from ..sweeps.sweeping import plan, sweep
 
     store = Path(f"{file.stem}.zarr") if out is None else out
     if looks_like_a_file(store):
         require_suffix(store, ".zarr", instead="; the store is a folder")
     run_file = read_one(file, overrides)
     if dry_run:
-        return _print_plan(run_file, file, store, workers, block, as_json, dask, set_again(overrides))
-    from ..sweeps import sweep
-
+        with on_file(file):
+            forecast = plan(Members(run_file), workers or cores(), block)
+        if in_words({"file": str(file), "store": str(store), **forecast._asdict()}, as_json):
+            print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
+            options = {"--out": store, "--workers": workers, "--dask": dask, "--block": block}
+            given = [word for name, one in options.items() if one is not None for word in (name, one)]
+            say_next(("sweep", file, *given), sets=overrides)
+        return
     begin = perf_counter()
     report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
-    with sigterm_interrupts(), about(str(file), ValueError), printed_warnings(file):
+    with sigterm_interrupts(), on_file(file):
         many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
     seconds, failed = perf_counter() - begin, int((many["status"] != 0).sum())
     numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
@@ -193,8 +188,7 @@ def sweep_command(
         whole = f"{failed} of {numbers['members']} members failed"
         say(f"warning: {whole}; nontwist sweep-show {store} lists the reasons", "yellow")
     if not quiet:
-        say_written([store], f"nontwist sweep-show {typed(store)}")
-    return None
+        say_written([store], ("sweep-show", store))
 
 
 def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False) -> None:
@@ -253,29 +247,6 @@ def show_command(
         print_sweep(facts)
 
 
-def _print_plan(
-    run_file: RunFile,
-    file: Path,
-    store: Path,
-    workers: int | None,
-    block: int | None,
-    as_json: bool,
-    dask: str | None,
-    again: list[str],
-) -> None:
-    from ..driver.notices import cores
-    from ..sweeps.members import Members
-    from ..sweeps.sweeping import plan
-
-    with about(str(file), ValueError):
-        forecast = plan(Members(run_file), workers or cores(), block)
-    if in_words({"file": str(file), "store": str(store), **forecast._asdict()}, as_json):
-        print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
-        options = {"--out": store, "--workers": workers, "--dask": dask, "--block": block}
-        given = [word for name, one in options.items() if one is not None for word in (name, typed(one))]
-        say(hint(" ".join(["nontwist sweep", typed(file), *again, *given])))
-
-
 def _progress_lines() -> Any:
     """Return what prints the progress line by line, now and then."""
     from ..sweeps.workers import words
@@ -292,7 +263,7 @@ def _progress_lines() -> Any:
 
 def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
     from ..plot.journals import require_places, save
-    from ..sweeps.figure import draw
+    from ..sweeps.reading import draw
 
     require_places(figure, force=force)
     save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
@@ -315,4 +286,4 @@ def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
             file.write(text.encode())
     else:
         save_run(sweep_member(store, member), out, force=force)
-    say_written([out], f"nontwist {command} {typed(out)}")
+    say_written([out], (command, out))

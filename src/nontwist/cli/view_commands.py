@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import shutil
 import webbrowser
 from pathlib import Path
@@ -14,14 +15,16 @@ from ..errors import SimulationError
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
-from .outcomes import about, largest_turn, require_readable, say, smooth
-from .summaries import typed
+from .outcomes import about, require_readable
+from .printing import say
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..loads import Load
     from ..viewer import View
 
+FAR, DRAWN = 0.1, 20_000  # rad between states that are drawn as they are; states that are drawn, and steps for them
 STEPS = 10**6  # of a run whose states are completed, which takes as long as the run
 
 Show = Annotated[bool, Opt("Open the page in the browser.", option="--open/--no-open")]
@@ -176,8 +179,8 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
         motion = read_motion(path, **how)
         found = twist(_part(motion, span))
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
-    again = " ".join([typed(path), *given])
-    say(f"to choose the axis: nontwist twist {again} --axis AXIS, then nontwist view of its result")
+    again = shlex.join(["nontwist", "twist", str(path), *given, "--axis", "AXIS"])
+    say(f"to choose the axis: {again}, then nontwist view of its result")
     return found
 
 
@@ -217,6 +220,38 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
                 "store= of simulate, time.times or time.store of a run file"
             )
         return part
+
+
+def largest_turn(run: xarray.Dataset) -> float:
+    """Return the largest rotation from one state of a run to the next, rad."""
+    from ..recordings.motions import rotation
+
+    attitudes = rotation(run)
+    return float((attitudes[:-1].inv() * attitudes[1:]).magnitude().max()) if run.sizes["time"] > 1 else 0.0
+
+
+def smooth(
+    run: xarray.Dataset, load: Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
+) -> xarray.Dataset:
+    """Return a run, or a span of it, with more states where its own lie far apart; at most about `most`.
+
+    A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.
+    """
+    import numpy as np
+
+    from ..driver.resampling import resample
+
+    time = run["time"].values
+    first, last = (time[0], time[-1]) if span is None else np.clip(span, time[0], time[-1])
+    part = run.sel(time=slice(first, last))
+    if first == last or len(part["time"]) >= most or largest_turn(run) <= FAR:
+        return part
+    speed = float(np.linalg.norm(run["material_angular_velocity"], axis=1).max())
+    count, own = min(np.ceil((last - first) * speed / FAR), most), np.unique([first, *part["time"].values, last])
+    parts = np.ceil(np.diff(own) * (count / (last - first)))  # of each interval between stored states
+    ends = np.append(0.0, np.cumsum(parts))
+    found = resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
+    return found.assign({name: one for name, one in run.items() if name not in found and "time" not in one.dims})
 
 
 def play_command(

@@ -40,7 +40,7 @@ from ..driver.tolerance import CHANGE, EPS, LARGER, moved
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, short_repr
 from ..integrators import INTEGRATORS, Continuous, Exact, Gauss, Integrator, LieMidpoint, SimulationError
-from ..integrators.time_grid import Stretches, stretched
+from ..integrators.problem import Stretches, stretched
 from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem

@@ -17,9 +17,9 @@ from ..geometry.values import short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
+from ..integrators.load_samples import COMMANDED, commanded, wheel_columns
 from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
-from ..integrators.time_grid import stretched
-from ..integrators.wheels import COMMANDED, commanded, wheel_columns
+from ..integrators.problem import stretched
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
 from ..loads.terms import Table

@@ -19,10 +19,9 @@ from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
 from ..integrators import Integrator, Status
 from ..integrators.base import IVP, Failure, Outcome
-from ..integrators.load_samples import as_marched
-from ..integrators.members import one_by_one
+from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
 from ..integrators.problem import FIRST, OBSERVED
-from ..integrators.wheels import as_gyrostat, of_locked, set_works_between, with_wheels, with_works
+from ..integrators.stepping import one_by_one
 from .grid import require_resolution
 
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent

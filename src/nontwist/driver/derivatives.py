@@ -17,8 +17,8 @@ from ..integrators import IVP
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.memory_tangents import RememberingSteps, require_derivatives
+from ..integrators.problem import Stretches, stretched
 from ..integrators.tangents import ForwardTangents, PreparedTangents, back, forward
-from ..integrators.time_grid import Stretches, stretched
 from ..models.system import DirectorSystem
 from .grid import stored_steps
 from .parameters import EVERY, Parameters

@@ -39,10 +39,10 @@ from ..geometry.arrays import Array, as_positive
 from ..geometry.values import as_whole
 from ..integrators import Status
 from ..integrators.linearised import Linearised, scheme_of
+from ..integrators.problem import stretched
 from ..integrators.tangents import forward
-from ..integrators.time_grid import stretched
 from ..loads import Load, body_moment
-from ..models.catalogue import D3, nontwisting
+from ..models.bodies import D3, nontwisting
 from ..models.stack import is_principal, stacked
 from ..models.system import DirectorSystem, as_system
 from . import completion

@@ -15,7 +15,7 @@ from ..geometry.arrays import largest_size
 from ..geometry.values import among, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.base import IVP, Outcome
-from ..integrators.time_grid import stretched
+from ..integrators.problem import stretched
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion

@@ -16,10 +16,10 @@ from ..geometry.values import as_whole
 from ..integrators import IVP, Integrator, SimulationError, Status
 from ..integrators.base import Outcome
 from ..integrators.linearised import Linearised, scheme_of
-from ..integrators.members import in_threads
-from ..integrators.members import progress as counted
+from ..integrators.problem import Stretches
+from ..integrators.stepping import in_threads
+from ..integrators.stepping import progress as counted
 from ..integrators.tangents import Growth
-from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion

@@ -12,10 +12,10 @@ from ..geometry.arrays import Array, as_array, as_number, increasing
 from ..geometry.values import as_whole, counted, short_repr
 from ..integrators import Integrator
 from ..integrators.costs import ONE, damping_rate, largest_velocity
-from ..integrators.time_grid import FIT, Stretches, stretched
+from ..integrators.problem import FIT, Stretches, stretched
 from ..io.whole import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
-from ..loads.forces import ForceTable
+from ..loads.potentials import ForceTable
 from ..loads.terms import Table
 from ..models.stack import SystemStack
 

@@ -19,9 +19,8 @@ from ..geometry.values import number_text, vector_text
 from ..integrators.base import IVP, Failure, Integrator, Status
 from ..integrators.problem import onward
 from ..loads.base import state_moment_at
-from ..loads.memory import Memory
+from ..loads.memory import Memory, Wheel
 from ..loads.terms import Term
-from ..loads.wheels import Wheel
 from . import completion
 from .contacts import Contacts
 

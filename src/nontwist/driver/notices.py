@@ -21,9 +21,9 @@ from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
-from ..integrators.time_grid import Stretches
+from ..integrators.problem import Stretches
 from ..loads import Load
-from ..loads.calls import name_of
+from ..loads.functions import name_of
 from ..models.stack import SystemStack
 from . import grid
 from .contacts import refusal

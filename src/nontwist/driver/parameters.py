@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
 from ..engine.known_steps import INPUTS
 from ..geometry.arrays import Array
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
 from ..integrators.linearised import Changes, Entries, StepNodes, is_in_orbital_frame
@@ -29,10 +29,9 @@ from ..loads.derivatives import (
     table_slopes,
     with_parameter,
 )
-from ..loads.forces import ForceTable
-from ..loads.potentials import GravityGradient
+from ..loads.memory import Wheel
+from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
-from ..loads.wheels import Wheel
 
 SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
 OWN = {  # those that every run has: labels, unit

@@ -14,9 +14,9 @@ from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
 from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate
-from ..integrators.time_grid import Stretches, stretched
-from ..integrators.wheels import carrier
-from ..integrators.wheels import internal_states as first_states
+from ..integrators.load_samples import carrier
+from ..integrators.load_samples import internal_states as first_states
+from ..integrators.problem import Stretches, stretched
 from ..loads import Load, Term, as_load, damping
 from ..loads.base import of_body
 from ..loads.potentials import GravityGradient

@@ -22,8 +22,7 @@ from ..analysis.trajectory import state_dataset, stretches_from
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError
-from ..integrators.problem import started
-from ..integrators.time_grid import FIT, Stretches, stretched
+from ..integrators.problem import FIT, Stretches, started, stretched
 from ..loads import Load, Term, as_load, body_moment
 from ..loads.base import of_body
 from ..loads.kinds import load_of

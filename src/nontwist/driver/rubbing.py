@@ -32,9 +32,9 @@ from ..geometry.attitudes import States, attitudes, directors
 from ..integrators.base import IVP, Integrator
 from ..loads import Load, moment
 from ..loads.friction import Sliding
+from ..loads.memory import OnBodyAtRest, Wheel
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
-from ..loads.wheels import OnBodyAtRest, Wheel
 from ..models.system import DirectorSystem, HingedSystem
 from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
 from .events import XTOL, Piece

@@ -22,8 +22,7 @@ from ..integrators import IVP, Integrator, SimulationError, SimulationInterrupt,
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
 from ..integrators.costs import swing_rate
-from ..integrators.problem import Intervals
-from ..integrators.time_grid import Stretches, stretched
+from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
 from . import completion, notices
 from .contacts import refusal

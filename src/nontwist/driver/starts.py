@@ -13,7 +13,7 @@ from ..analysis.trajectory import Trajectory, stretches_from
 from ..errors import SENTENCES, InputWarning, warn
 from ..geometry.arrays import Array, as_array, as_floats, as_number, vector
 from ..geometry.attitudes import attitudes, states_of
-from ..integrators.time_grid import Stretches
+from ..integrators.problem import Stretches
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import is_too_short

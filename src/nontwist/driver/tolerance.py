@@ -51,7 +51,7 @@ from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
 from ..integrators.costs import gyration_rate, highest_frequency, swing_rate
-from ..integrators.time_grid import Stretches, stretched
+from ..integrators.problem import Stretches, stretched
 from ..loads import Load
 from . import completion
 from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of

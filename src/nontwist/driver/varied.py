@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array, as_array
-from ..geometry.attitudes import attitudes
-from ..geometry.tensors import ENTRIES
-from ..integrators.time_grid import stretched
+from ..geometry.attitudes import ENTRIES, attitudes
+from ..integrators.problem import stretched
 from ..loads import Load
 from ..loads.derivatives import with_parameter
 from ..models.spin import Spin

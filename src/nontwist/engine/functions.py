@@ -13,9 +13,8 @@ from ..geometry.arrays import Array
 from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.base import state_moment_at
-from ..loads.calls import REMEDY
-from ..loads.compiled import Moment, c_function, response_of
 from ..loads.derivatives import differenced, slopes_of, value_of
+from ..loads.functions import REMEDY, Moment, c_function, response_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
 from ..spec import specs

@@ -43,8 +43,8 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import plain, tangent
 from ..kernels.elements import any_of, fma, logical_not, select, smaller, sqrt
 from ..kernels.kernel import Kernel, kernel
+from ..kernels.machine_code import width
 from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
-from ..kernels.tracing import width
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .known_steps import LANES, Directions, FunctionCalls, Known, KnownStep, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text

@@ -19,12 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_positive
-from ..geometry.stacks import norm, ratio
+from ..geometry.arrays import Array, as_array, as_positive, norm, ratio
 from ..geometry.values import as_whole
-from ..models.catalogue import D3
-from .border import Motion, checked_attitude, checked_times, planar
-from .free_bodies import rotations_about
+from ..models.bodies import D3
+from .free_bodies import Motion, checked_attitude, checked_times, planar, rotations_about
 
 MOST = 10_000_000  # states, 1 GB
 

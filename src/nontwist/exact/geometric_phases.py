@@ -20,11 +20,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
-from ..geometry.stacks import principal_angle, unit_vectors
+from ..geometry.arrays import Array, as_array, principal_angle, unit_vectors
 from ..models.system import checked_inertia
-from .border import checked_velocity
-from .free_bodies import prepare
+from .free_bodies import checked_velocity, prepare
 from .free_constants import CONSTANTS, period
 
 _SHORT = 1e-12

@@ -77,8 +77,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, cross
 from ..geometry.attitudes import attitudes
 from ..models.system import checked_inertia
-from .border import Motion, checked_attitude, checked_times, checked_velocity
-from .free_bodies import TOO_FAR, free_standard
+from .free_bodies import TOO_FAR, Motion, checked_attitude, checked_times, checked_velocity, free_standard
 from .free_constants import FARTHEST
 
 DIGITS = 120

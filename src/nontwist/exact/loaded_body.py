@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_number
 from ..loads import Load, Term, as_load
-from ..models.catalogue import D3
-from .border import Motion, checked_attitude, checked_times, planar
-from .free_bodies import rotations_about
+from ..models.bodies import D3
+from .free_bodies import Motion, checked_attitude, checked_times, planar, rotations_about
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
 MOST = 1_000_000  # pieces that come from halving

@@ -32,16 +32,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..engine.marching import exponential, magnus
-from ..geometry.arrays import Array, as_direction
-from ..geometry.stacks import EPS
+from ..geometry.arrays import EPS, Array, as_direction
 from ..kernels.control import Variables, loop
 from ..kernels.elements import cosh, real, select, sqrt, tanh
 from ..kernels.kernel import kernel
 from ..kernels.memory import matrix_at, put, vector_at
 from ..kernels.vectors import Matrix, Quaternion, attitude
 from ..models.system import checked_inertia
-from .border import Motion, checked_attitude, checked_times, checked_velocity, without_spin
-from .free_bodies import TOO_FAR
+from .free_bodies import TOO_FAR, Motion, checked_attitude, checked_times, checked_velocity, without_spin
 from .free_constants import FARTHEST
 
 # Largest A h and |W| h of a Magnus step: the local error is at most 3e-5 times its seventh power (400 random bodies).

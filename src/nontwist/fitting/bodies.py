@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array, as_array, as_axis, as_direction, as_floats, as_number, as_positive
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import among, nearest, short_repr
 
 G = 9.81

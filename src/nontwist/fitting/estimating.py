@@ -36,8 +36,8 @@ from itertools import accumulate, pairwise, repeat
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.attitudes import BASIS, LEVI
 from ..geometry.rotations import exp
-from ..geometry.tensors import BASIS, LEVI
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
 from .motions import RunawayError

@@ -47,9 +47,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array, as_positive
-from ..geometry.attitudes import without_jumps
+from ..geometry.attitudes import hats, without_jumps
 from ..geometry.rotations import dexp, exp
-from ..geometry.tensors import hats
 from ..geometry.values import short_repr
 from .bodies import Model, of_keys
 from .motions import Line

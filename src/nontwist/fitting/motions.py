@@ -35,9 +35,9 @@ from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual
 from ..kernels.elements import larger, logical_not, power, smaller
 from ..kernels.kernel import Kernel
+from ..kernels.machine_code import tracer
 from ..kernels.memory import Doubles, View, doubles, view_of
 from ..kernels.series import Recurrence, Stored
-from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .bodies import Model, entries
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import ENTRIES
+from ..geometry.attitudes import ENTRIES
 from .bodies import unit_vector
 from .measuring import IDEAL, PLACES, UNITS
 from .readings import STRAY

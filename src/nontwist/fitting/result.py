@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import ENTRIES
+from ..geometry.attitudes import ENTRIES
 from ..geometry.values import as_whole
 from . import reports
 from .estimating import whole

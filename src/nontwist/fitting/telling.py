@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES
 from .bodies import TWICE, entries, symmetric
 from .estimating import INSIDE
 from .motions import RunawayError

@@ -26,7 +26,21 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..kernels.vectors import Matrix, first_moment
 from .arrays import Array, cross
-from .tensors import ENTRIES
+
+LEVI = np.zeros((3, 3, 3))  # (a × b)_c = LEVI[c, i, j] a_i b_j
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    LEVI[_i, _j, _k], LEVI[_i, _k, _j] = 1.0, -1.0
+ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # of a symmetric matrix, in this order everywhere
+BASIS = np.zeros((6, 3, 3))  # the derivatives of a symmetric matrix by these
+for _n, (_i, _j) in enumerate(ENTRIES):
+    BASIS[_n, _i, _j] = BASIS[_n, _j, _i] = 1.0
+
+
+def hats(a: Array) -> Array:
+    """Return the matrices of ``a ×``, (n, 3, 3), of vectors (n, 3)."""
+    found: Array = np.einsum("cij,ni->ncj", LEVI, a)
+    return found
+
 
 ROWS, COLUMNS = map(list, zip(*ENTRIES, strict=True))  # of the entries of a symmetric matrix
 PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # of the entries in the matrix

@@ -20,9 +20,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_array, as_floats, as_positive, refuse, require_finite
+from .arrays import TOLERANCE, Array, as_array, as_floats, as_positive, refuse, require_finite
 from .frames import first_d1, frames_along, in_range, indices_of, unit_directors, vectors
-from .stacks import TOLERANCE
 from .values import as_function
 
 _PIECES = 32  # at least, at the start

@@ -58,9 +58,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.vectors import Vector, cross
-from .arrays import Array, as_array, as_floats, refuse, require_finite
+from .arrays import TOLERANCE, Array, as_array, as_floats, principal_angle, refuse, require_finite
 from .frame_kernels import ANTIPODAL
-from .stacks import TOLERANCE, principal_angle
 from .values import among, as_whole
 
 
@@ -464,10 +463,10 @@ def _close(frames: Array, points: Array, angle: float) -> Array:
 
 def estimates(u: Array, order: int) -> Array:
     """Estimated largest errors so far (m, n) of the frames along the unit directors `u` (m, n, 3)."""
-    from .path_kernels import SIZE, error_angles
+    from .path_kernels import error_angles
 
     found = np.empty(u.shape[:2])
-    error_angles(u, order, np.empty(SIZE), found)
+    error_angles(u, order, found)
     # What is known of the error up to a later sample holds for those before.
     return np.minimum.accumulate(found[:, ::-1], axis=1)[:, ::-1]
 

@@ -42,13 +42,12 @@ from numpy.typing import ArrayLike
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, arctan2, logical_not, select, sum_of_lanes
 from ..kernels.kernel import kernel
+from ..kernels.machine_code import width
 from ..kernels.memory import load, store
-from ..kernels.tracing import width
 from ..kernels.vectors import Vector, cross
-from .arrays import Array, as_array, as_flag, refuse
+from .arrays import Array, as_array, as_flag, dot, norm, refuse
 from .frame_kernels import length, reflected
 from .frames import solid_angle
-from .stacks import dot, norm
 
 _WHOLE = 1e-6  # departure from a whole number that round-off does not reach
 _ROWS = 250  # segments of a thread, at least

@@ -22,9 +22,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_number, refuse
+from .arrays import EPS, TOLERANCE, Array, as_number, dot, norm, ratio, refuse, stack, unit_vectors
 from .attitudes import quaternion_column
-from .stacks import EPS, TOLERANCE, dot, norm, ratio, stack, unit_vectors
 
 # |B_2|, |B_4|, ..., |B_22|
 _BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513])

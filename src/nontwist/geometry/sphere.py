@@ -22,8 +22,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_array, as_number, refuse
-from .stacks import EPS, TINY, TOLERANCE, dot, norm, ratio, stack, unit_vectors
+from .arrays import EPS, TINY, TOLERANCE, Array, as_array, as_number, dot, norm, ratio, refuse, stack, unit_vectors
 from .values import as_function
 
 # Central difference of order 8

@@ -1,7 +1,7 @@
 """What an integrator is, and the errors of a run that fails.
 
 An integrator is data: a frozen dataclass with a name, orders, options and one method: `march` takes a `IVP`, a
-stack of bodies, and returns its `Outcome`, or `march_one` takes the problem of one. Steps are those of `time_grid`.
+stack of bodies, and returns its `Outcome`, or `march_one` takes the problem of one. Steps are those of `problem`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import among, short_repr
 from ..loads import Load
-from ..loads.wheels import Wheel
+from ..loads.memory import Wheel
 from ..models.stack import SystemStack
 from .costs import Cost, steps_cost, undersampled, unresolved
-from .members import one_by_one, outcome_of
 from .problem import IVP, Failure, March, Outcome
+from .stepping import one_by_one, outcome_of
 
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
 __all__ = ["IVP", "Failure", "Integrator", "March", "Outcome", "SimulationError", "SimulationInterrupt", "Status"]

@@ -29,7 +29,7 @@ from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, short_repr
 from ..loads import Load
 from ..loads.base import forces_at, moment_at
-from ..loads.forces import DirectorForces
+from ..loads.potentials import DirectorForces
 from ..loads.terms import Damping
 from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem

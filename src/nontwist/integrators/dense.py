@@ -19,16 +19,16 @@ from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
 from ..loads.base import tables_as_moments
+from ..loads.memory import Wheel
 from ..loads.potentials import Potential
 from ..loads.terms import Damping, Momentum
-from ..loads.wheels import Wheel
 from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import LARGEST_MISMATCH, RUN, output_kernel
 from .marching import PreparedMarch, intervals_in, states_in
-from .members import PerThread
-from .problem import IVP
-from .stack_march import Outputs, StackMarch, march_of
+from .problem import IVP, Outputs
+from .stack_march import StackMarch, march_of
+from .stepping import PerThread
 
 DEGREE = 9  # numbers of the polynomial of a load in a step; 2 where it is linear
 

@@ -33,8 +33,8 @@ from ..models.stack import SystemStack, is_principal
 from ..models.system import DirectorSystem
 from .base import Integrator
 from .costs import Cost
-from .members import PerThread, in_threads, one_by_one, outcome_of, progress
 from .problem import IVP, Intervals, March, Outcome, empty_outcome
+from .stepping import PerThread, in_threads, one_by_one, outcome_of, progress
 
 BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal

@@ -26,9 +26,9 @@ from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
+from ..kernels.machine_code import tracer
 from ..kernels.memory import Doubles, View, Wholes, doubles, fields, put, scratch
 from ..kernels.series import Recurrence, Stored
-from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
 from .gauss_stages import VECTORS, Equations, Now, StageLoads
 

@@ -89,8 +89,8 @@ from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, without
 from ..kernels.kernel import Kernel
+from ..kernels.machine_code import tracer
 from ..kernels.memory import View, size_of
-from ..kernels.tracing import tracer
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, sum_of
 from ..loads import Load
 from ..models.stack import SystemStack

@@ -30,11 +30,10 @@ from ..kernels.control import Variables, loop
 from ..kernels.elements import fma, larger, select
 from ..kernels.memory import View, call, put, scratch, size_of, vector_at
 from ..kernels.vectors import Matrix, Vector
+from ..loads.functions import MOMENTS
+from ..loads.memory import STATE
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_stages import INFINITE, OVERFLOW, Stage, Stages
-
-STATE = 15  # numbers of the state that loads with memory get: directors, w, W
-MOMENTS = 6  # in space, along the moving frame; z' behind them
 
 
 class Memory:

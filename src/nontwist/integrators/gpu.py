@@ -25,9 +25,9 @@ from ..kernels.elements import logical_not
 from ..kernels.kernel import part
 from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch, size_of
 from ..loads import Load
-from ..loads.compiled import MachineFunction
 from ..loads.friction import DryFriction
-from ..loads.wheels import Wheel
+from ..loads.functions import MachineFunction
+from ..loads.memory import Wheel
 from .base import Integrator
 from .stack_march import Listed, StackMarch
 

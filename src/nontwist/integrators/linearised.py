@@ -20,23 +20,20 @@ from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
 from ..engine.records import BODY, pack
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel, address_of
 from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.base import is_called
-from ..loads.forces import ForceTable
-from ..loads.potentials import Potential
+from ..loads.potentials import ForceTable, Potential
 from ..loads.terms import Term
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_size
-from .load_samples import WIDTHS, as_marched, march_parts, orbit_of, sampled
+from .load_samples import WIDTHS, as_gyrostat, as_marched, march_parts, orbit_of, sampled
 from .problem import IVP
-from .wheels import as_gyrostat
 
 
 class Entries(NamedTuple):

@@ -9,8 +9,8 @@ laid out once. A call writes the state that the step begins with and the moments
 kernel, and reads the state at the end back. So a step depends on what it is given alone: a state that is kept can be
 given again, and a step that fails leaves nothing behind. The moments of the caller are constant over the step, in the
 body and in space. The kernel is one for both kinds of moments whatever they are, so that moments of zero change no bit;
-a run with a load in space has the same bits. Of a body with wheels it is the step of their carrier (`wheels`), the
-torques of their motors constant.
+a run with a load in space has the same bits. Of a body with wheels it is the step of their carrier
+(`load_samples.carrier`), the torques of their motors constant.
 """
 
 from __future__ import annotations
@@ -29,15 +29,14 @@ from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
-from ..loads.wheels import Wheel
+from ..loads.memory import Wheel
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .compiled import Compiled
-from .load_samples import WIDTHS, beside_chord
-from .members import PerThread
+from .load_samples import COMMANDED, WIDTHS, beside_chord, carrier, commanded, wheel_columns, work_of
 from .problem import IVP, Failure, Intervals, Outcome, Status
 from .stack_march import SAME, StackMarch, listed, march_of
-from .wheels import COMMANDED, carrier, commanded, wheel_columns, work_of
+from .stepping import PerThread
 
 NONE = np.zeros(0)
 
@@ -281,7 +280,7 @@ class SingleStep:
     ) -> tuple[Numbers, Wheels]:
         """Take the step of this `number`, which begins `number` steps after `start`; `status` is 0 unless it failed.
 
-        `wheels` are what they have at the beginning, and torques beside those of the load.
+        `load_samples` are what they have at the beginning, and torques beside those of the load.
 
         Raises
         ------

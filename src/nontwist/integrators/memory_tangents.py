@@ -1,6 +1,6 @@
 """Derivatives of steps of `gauss` under loads with memory: the variational equation, collocated at the known stages.
 
-With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.wheels`, `loads.memory`),
+With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory`, `loads.memory`),
 and Q the inverse of the carrier's inertia, across a constrained axis, the equations of `gauss` are x' = G(t, x, u):
 
     R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),
@@ -30,17 +30,15 @@ from ..kernels.dual import Dual, plain
 from ..kernels.vectors import Vector, cross
 from ..loads import Load
 from ..loads.base import tables_as_moments
-from ..loads.calls import checked, differentiated, name_of
-from ..loads.memory import MOMENTS, Memory
+from ..loads.functions import MOMENTS, checked, differentiated, name_of
+from ..loads.memory import Memory, Wheel
 from ..loads.terms import Damping, OfTime, Rotor
-from ..loads.wheels import Wheel
 from .base import SimulationError, Status
 from .compiled import Compiled
 from .gauss_coefficients import matrix, nodes, weights
 from .linearised import ranged
-from .load_samples import as_marched, at_nodes
+from .load_samples import as_marched, at_nodes, carrier, wheel_columns
 from .problem import IVP
-from .wheels import carrier, wheel_columns
 
 AXES = np.eye(3)
 MOST = 2**20  # numbers of the matrices that are made at a time

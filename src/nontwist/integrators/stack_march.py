@@ -31,8 +31,8 @@ from ..kernels import machine_code
 from ..kernels.kernel import Kernel
 from .compiled import Compiled
 from .load_samples import NOTHING, Samples, Unloaded, addresses, as_marched, march_parts, orbit_of, sampled
-from .members import in_threads, progress
-from .problem import IVP, Failure, Status
+from .problem import IVP, Failure, Outputs, Status
+from .stepping import in_threads, progress
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
@@ -386,46 +386,7 @@ def march_of(stack: IVP, scheme: Compiled) -> StackMarch:
     return GpuMarch(stack, scheme)
 
 
-RESOLVED = 4  # units in the last place of a time within which an output is at a node
 Rows = NDArray[np.int64]
-
-
-class Outputs:
-    """Where the outputs of a problem lie on its grid.
-
-    Attributes
-    ----------
-    node : (k,) int array, number of the last node that is not after the output
-    since : (k,) array, s, time since that node; 0 where the output is the node
-    length : (k,) array, s, time since the output before, of the first since the start
-    times : (k,) array, s
-    has_start : bool, whether there is output at the start, which is left out of these arrays
-    """
-
-    def __init__(self, problem: IVP) -> None:
-        times, last = np.asarray(problem.output_times), problem.steps
-        node = np.clip(problem.steps_ended(times), 0, last - 1)
-        j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
-        rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))
-        node -= problem.times(node) > times + rounding
-        node += problem.times(np.minimum(node + 1, last)) <= times + rounding
-        since = times - problem.times(node)
-        since[since <= rounding] = 0.0
-        self.has_start = bool(node[0] == 0 and since[0] == 0.0)
-        self.length = np.diff(times, prepend=problem.t_start)[self.has_start :]
-        self.times = times[self.has_start :]
-        self.node, self.since = node[self.has_start :], since[self.has_start :]
-
-    def __len__(self) -> int:
-        return len(self.node)
-
-    def before(self, step: int) -> int:
-        """Return how many outputs lie before the end of a step, those at its beginning among them."""
-        return int(np.searchsorted(self.node, step, side="right"))
-
-    def is_at(self, step: int) -> bool:
-        """Return whether an output is the beginning of a step."""
-        return bool(np.any((self.node == step) & (self.since == 0.0)))
 
 
 class Listed(NamedTuple):

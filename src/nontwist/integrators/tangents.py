@@ -15,12 +15,11 @@ from ..engine.known_steps import LANES, STEPS
 from ..engine.linearised import ForwardRun, chain_back, chain_forward, grow
 from ..engine.records import State, side_by_side
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
-from ..geometry.tensors import BASIS, ENTRIES
+from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
 from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
-from .members import PerThread
+from .stepping import PerThread
 
 TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal
 LOST, NOTHING = 1e-6, 1e-300  # of the largest growth between them: what has lost digits; no growth

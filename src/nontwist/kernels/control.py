@@ -12,7 +12,7 @@ from typing import Any
 
 from .dual import Dual, plain
 from .elements import Element, Mask, Traced, Whole, llvm_type, mapped
-from .tracing import TraceError, Tracer, tracer, writer
+from .machine_code import TraceError, Tracer, tracer, writer
 
 
 def whilst(condition: Callable[[], Any]) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """The numbers of traced texts: doubles, one or several side by side (lanes), whole numbers and masks.
 
-Their operators write LLVM code (`tracing`). Every function here takes plain floats as well, and computes; where it
+Their operators write LLVM code (`machine_code`). Every function here takes plain floats as well, and computes; where it
 makes sense also arrays, complex numbers and numbers of more digits. Operations are those of IEEE 754, lane by lane,
 nothing reordered, nothing contracted: floats, one body and bodies in lanes have the same bits.
 """
@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from . import machine_code
-from .tracing import TraceError, tracer, writer
+from .machine_code import TraceError, tracer, writer
 
 # What operators are in LLVM. An order of doubles is false where there is no number.
 ORDERS = ("lt", "le", "gt", "ge", "eq", "ne")

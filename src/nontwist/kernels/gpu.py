@@ -32,7 +32,7 @@ from . import machine_code
 from .control import when
 from .elements import FUNCTIONS, LITERALS, Element, Whole, floor, fma, select
 from .kernel import part
-from .tracing import TraceError, Tracer, tracer, tracing, writer
+from .machine_code import TraceError, Tracer, tracer, tracing, writer
 
 SENTENCES |= {
     "no-gpu": "{option[device='gpu']}: there is no GPU of NVIDIA that can be used here ({why}); leave it out",

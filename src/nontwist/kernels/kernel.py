@@ -21,8 +21,8 @@ import numpy as np
 
 from . import machine_code
 from .elements import Traced, Whole, remade
+from .machine_code import TraceError, Tracer, tracer, tracing
 from .memory import Pointer, View, memory_at, passed
-from .tracing import TraceError, Tracer, tracer, tracing
 
 ENTRY = "kernel"
 WORD = r"(f8|i8)(?:\[(:(?:, :)*)\])?"

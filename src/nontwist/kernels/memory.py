@@ -17,7 +17,7 @@ import numpy as np
 
 from .control import loop
 from .elements import Element, Traced, Whole, llvm_type
-from .tracing import TraceError, tracer, width, writer
+from .machine_code import TraceError, tracer, width, writer
 from .vectors import Matrix, Vector
 
 

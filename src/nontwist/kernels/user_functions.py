@@ -25,8 +25,8 @@ from . import elements
 from .control import Variables, whilst
 from .dual import Dual
 from .elements import Mask, Traced, Whole, real, select
+from .machine_code import TraceError, Tracer, is_text, writer
 from .memory import doubles
-from .tracing import TraceError, Tracer, is_text, writer
 
 
 class Numbers(np.ndarray[Any, Any]):

@@ -15,10 +15,9 @@ from .catalogue import (
     wheel,
 )
 from .conservative import dipole, gravity_gradient, potential, spring
-from .forces import DirectorForces
 from .kinds import LOADS
 from .memory import Memory
-from .potentials import Potential
+from .potentials import DirectorForces, Potential
 from .terms import Term
 
 __all__ = [

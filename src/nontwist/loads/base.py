@@ -6,7 +6,7 @@ The virtual work of an external moment is ``δW = δθ·m`` (remark under eq-sta
 - "body": components M(t) along the moving directors, ``m = Σ M_i d_i``;
 - "space": components m(t) along fixed axes;
 - "state": a function of time, directors and angular velocity that returns the spatial moment;
-- "forces": forces on the directors (`forces`), of moment Σ d_i × f^i, from a table or a function of the state;
+- "forces": forces on the directors (`potentials`), of moment Σ d_i × f^i, from a table or a function of the state;
 - "potential": a potential of space vectors seen from the body (`potentials`).
 
 The first two depend on time alone, so a run evaluates them once, at the nodes that its integrator names, before it
@@ -30,13 +30,11 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, short_repr
 from ..kernels.vectors import Matrix, first_moment
-from .forces import SPACE_AND_BODY, ForceTable
 from .friction import DryFriction, Sliding, require_distinct_axes
 from .kinds import LOADS, load_in_words
-from .memory import Memory
-from .potentials import GravityGradient, Potential
+from .memory import Driven, Memory, OnBodyAtRest, Wheel
+from .potentials import SPACE_AND_BODY, ForceTable, GravityGradient, Potential
 from .terms import Damping, ForceTerm, Momentum, Table, Term
-from .wheels import Driven, OnBodyAtRest, Wheel
 
 MOST = 4  # terms that a repr names
 

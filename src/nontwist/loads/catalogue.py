@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_tensor, increasing
 from ..geometry.values import as_function, short_repr
 from .base import Load
-from .compiled import as_c_function, is_c_function
-from .forces import ForceFunction, ForceTable
 from .friction import DryFriction
+from .functions import as_c_function, is_c_function
 from .kinds import made, of_function
-from .memory import MemoryFunction
+from .memory import MemoryFunction, Wheel
+from .potentials import ForceFunction, ForceTable
 from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
-from .wheels import Wheel
 
 Forces = Callable[[float, Array, Array], ArrayLike]
 

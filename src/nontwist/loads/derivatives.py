@@ -4,8 +4,8 @@ A parameter of a term is a number of a field, or its factor. Of what depends on 
 damping the derivatives are those of its own text, by duals; of values of tables they are the weights with which a
 table takes them. Times at which a term jumps are no parameters: a run is not smooth in them.
 
-By the state all is differentiated by dual numbers in kernels (`engine.generalised`, `compiled`), but functions that run
-in Python (`slopes_of`).
+By the state all is differentiated by dual numbers in kernels (`engine.generalised`, `functions`), but functions that
+run in Python (`slopes_of`).
 """
 
 from __future__ import annotations
@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 from ..errors import warn
 from ..geometry.arrays import Array, as_floats
 from ..kernels.dual import Dual, plain, tangent
-from .calls import checked, name_of, plainly
-from .compiled import CFunction
-from .forces import ForceTable
-from .potentials import Potential, PotentialFunction
+from .functions import CFunction, checked, name_of, plainly
+from .potentials import ForceTable, Potential, PotentialFunction
 from .terms import Damping, Rotor, Table, Term, within
 
 DIFFERENCE = float(2.0 ** np.round(np.log2(np.finfo(np.float64).eps) / 3))  # of a central difference, of the scale

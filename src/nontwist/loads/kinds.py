@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..geometry.arrays import as_array
 from ..geometry.values import Registry, as_list, short_repr
-from .forces import ForceFunction, ForceTable
 from .friction import DryFriction
-from .memory import MemoryFunction
-from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
+from .memory import MemoryFunction, Wheel
+from .potentials import ForceFunction, ForceTable, GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
-from .wheels import Wheel
 
 if TYPE_CHECKING:
     from .base import Load

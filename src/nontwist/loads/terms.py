@@ -24,7 +24,7 @@ from ..kernels.dual import Dual, plain
 from ..kernels.elements import select, sin
 from ..spec import Spec, as_specified, specs
 from ..units import in_datasets
-from .calls import Call, array, checked, name_of, state
+from .functions import Call, array, checked, name_of, slopes_function, state, term_function
 
 if TYPE_CHECKING:
     from .base import Load
@@ -169,7 +169,7 @@ class Term(ABC):
         return np.array([checked(self.called, (float(t),), (3,)) for t in times]).reshape(len(times), 3)
 
     def text(self, call: Call, x: Sequence[Any]) -> list[Any]:
-        """Return what a text gives, row by row, by a way to call functions (`calls`).
+        """Return what a text gives, row by row, by a way to call functions (`functions`).
 
         `x` are directors, angular velocity and time, or the time alone, and the `numbers` of the term behind them.
         """
@@ -223,15 +223,11 @@ class Term(ABC):
     @cached_property
     def c_function(self) -> Any:
         """The text of the state as a C function, on demand; None if it runs in Python."""
-        from .compiled import term_function
-
         return term_function(self) if self.compiled else None
 
     @cached_property
     def slopes(self) -> Any:
         """A C function that differentiates the text as well; None: its derivatives are others."""
-        from .compiled import slopes_function
-
         return slopes_function(self) if self.compiled and self.derivative is None else None
 
     # ---- as a value

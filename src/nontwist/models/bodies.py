@@ -1,21 +1,250 @@
-"""Every kind of body, one entry each: read by run files, sweeps, the viewer, `nontwist validate` and the tests.
+"""The bodies of the package: each a function that returns a `DirectorSystem`, and an entry of `BODIES`.
 
-They read `BODIES` on every call, so a kind that is added at run time counts from then on.
+Run files, sweeps, the viewer, `nontwist validate` and the tests read `BODIES` on every call, so a kind that is added at
+run time counts from then on.
+
+Gravity acts on the centre of mass ``r = Σ ρ_i d_i`` with ρ in body components, so its potential ``-m g·r`` is linear
+in the directors and its director forces ``f^i = m ρ_i g`` are constant: a dead force.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from inspect import signature
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array
-from .catalogue import heavy_top, nontwisting, standard, suslov
-from .system import DirectorSystem
+from ..errors import warn
+from ..geometry.arrays import Array, as_array, as_axis, as_positive
+from .spin import Spin
+from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_mass, require_principal
+
+D3 = np.array([0.0, 0.0, 1.0])
+
+
+def standard(inertia: ArrayLike, *, physical: bool = True) -> DirectorSystem:
+    """Return the standard rigid body, free to turn about a fixed point (eq-standard, eq_weak_form_rigid_body).
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia J about the fixed point, in body components.
+    physical : bool
+        False accepts principal moments that violate the triangle inequality, as some published problems do: the
+        equations need J positive definite only. Every integrator keeps what it keeps of other bodies.
+
+    Returns
+    -------
+    DirectorSystem
+
+    Raises
+    ------
+    ValueError
+        `inertia` is not (3, 3) or (3,), not finite, not symmetric (beyond 1e-12 relative), not positive definite, or
+        violates the triangle inequality (beyond 1e-9 tr J; plates and rods are accepted); or `physical` is not True or
+        False.
+
+    Examples
+    --------
+    >>> from nontwist import simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=2, material_angular_velocity=(0.1, 2, 0.1))
+    >>> run.spatial_momentum.values[[0, -1]].round(9)  # constant in free motion
+    array([[0.3, 8. , 0.5],
+           [0.3, 8. , 0.5]])
+    """
+    return DirectorSystem(euler_inertia(inertia, physical=physical), name="standard", physical=physical)
+
+
+def nontwisting(
+    inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | Spin | None = None, *, physical: bool = True
+) -> DirectorSystem:
+    """Return the body on a non-twisting frame (eq-nonholonomic, eq_weak_form_rigid_body_alternative).
+
+    The body may not turn about its own third director, ``w·d3 = 0``, or turns about it at a prescribed rate,
+    ``w·d3 = c(t)``. The constraint exerts the moment -μ, recorded in the run, with the power -μ c. With a spin, energy
+    is not conserved, even if c is constant; free motion conserves ``2 J3 K - |Π|²``. If J3 is the middle moment of
+    inertia, a constant spin is unstable: W1, W2 grow like exp(σt), ``σ = |c| sqrt((J3 - J1)(J2 - J3)/(J1 J2))``.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia J about the fixed point; D3 must be a principal direction (eq-irho-decomp). J3 may be 0
+        without a spin: a point mass on a massless rod, the spherical pendulum.
+    spin : float, rad/s; or a pair of (k,) arrays, times in s and values in rad/s, optional
+        c(t): constant, or piecewise linear between the times and constant outside. `gauss`, `lie-midpoint` and
+        `continuous` support it. The component of the initial angular velocity along d3 must be c or zero.
+    physical : bool
+        As in `standard`.
+
+    Returns
+    -------
+    DirectorSystem
+
+    Raises
+    ------
+    ValueError
+        As `standard`; or D3 is not principal, beyond 1e-9 relative (`suslov` accepts such a body); or `spin` is neither
+        a number nor a table, or is not finite.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=2, material_angular_velocity=(6, -18, 0))
+    >>> run.material_momentum.values[[0, -1], :2].round(9)  # constant in free motion
+    array([[ 18., -72.],
+           [ 18., -72.]])
+
+    A body that is spun up to 2 rad/s in the first second:
+
+    >>> body = nontwisting([3, 4, 5], spin=([0, 1], [0, 2]))
+    >>> run = simulate(body, t_end=2, step=0.5, material_angular_velocity=(0.1, 0, 0))
+    >>> run.twist_rate.values.round(12)
+    array([0., 1., 2., 2., 2.])
+    """
+    E = euler_inertia(inertia, physical=physical, axis=D3)
+    require_principal(convected_inertia(E), D3)
+    E[:2, 2] = E[2, :2] = 0.0
+    return DirectorSystem(E, D3, name="nontwisting", spin=spin, physical=physical)
+
+
+def suslov(inertia: ArrayLike, axis: ArrayLike, *, physical: bool = True) -> DirectorSystem:
+    """Return the Suslov body, which may not turn about a given body axis, principal or not.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia J about the fixed point.
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
+        The constrained axis n in body components, any length but zero: ``W·n = 0``. ``J n = 0`` is accepted.
+    physical : bool
+        As in `standard`.
+
+    Returns
+    -------
+    DirectorSystem
+
+    Raises
+    ------
+    ValueError
+        As `standard`; or `axis` is zero or not finite.
+
+    Examples
+    --------
+    The motion approaches a steady rotation and conserves energy:
+
+    >>> from nontwist import simulate, suslov
+    >>> body = suslov([[2, 0, 0.3], [0, 2.5, -0.2], [0.3, -0.2, 3]], axis=(0, 0, 1))
+    >>> run = simulate(body, t_end=100, material_angular_velocity=(-1, 0.4, 0))
+    >>> run.kinetic_energy.values[[0, -1]].round(9)
+    array([1.2, 1.2])
+    >>> run.material_angular_velocity.values[[0, -1], :2].round(3)
+    array([[-1.   ,  0.4  ],
+           [ 0.561,  0.842]])
+    """
+    n = as_axis(axis, "axis")
+    return DirectorSystem(euler_inertia(inertia, physical=physical, axis=n), n, name="suslov", physical=physical)
+
+
+def heavy_top(
+    inertia: ArrayLike,
+    mass: float,
+    centre_of_mass: ArrayLike,
+    gravity: ArrayLike = (0, 0, -9.81),
+    *,
+    physical: bool = True,
+) -> DirectorSystem:
+    """Return the heavy top: a standard body under gravity.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia J about the **fixed point** (not the centre of mass).
+    mass : float, kg
+    centre_of_mass : (3,) array, m
+        From the fixed point, in body components.
+    gravity : (3,) array, m/s²
+        In space.
+    physical : bool
+        As in `standard`. False also accepts a mass that is too large for the inertia: the motion depends on m ρ g only.
+
+    Returns
+    -------
+    DirectorSystem
+
+    Raises
+    ------
+    ValueError
+        As `standard` and `with_gravity`.
+
+    Examples
+    --------
+    A top spinning at 10 rad/s, released with its axis horizontal:
+
+    >>> from nontwist import heavy_top, simulate
+    >>> top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
+    >>> horizontal = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # d3 along x
+    >>> run = simulate(top, t_end=1, rotation=horizontal, material_angular_velocity=(0, 0, 10))
+    >>> (run.kinetic_energy + run.potential_energy).values[[0, -1]].round(9)
+    array([50., 50.])
+    """
+    body = standard(inertia, physical=physical)
+    return replace(with_gravity(body, mass, centre_of_mass, gravity), name="heavy_top")
+
+
+def with_gravity(
+    system: DirectorSystem, mass: float, centre_of_mass: ArrayLike, gravity: ArrayLike = (0, 0, -9.81)
+) -> DirectorSystem:
+    """Return `system`, any body, under gravity in addition to its other dead forces.
+
+    Parameters
+    ----------
+    system : DirectorSystem
+    mass : float, kg
+    centre_of_mass : (3,) array, m
+        From the fixed point, in body components.
+    gravity : (3,) array, m/s²
+        In space.
+
+    Returns
+    -------
+    DirectorSystem
+
+    Raises
+    ------
+    ValueError
+        The mass is not positive or not finite, or the inertia of a body made without ``physical=False`` is smaller than
+        ``mass |centre_of_mass|²`` requires.
+
+    Warns
+    -----
+    UserWarning
+        The centre of mass is the fixed point: gravity has no moment about it.
+
+    Examples
+    --------
+    A pendulum that cannot twist, released at 60° from the upright:
+
+    >>> from scipy.spatial.transform import Rotation
+    >>> from nontwist import nontwisting, simulate, with_gravity
+    >>> pendulum = with_gravity(nontwisting([2, 2, 1]), mass=1.5, centre_of_mass=(0, 0, 0.6))
+    >>> run = simulate(pendulum, t_end=1, rotation=Rotation.from_euler("x", 60, degrees=True))
+    >>> (run.kinetic_energy + run.potential_energy).values[[0, -1]].round(9)
+    array([4.4145, 4.4145])
+    """
+    system = as_system(system)
+    m = float(as_positive(mass, "mass", (), "kg"))
+    rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
+    if system.physical:
+        require_mass(system.euler_inertia, m, rho)
+    if not rho.any():
+        warn("the centre of mass is the fixed point, so gravity has no moment about it")
+    force: Array = system.dead_force + m * np.outer(rho, g)
+    return replace(system, dead_force=force, name=f"{system.name} under gravity")
+
 
 KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity", "spin", "physical")  # of the table [body]
 

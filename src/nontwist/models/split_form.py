@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, refuse
+from ..geometry.arrays import TINY, TOLERANCE, Array, as_array, dot, norm, refuse
 from ..geometry.rotations import is_rotation
-from ..geometry.stacks import TINY, TOLERANCE, dot, norm
 from . import equations
 from .system import DirectorSystem, as_system
 

@@ -39,7 +39,7 @@ from ..geometry.values import among, as_function, as_list, as_path, short_repr
 from ..io.results import save_run
 from ..io.whole import require_free, written
 from ..loads import Load, pulse
-from ..models.catalogue import nontwisting
+from ..models.bodies import nontwisting
 from ..plot.journals import apart
 
 if TYPE_CHECKING:

@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array, as_number
-from ..geometry.stacks import arcs
+from ..geometry.arrays import Array, arcs, as_number
 from ..geometry.values import among, as_whole, short_repr
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.curve_reports import curve_report
-from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.arrays import Array, as_array, as_positive, norm
 from ..geometry.linking import polygon, ribbon_twist
-from ..geometry.stacks import norm
 from .journals import axes_for, style
 from .looks import Look, cycle, given_look
 from .spheres import view

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry import arrays
 from ..geometry.arrays import Array, as_array
 from ..geometry.frames import triad_about
-from ..geometry.twist_kernels import SIZE, count
+from ..geometry.path_kernels import SIZE, count
 from ..geometry.values import among, short_repr
 from .attitudes import MEASURED
 from .motions import as_rotation, raw_motion

@@ -41,8 +41,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
-from ..geometry.stacks import norm
+from ..geometry.arrays import Array, norm
 
 ORDERS = (2, 4, 6, 8)
 LEAST = 12  # samples

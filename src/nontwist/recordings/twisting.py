@@ -40,11 +40,10 @@ from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, coordinates
-from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls, triad_about
-from ..geometry.stacks import EPS, arcs, principal_angle
-from ..geometry.twist_kernels import angles, body_axes
+from ..geometry.path_kernels import angles, body_axes
 from ..geometry.values import among, counted, short_repr
 from .counting import as_direction
 from .motions import Samples, given_motion

@@ -10,8 +10,7 @@ import numpy as np
 from pydantic import Field, create_model
 
 from ..geometry.arrays import AXES, Array
-from ..models.bodies import BODIES
-from ..models.catalogue import with_gravity
+from ..models.bodies import BODIES, with_gravity
 from ..models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
 from ..models.mesh import MassProperties, of_mesh
 from ..models.system import DirectorSystem

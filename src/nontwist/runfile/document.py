@@ -35,7 +35,7 @@ from ..geometry.values import short_repr as in_python
 from ..integrators import DEFAULT, INTEGRATORS
 from ..io.whole import require_regular
 from ..loads import Load
-from ..models.catalogue import standard
+from ..models.bodies import standard
 from ..models.spin import as_spin
 from ..models.system import DirectorSystem
 from ..units import RATE, in_datasets

@@ -16,7 +16,6 @@ Quasi-random: all drawn keys share one scrambled sequence, and member i takes it
 from __future__ import annotations
 
 import hashlib
-import threading
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
@@ -38,8 +37,7 @@ from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import Array
 from ..integrators import IVP, Integrator
-from ..integrators.problem import COLUMNS
-from ..integrators.time_grid import stretched
+from ..integrators.problem import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack
 from ..runfile import RunFile
@@ -53,7 +51,6 @@ from ..units import RATE
 
 Values = dict[str, Array]
 LEAST, MOST = 2.0**-54, 1 - 2.0**-53
-_sequences = threading.local()
 
 
 def values(sweep: Sweep, first: int, last: int) -> Values:
@@ -66,9 +63,8 @@ def values(sweep: Sweep, first: int, last: int) -> Values:
         for one, place in zip(sweep.axes, places, strict=True):
             found[one.key] = one.points()[place]
     if sweep.drawn:
-        columns = [np.ascontiguousarray(part) for part in _cube(sweep, first, last)]
-        for drawn, u in zip(sweep.drawn, columns, strict=True):
-            found[drawn.key] = drawn.values(u)
+        for drawn, u in zip(sweep.drawn, _cube(sweep, first, last), strict=True):
+            found[drawn.key] = drawn.values(np.ascontiguousarray(u))
     return {one.key: found[one.key] for one in sweep.over}
 
 
@@ -87,8 +83,8 @@ def _cube(sweep: Sweep, first: int, last: int) -> list[Array]:
     if sweep.sampling == "random":
         return [_random(sweep.seed, one, first, last) for one in drawn]
     ends = np.cumsum([one.dimension for one in drawn])
-    points: Array = np.clip(_quasi_random(sweep.sampling, sweep.seed, int(ends[-1]), first, last), LEAST, MOST)
-    return list(np.split(points, ends[:-1], axis=1))
+    points = _quasi_random(sweep.sampling, sweep.seed, int(ends[-1]), first, last)
+    return np.split(np.clip(points, LEAST, MOST), ends[:-1], axis=1)
 
 
 def _random(seed: int, one: Drawn, first: int, last: int) -> Array:
@@ -100,27 +96,15 @@ def _random(seed: int, one: Drawn, first: int, last: int) -> Array:
 
 
 def _quasi_random(name: str, seed: int, dimension: int, first: int, last: int) -> Array:
-    """Return points of the sequence; each thread has an engine, which advances from block to block."""
-    key = (name, seed, dimension)
-    if getattr(_sequences, "key", None) != key:
-        _sequences.key, _sequences.engine = key, _engine(*key)
-    engine = _sequences.engine
-    if engine.num_generated > first:
-        engine.reset()
-    if first > engine.num_generated:
-        engine.fast_forward(first - engine.num_generated)
-    if first == 0:  # by itself: Sobol warns of a first block whose length is not a power of 2
-        points: Array = np.concatenate([engine.random(1), engine.random(last - 1)])
-        return points
-    points = engine.random(last - first)
-    return points
-
-
-def _engine(name: str, seed: int, dimension: int) -> Any:
+    """Return points of the scrambled sequence."""
     from scipy.stats import qmc
 
-    generator = np.random.default_rng(seed)
-    return qmc.Sobol(dimension, seed=generator, bits=32) if name == "sobol" else qmc.Halton(dimension, seed=generator)
+    how: dict[str, Any] = {"seed": np.random.default_rng(seed)}
+    engine = qmc.Sobol(dimension, bits=32, **how) if name == "sobol" else qmc.Halton(dimension, **how)
+    if first == 0:  # by itself: Sobol warns of a first block whose length is not a power of 2
+        return np.concatenate([engine.random(1), engine.random(last - 1)])
+    points: Array = engine.fast_forward(first).random(last - first)
+    return points
 
 
 # The bodies of many members: from numbers put into the table `[body]` to a stack.
@@ -279,7 +263,7 @@ class Members:
     def kept(self) -> dict[str, Kept]:
         """The variables without `status`; the conserved momentum is that of the body of the file."""
         found = {}
-        for name in ensemble_dataset.checked(self.sweep.variables):
+        for name in self._states:
             dims, units, long_name, symbol = about(name)
             attributes = {"units": units, "long_name": f"{long_name} at t_end", "symbol": symbol}
             found[name] = Kept(tuple(dims[1:]), attributes)

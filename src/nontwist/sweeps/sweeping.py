@@ -17,6 +17,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import nullcontext
+from itertools import zip_longest
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -255,22 +256,19 @@ def _store(place: Path, members: Members, count: int, block: int | None) -> Swee
 
 def _difference(old: str, new: str) -> str:
     """Return the first lines that differ."""
-    a, b = old.splitlines(), new.splitlines()
-    k = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
-    was, now = (lines[k] if k < len(lines) else "nothing" for lines in (a, b))
-    at = next((at for at, (x, y) in enumerate(zip(was, now, strict=False)) if x != y), min(len(was), len(now)))
-    was, now = _near(was, at), _near(now, at)
+    pairs = zip_longest(old.splitlines(), new.splitlines(), fillvalue="nothing")
+    lines = next([was, now] for was, now in pairs if was != now)
+    at = next((k for k, (a, b) in enumerate(zip(*lines, strict=False)) if a != b), min(map(len, lines)))
+    was, now = (_near(line, at) for line in lines)
     return f"it was made with {was}, the file now has {now}; choose another store, or remove this one"
 
 
 def _near(line: str, at: int) -> str:
-    """Return a line, of a long one its key and the value about the letter at which it differs."""
-    key, sign, value = line.partition(" = ")
+    """Return a line, of a long one its key and the letters about the place `at`."""
     if len(line) <= 3 * NEAR:
         return line
-    first = max(at - len(key + sign) - NEAR, 0)
-    part = value[first : first + 2 * NEAR]
-    return f"{key}{sign}{'...' * (first > 0)}{part}{'...' * (first + len(part) < len(value))}"
+    key, first, last = line.partition(" = ")[0], max(at - NEAR, 0), at + NEAR
+    return f"{f'{key} = ...' * (first > len(key))}{line[first:last]}{'...' * (last < len(line))}"
 
 
 def _counter(store: SweepStore, again: list[int], failed: int, report: Report) -> Callable[[Done], None]:

@@ -8,7 +8,7 @@ axes, the heavy body also with damping. λ and μ have the round-off of the velo
 The steps of `energy_momentum` and `lie_midpoint` as equations in all unknowns: what compiled ones are compared with.
 
 **energy-momentum** as the paper writes it, in 16 unknowns (eq-discrete-nonholonomic, sec-integration). Rows of q are
-the directors, ``<A_k q, v> = 0`` the constraints (`models.constraints`), E the Euler inertia. The step from (q_n, v_n)
+the directors, ``<A_k q, v> = 0`` the constraints (`models.equations`), E the Euler inertia. The step from (q_n, v_n)
 has the unknowns u = (q_{n+1} - q_n)/h, λ and, for a body with a constrained axis, μ:
 
     (2/h) E (u - v_n) + Σ_k λ_k A_k q_m = f(t_m, q_m, u),       q_m = q_n + h u/2,
@@ -60,8 +60,8 @@ from ..integrators.base import IVP, Failure, Integrator, March, Status
 from ..integrators.stepping import Step, march
 from ..loads import body_moment, damping, space_moment
 from ..loads.base import Load, forces_at, state_moment_at
-from ..loads.forces import DirectorForces
-from ..models.constraints import constraint_matrices
+from ..loads.potentials import DirectorForces
+from ..models.equations import constraint_matrices
 from ..models.system import DirectorSystem
 from .checks import Check
 from .problems import Arguments, error, random_body, random_kinds, random_start

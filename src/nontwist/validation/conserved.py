@@ -16,8 +16,7 @@ from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, EnergyMomentum, Gauss
 from ..loads import Load, Term
-from ..models.bodies import sample_bodies
-from ..models.catalogue import heavy_top, nontwisting, standard
+from ..models.bodies import heavy_top, nontwisting, sample_bodies, standard
 from ..models.system import DirectorSystem
 from .checks import Check
 from .problems import (

@@ -28,7 +28,7 @@ from ..geometry.arrays import Array
 from ..integrators import Split
 from ..io.results import with_euler
 from ..loads import rotor, wheel
-from ..models.catalogue import standard
+from ..models.bodies import standard
 from .checks import Check
 from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, error, solved, turns_apart, velocity
 

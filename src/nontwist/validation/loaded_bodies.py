@@ -29,7 +29,7 @@ from ..driver.runs import integrate
 from ..geometry.arrays import Array
 from ..integrators import Exact
 from ..loads import Load, body_moment, damping, dry_friction, gravity_gradient, memory_load, pulse, sine, wheel
-from ..models.catalogue import heavy_top, standard, with_gravity
+from ..models.bodies import heavy_top, standard, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import CASES
 from .checks import Check

@@ -17,8 +17,7 @@ from ..exact import free_standard
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS, IVP
 from ..loads import Load, moment
-from ..models.bodies import BODIES, sample_bodies
-from ..models.catalogue import standard
+from ..models.bodies import BODIES, sample_bodies, standard
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .checks import Check

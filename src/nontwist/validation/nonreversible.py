@@ -19,7 +19,7 @@ from ..analysis import variables as obs
 from ..driver.runs import integrate
 from ..geometry.rotations import hat
 from ..loads import Load, damping, sine
-from ..models.catalogue import with_gravity
+from ..models.bodies import with_gravity
 from ..models.system import DirectorSystem
 from .checks import Check
 from .problems import KICK, SAMPLES, SCHEMES, SHARP, Arguments, energy, error, order

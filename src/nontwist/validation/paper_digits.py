@@ -14,8 +14,8 @@ import numpy as np
 from .. import exact
 from ..analysis.statistics import second_quotient
 from ..driver.runs import integrate, simulate
-from ..models.catalogue import D3
-from ..models.constraints import constraint_matrices
+from ..models.bodies import D3
+from ..models.equations import constraint_matrices
 from ..paper.tables import CASES, MISPRINT, QUOTIENT_TOLERANCE, STEP, T_END, invariants_table, quotient_table
 from .checks import Check
 from .compiled_steps import MidpointLoad, director_step

@@ -15,8 +15,7 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array
 from ..integrators import Continuous
 from ..loads import Load, body_moment, space_moment
-from ..models.bodies import BODIES, FULL, sample_bodies
-from ..models.catalogue import with_gravity
+from ..models.bodies import BODIES, FULL, sample_bodies, with_gravity
 from ..models.system import DirectorSystem
 from ..paper.tables import INERTIA
 from .checks import Check, Kind

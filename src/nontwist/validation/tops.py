@@ -24,7 +24,7 @@ from scipy.special import ellipj, ellipk
 
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
-from ..models.catalogue import heavy_top, nontwisting, with_gravity
+from ..models.bodies import heavy_top, nontwisting, with_gravity
 from .checks import Check
 from .problems import FINE, Arguments, attitude, drift, energy, error, momentum, velocity
 

@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..geometry.arrays import Array, cross
+from ..geometry.arrays import Array, arcs, cross
 from ..geometry.attitudes import directors
-from ..geometry.stacks import arcs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,10 +1,9 @@
-"""`nontwist twist`: the twist of a recording."""
+"""`nontwist twist` and `nontwist fit`: what recordings tell, the twist of a motion and the inertia of a body."""
 
 from __future__ import annotations
 
 import io
 import re
-import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..errors import SENTENCES, InputError, ShellOptions
-from ..recordings.options import ReadOptions
-from ..spec import specs
 from .options import (
     DecimalComma,
     Force,
@@ -27,10 +24,12 @@ from .options import (
     looks_like_a_file,
     names_of,
     numbers_of,
+    read_otherwise,
     refuse,
+    settings,
 )
 from .outcomes import BAD_DATA, CommandError, about, require_readable
-from .summaries import in_words, print_rows, say_written, typed
+from .printing import in_words, print_rows, say, say_written
 
 if TYPE_CHECKING:
     import xarray
@@ -39,7 +38,6 @@ ROUND_OFF = 1e-14  # rad
 MOST = 0.9  # of an error: what makes more is named as its cause
 DIGITS = 1e-2  # of its error: a number below it has no digit that means anything
 TIMES = "two times like 0,2.5"
-READING = tuple(name for name in specs(ReadOptions) if name not in ("columns", "body"))
 
 
 def parse_axis(text: str) -> Any:
@@ -123,8 +121,8 @@ def twist_command(
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
     read = [Path(one) for one in (data, relative_to) if one is not None and Path(one).exists()]
     for place in places.values():
-        if place.exists() and any(place.samefile(one) for one in read):
-            raise typer.BadParameter(f"{place} is the recording itself; choose another name", param_hint="--out")
+        is_read = place.exists() and any(place.samefile(one) for one in read)
+        refuse((is_read, "--out", f"{place} is the recording itself; choose another name"))
     require_free(*places.values(), force=force)
     with about(f"cannot read {data}", OSError), about(data, ValueError):
         motion = read_motion(sys.stdin if data == "-" else data, **reading)
@@ -138,7 +136,7 @@ def twist_command(
     )
     other = None
     if second is not None:
-        own = dict(reading) if relative_options is None else _reading(ctx, second, relative_options)
+        own = dict(reading) if relative_options is None else read_otherwise(ctx, second, relative_options)
         own |= {"columns": names_of(relative_columns), "body": relative_body}
         with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second):
             other = read_motion(second, **own)
@@ -158,11 +156,11 @@ def twist_command(
     if other is not None:
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
     del motion, other  # makes room: the file is made in memory
-    write(result, places, degrees=degrees, decimal_comma=decimal_comma, force=force)
+    _write(result, places, degrees, decimal_comma, force)
     if in_words({"file": data, **facts(result)}, as_json, quiet):
         summary(result, degrees)
     if not quiet:
-        say_written(places.values(), f"nontwist view {typed(places['.nc'])}")
+        say_written(places.values(), ("view", places[".nc"]))
 
 
 def _named(out: Path) -> Path:
@@ -172,26 +170,6 @@ def _named(out: Path) -> Path:
         hint = f"--out {out.with_suffix('')} writes {out.with_suffix('.nc')}{more.get(out.suffix.lower(), '')}"
         raise typer.BadParameter(f"{out} names one file; {hint}", param_hint="--out")
     return out.with_suffix("") if out.suffix.lower() == ".nc" else out
-
-
-def _reading(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
-    """Return how the second file is read, from its options as they stand on a command line."""
-    hint = "--relative-options"
-    try:
-        given = shlex.split(text)
-    except ValueError as error:
-        raise typer.BadParameter(f"{text!r} has a quotation mark too few", param_hint=hint) from error
-    refused = "it accepts options that define how a file is read; nontwist twist -h lists them"
-    refuse(({"-h", "--help"} & set(given), hint, refused))
-    own = ctx.command.make_context("twist", [file, *given], parent=ctx.parent)
-    said = [name for name in own.params if getattr(own.get_parameter_source(name), "name", "") == "COMMANDLINE"]
-    other = [name for name in said if name not in (*READING, "data")]
-    options = {name: f"--{name.replace('_', '-')}" for name in (*READING, *other)}
-    if other:
-        advice = {"columns": "; use --relative-columns", "body": "; use --relative-body"}.get(other[0], "")
-        known = ", ".join(options[name] for name in READING)
-        raise typer.BadParameter(f"{options[other[0]]} is not one of {known}{advice}", param_hint=hint)
-    return {name: own.params[name] for name in READING}
 
 
 @contextmanager
@@ -216,30 +194,26 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
 
     names = ("twist_angle", "error_estimate", "noise_estimate", "swing_twist_angle", "solid_angle", "path_length")
     facts: dict[str, Any] = {name: float(result[name].values[-1]) for name in names}
-    if np.isnan(facts["noise_estimate"]):  # too few samples
-        facts["noise_estimate"] = None
     angles = result["twist_angle"].values
     facts |= {"least_twist_angle": float(angles.min()), "greatest_twist_angle": float(angles.max())}
     if "twist_rate" in result:
         rate, time = result["twist_rate"].values, result["time"].values
         k, intervals = int(np.argmax(abs(rate))), np.diff(time)
         facts |= {"largest_twist_rate": float(rate[k]), "largest_twist_rate_time": float(time[k])}
-        facts |= {"duration": float(time[-1] - time[0])}
-        facts |= {"median_interval": float(np.median(intervals)), "largest_interval": float(intervals.max())}
+        facts |= {"duration": float(time[-1] - time[0]), "median_interval": float(np.median(intervals))}
+        facts["largest_interval"] = float(intervals.max())
     texts = {k: result.attrs[k] for k in ("read", "relative_to", "alignment") if result.attrs.get(k)}
     counts = {k: result.attrs[k] for k in ("samples", "samples_left_out", "largest_turn_between_samples")}
     return facts | counts | texts
 
 
-def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, decimal_comma: bool, force: bool) -> None:
+def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
-    from ..io.results import save_run
+    from ..io.results import in_degrees, save_run, write_csv
     from ..io.whole import written
 
     save_run(result, places[".nc"], force=force)
     if ".csv" in places:
-        from ..io.results import in_degrees, write_csv
-
         curves = result.drop_vars("frame")
         with written(places[".csv"], force=force) as file:
             text = io.TextIOWrapper(file, encoding="utf-8", newline="")
@@ -268,14 +242,15 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
 
     found = facts(result)
     error, noise = found["error_estimate"], found["noise_estimate"]
-    either = max(error, noise or 0.0)
+    is_noisy = noise == noise  # there are enough samples
+    either = max(error, noise if is_noisy else 0.0)
     errors = f"sampling ± {error_text(scale * error)}{unit}"
     time, grown = result["time"].values, np.diff(result["error_estimate"].values)
     k, intervals = int(np.argmax(grown)), np.diff(time)
     if grown[k] > MOST * error > 0 and intervals[k] > GAP * np.median(intervals):
         where = f"{time[k]:.6g} s" if "duration" in found else f"row {time[k]:g}"
         errors += f", nearly all of it from the gap at {where}"
-    errors += "" if noise is None else f", noise ± {error_text(scale * _told(noise))}{unit}"
+    errors += f", noise ± {error_text(scale * _told(noise))}{unit}" if is_noisy else ""
     names = ("twist_angle", "least_twist_angle", "greatest_twist_angle", "solid_angle")
     psi, low, high, area = (_told(found[name], either) for name in names)
     wound = abs(psi) > np.pi or abs(psi + area) > np.pi
@@ -315,7 +290,7 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
         rows[label] = "\n".join(one for one in lines if one not in both)
         if both and label == "relative to":
             rows["both sensors"] = "\n".join(both)
-    if noise is not None:
+    if is_noisy:
         told = ", of the drift of a clock two" if " ppm" in result.attrs["alignment"] else ""
         of_noise = f"of noise, independent from sample to sample, one standard deviation{told}"
         rows["±"] = f"{of_noise}; of sampling, an estimate of the error"
@@ -327,3 +302,134 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
 def _told(angle: float, error: float = 0.0) -> float:
     """Return an angle to be printed: 0 where it is round-off, or far below its error."""
     return angle if abs(angle) >= max(ROUND_OFF, DIGITS * error) else 0.0
+
+
+# `nontwist fit`: the inertia of what was thrown, or swings on a pivot.
+
+SETTINGS = {
+    "gravity": Opt(
+        "The body turns about a pivot under gravity: mass=KG,centre=X,Y,Z (m, from the pivot, in the axes of the "
+        "sensor), or mass=KG,distance=M, with g=M/S2 if it is not 9.81; or unknown.",
+        "SETTINGS",
+    ),
+    "rotor": Opt(
+        "A rotor of known momentum in the body: axis=z, -x, X,Y,Z or fit, inertia=KGM2, speed=COLUMN or speed=RAD/S; "
+        "unit=rpm if the column does not state it; error=0.01 for an error of 1 % of its momentum.",
+        "SETTINGS",
+    ),
+    "orientation": Opt(
+        "Fit the attitudes in the file, alone or with the angular velocity; use=both,euler=ZYX, or scalar_first, "
+        "rotation_vector, normalize, inverse=true, angle_unit=deg, as twist reads them.",
+        "only|both|SETTINGS",
+    ),
+    "delay": Opt(
+        "Delay of the gyroscope's readings: seconds; or fit, which requires attitudes or the speed of a rotor on the "
+        "same clock; or value=0.01,error=0.002.",
+        "S|fit|SETTINGS",
+    ),
+    "misalignment": Opt(
+        "Rotation vector from the axes of the body to those of the gyroscope, rad; or fit; or "
+        "value=0,0.1,0,error=0.02.",
+        "X,Y,Z|fit|SETTINGS",
+    ),
+    "axis_scales": Opt(
+        "Scales of the gyroscope's single axes, about 1; or fit; or value=1,1,1,error=0.01.", "X,Y,Z|fit|SETTINGS"
+    ),
+    "damping": Opt(
+        "Damping, a moment -C W: fit one C, or three along the axes; or give C, N m s, 1 or 3 numbers.", "one|three|C"
+    ),
+    "constraint": Opt("The body may not turn about its axis x, y, z, or X,Y,Z: W·n = 0.", "AXIS"),
+}
+GYROSCOPE = Reading(
+    ("columns", "time_column", "body", "time_unit", "rate"),
+    {
+        "columns": "Columns to use, separated by commas: [TIME,] 3 of the angular velocity.",
+        "body": "Which of several sensors to use: a value of the column that names the sensor of each row, or the "
+        "common beginning of its headers.",
+    },
+)
+UNIT = Opt("Unit of angular velocities, if their headers do not name it: rad/s, deg/s.", "UNIT")
+BIAS = Opt("Prior standard deviation of the gyroscope's bias.", "RAD/S", least=1e-12)
+SCALE = Opt("Prior standard deviation of its scale: 0.01 for 1 %.", "RATIO", least=1e-12)
+
+
+def fit_command(
+    data: Annotated[
+        list[str], argument("FILE", "Recordings of one body with one sensor; - for CSV on standard input.")
+    ],
+    first: Annotated[float | None, Opt("Start of the motion to fit, s; in every recording.", "T", "--from")] = None,
+    last: Annotated[float | None, Opt("End of the motion to fit, s.", "T", "--to")] = None,
+    everything: Annotated[bool, Opt("Fit all samples.", option="--all")] = False,
+    gravity: Annotated[str | None, SETTINGS["gravity"]] = None,
+    rotor: Annotated[str | None, SETTINGS["rotor"]] = None,
+    damping: Annotated[str | None, SETTINGS["damping"]] = None,
+    constraint: Annotated[str | None, SETTINGS["constraint"]] = None,
+    unphysical: Annotated[bool, Opt("Also accept a J with a moment larger than the sum of the others.")] = False,
+    orientation: Annotated[str | None, SETTINGS["orientation"]] = None,
+    *,
+    reading: Annotated[dict[str, Any], GYROSCOPE],
+    unit: Annotated[str | None, UNIT] = None,
+    bias: Annotated[float, BIAS] = 0.02,
+    scale: Annotated[float, SCALE] = 0.01,
+    delay: Annotated[str | None, SETTINGS["delay"]] = None,
+    misalignment: Annotated[str | None, SETTINGS["misalignment"]] = None,
+    axis_scales: Annotated[str | None, SETTINGS["axis_scales"]] = None,
+    noise: Annotated[
+        float | None, Opt("Noise of a sample.", "RAD/S", default="that of the residuals", least=1e-12)
+    ] = None,
+    loss: Annotated[Literal["linear", "soft_l1"], Opt("With soft_l1, outliers have less weight.")] = "linear",
+    out: Annotated[Path | None, Opt("Write the motion of the first recording as a run file.", "PATH")] = None,
+    figure: Annotated[Path | None, Opt("Draw data, model, residuals and moments: .pdf, .svg, .png.", "PATH")] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Estimate the inertia of a body from recordings of its motion: moments, principal axes, 95 % intervals.
+
+    The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
+    release and catch is found, or given with --from and --to. Free motion determines only ratios; on a pivot
+    (--gravity), or with a rotor (--rotor), the inertia is found in kg m². Exits with status 3 if the recordings cannot
+    be used, do not determine every number (the undetermined ones are then named), or are not explained by noise and
+    model.
+    """
+    from .. import plot
+    from ..fitting import fit_inertia
+    from ..io.whole import require_free
+    from ..plot.journals import require_places
+
+    refuse(
+        (everything and (first is not None or last is not None), "--all", "--from and --to name a part"),
+        ((first is None) != (last is None), "--from" if last is None else "--to", "--from and --to go together"),
+        (len(data) > 1 and "-" in data, "FILE...", "standard input is read once, and alone"),
+    )
+    for one in data:
+        require_readable(Path(one), "a recording")
+    if out is not None:
+        require_free(out, force=force)
+    if figure is not None:
+        require_places(figure, force=force)
+    interval: Any = "all" if everything else None if first is None else (first, last)
+    what: Any = [sys.stdin if one == "-" else one for one in data]
+    words = (gravity, rotor, orientation, delay, misalignment, axis_scales, damping, constraint)
+    acting = {name: settings(text, name) for name, text in zip(SETTINGS, words, strict=True)}
+    how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **reading, **acting}
+    how["physical"] = not unphysical
+    fit = fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
+    if in_words({"files": data, **fit.numbers()}, as_json, quiet):
+        print_rows(f"inertia of {', '.join(data)}", fit.table())
+    made = []
+    if figure is not None:
+        plot.save(fit.plot(), figure, force=force)
+        made.append(figure)
+    done = fit.is_explained and not fit.untold
+    if out is not None and done:
+        fit.problem().write(out, force=force)
+        made.append(out)
+    if made and not quiet:
+        say_written(made)
+    if out is not None and not done:
+        undetermined = "the recordings do not determine the inertia"
+        why = undetermined if fit.untold else "the model does not explain the recordings"
+        say(f"not written: {out}, because {why}", "red")
+    if not done:
+        raise typer.Exit(BAD_DATA)

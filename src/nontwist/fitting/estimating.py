@@ -41,8 +41,7 @@ from ..geometry.rotations import exp
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
 from .motions import RunawayError
-from .readings import WHITE, correlation, haste_of
-from .shooting import Lane, Shooting, Stretch, Unknowns
+from .shooting import WHITE, Lane, Shooting, Stretch, Unknowns, correlation, haste_of
 from .solving import CALLS, PATIENT, Solution, solve
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad

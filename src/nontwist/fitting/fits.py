@@ -19,11 +19,10 @@ from ..spec import takes
 from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
-from .measuring import Gyroscope, as_gyroscope, plain_gyroscope
+from .measuring import Gyroscope, as_gyroscope, as_readings, plain_gyroscope, speed_of
 from .motions import RunawayError
-from .readings import as_readings, noise_of, noise_of_attitudes, require_turning, require_unsaturated, speed_of
 from .result import Fit, Part
-from .shooting import Loss, Shooting, Stretch
+from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .telling import beyond_the_wall
 from .telling import told as told_of
 

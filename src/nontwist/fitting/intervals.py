@@ -27,10 +27,9 @@ from ..geometry.arrays import Array
 from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
 from .estimating import Guess, estimate, turns, with_moments
-from .measuring import Gyroscope
+from .measuring import Gyroscope, speed_of
 from .motions import Motion, RunawayError, response
-from .readings import haste_of, noise_of, speed_of
-from .shooting import Shooting, Stretch
+from .shooting import Shooting, Stretch, haste_of, noise_of
 from .solving import Solution, inverse
 
 THIN = 0.05  # rad, of the fastest turn

@@ -10,7 +10,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import ENTRIES
 from .bodies import unit_vector
 from .measuring import IDEAL, PLACES, UNITS
-from .readings import STRAY
+from .shooting import STRAY
 from .telling import FEWEST, quantile
 
 if TYPE_CHECKING:

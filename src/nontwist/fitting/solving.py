@@ -15,14 +15,13 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from .motions import RunawayError
-from .readings import correlation
-from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
+from .shooting import WHITE, Residuals, Rows, Shooting, Unknowns, correlation, lengths, residuals, stacked
 
 FINE = 1e-8  # of cost and unknowns, relative
 CALLS, PATIENT = 40, 3000  # trials of a stage, and of what is returned: valleys may be long
 HELD = 1e6  # weight of what is held
 SINGULAR = 1e-12  # of the information: none
-WHITE, MOST = 5.0, 0.9999  # standard errors of a correlation; correlation
+MOST = 0.9999  # correlation
 FAR = 1e6  # residual of a motion that is none
 
 

@@ -66,7 +66,7 @@ COMMANDS = {  # with what each may not import
     f"twist {IMU} --inverse --out u": "dask.array scipy",
     "info u.nc": "dask.array scipy",
     "example suslov": "dask.array scipy",
-    "run suslov.toml": "dask.array",
+    "run suslov.toml --set time.t_end=1": "dask.array",
 }
 IMPORTING = f"""
 import sys; from typer.testing import CliRunner; from nontwist.cli import app

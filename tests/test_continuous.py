@@ -1,16 +1,13 @@
-import inspect
 import re
 
 import numpy as np
 import pytest
-from scipy import integrate as solvers
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
 from nontwist import damping, integrate, moment, nontwisting, pulse, resample, simulate, sine, space_moment, standard
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous
-from nontwist.integrators.continuous import TURNS, solver_of
 from refusals import refused_as
 
 FINE = {"rtol": 1e-13, "atol": 1e-14}
@@ -138,10 +135,3 @@ def test_tiny_motions_end(speed):
     }
     run = simulate(nontwisting([1e-2, 700, 700]), material_angular_velocity=(2 * speed, 0, speed), **how)
     assert run.material_angular_velocity.values[-1] / speed == pytest.approx([2, 0, 0], abs=1e-9)
-
-
-@pytest.mark.parametrize("method", TURNS)
-def test_every_solver_is_that_of_scipy(method):
-    own, of_scipy = solver_of(method), getattr(solvers, method)
-    assert inspect.getsource(own) == inspect.getsource(of_scipy)
-    assert (own is of_scipy) == (method not in ("RK23", "RK45", "DOP853"))

@@ -1,10 +1,13 @@
 """Wheels with dry friction in their bearings: closed forms, SciPy mode after mode, balances, refusals."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import nontwist as nt
+from conftest import cross
 from refusals import refused_as
 
 J = np.diag([3.0, 4.0, 5.0])
@@ -77,16 +80,19 @@ def by_scipy(times, about=(), limits=(), push=lambda t: np.zeros(3)):
     n, rows = len(about), np.vstack([np.hstack([np.reshape(about, (-1, 3)), np.zeros((len(about), 2))]), np.eye(5)[3:]])
     most, viscous = np.append(limits, LIMITS), np.append(np.zeros(n), VISCOUS)
 
+    @cache
+    def inverse(is_stuck):
+        stuck = rows[list(is_stuck)]
+        return np.linalg.inv(np.block([[mass, stuck.T], [stuck, np.zeros((len(stuck), len(stuck)))]]))[:, :5]
+
     def rates(t, y, modes):
-        W, speeds = y[:3], y[3:5]
+        W, speeds, is_stuck = y[:3], y[3:5], modes == 0
         total = J @ W + (INERTIAS * speeds) @ AXES
-        right = np.append(np.cross(total, W) + push(t), [swing(t, 0), lean(t, 0)])
+        right = np.append(cross(total, W) + push(t), [swing(t, 0), lean(t, 0)])
         right -= (modes * most + viscous * (rows @ y[:5])) @ rows
-        stuck = rows[modes == 0]
-        whole = np.block([[mass, stuck.T], [stuck, np.zeros((len(stuck), len(stuck)))]])
-        found = np.linalg.solve(whole, np.append(right, np.zeros(len(stuck))))
+        found = inverse(tuple(is_stuck)) @ right
         held = np.zeros(len(rows))
-        held[modes == 0] = found[5:]
+        held[is_stuck] = found[5:]
         return found[:5], held
 
     y, t = np.concatenate([W0, [2.0, 0.0], np.zeros(n + 2)]), 0.0

@@ -1,6 +1,7 @@
 """Many runs at once: each is the run of `simulate`, bit for bit the same in any company and any number of threads."""
 
 import re
+import tracemalloc
 from contextlib import nullcontext
 
 import numpy as np
@@ -336,3 +337,19 @@ def test_a_run_of_another_inertia_is_continued_with_a_warning():
         assert told[0].fields["most"] == pytest.approx(0.5)
         with warned():
             function(nt.nontwisting(J), t_end=2, step=0.1, start=run)
+
+
+@pytest.mark.parametrize("how", [{"step": 0.05}, {"step": 0.05, "integrator": "lie-midpoint"}, {}], ids=str)
+def test_an_ensemble_keeps_what_it_returns_alone(how):
+    """Beside it there are what members carry from step to step, and those of several runs to a tolerance."""
+    how = {"t_end": 0.1, "threads": 1} | how
+    W = np.random.default_rng(0).normal(size=(30_000, 3))
+    nt.simulate_ensemble(nt.standard(PAPER_J), material_angular_velocity=W[:100], **how)
+    tracemalloc.start()
+    try:
+        many = nt.simulate_ensemble(nt.standard(PAPER_J), material_angular_velocity=W, **how)
+        kept, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 1.1 * many.nbytes
+    assert most < (5 if "step" in how else 10) * many.nbytes

@@ -96,12 +96,12 @@ def test_motions_and_their_derivatives_are_those_of_scipy(acts):
     assert abs(found - by_scipy(J / unit, arm * n, acts * drag, BEGUN, TIMES)[:, taken]).max() < 1e-9 * 7
     columns = [*np.arange(10)[taken], *range(10, 22 if acts else 16)]
     assert D.shape == (len(TIMES), len(BEGUN[taken]), len(columns))
-    for k in (1, 5, 8, 13, 17, 20):
-        if k in columns:
-            e = 1e-30j * np.eye(22)[k]
-            given = J / unit + 1j * symmetric(e[10:16].imag), arm * (n + e[16:19]), acts * (drag + e[19:])
-            true = by_scipy(*given, BEGUN + e[:10], TIMES).imag[:, taken] / 1e-30
-            assert abs(D[:, :, columns.index(k)] - true).max() < 1e-8 * abs(true).max()
+    way = np.zeros(22)  # in which all of them change, each as much
+    way[columns] = np.random.default_rng(2).normal(size=len(columns)) / abs(D).max(axis=(0, 1))
+    e = 1e-30j * way
+    given = J / unit + 1j * symmetric(e[10:16].imag), arm * (n + e[16:19]), acts * (drag + e[19:])
+    true = by_scipy(*given, BEGUN + e[:10], TIMES).imag[:, taken] / 1e-30
+    assert abs(D @ way[columns] - true).max() < 1e-8 * abs(true).max()
 
 
 def test_the_motion_of_a_free_body_keeps_energy_and_momentum_over_many_turns():
@@ -488,7 +488,7 @@ test_rotors_that_are_none_are_refused = refused_as(
         "two scales": of_spun(gravity="unknown"),
         "misaligned": of_spun(axis="fit", speed=0, misalignment="fit"),
         "the other way": lambda: nt.fit_inertia(thrown()[:3], rotor={"axis": "-z", "inertia": WHEEL, "speed": 0}),
-        "another axis": of_spun(thin=4, axis=(0.6, 0, 0.8), speed=0, interval="all"),
+        "another axis": of_spun(thin=10, axis=(0.6, 0, 0.8), speed=0, interval="all"),
     }
 )
 

@@ -36,7 +36,7 @@ PLACES = (builtins, nontwist, errors)  # of exceptions and warnings
 TIMED = re.compile("seconds|run_time|newton_iterations|version|memory")  # what differs from machine to machine
 SECONDS = 20
 VALID = 0.3  # least part of the inputs of each function that must give a result
-INPUTS, FEW = 100, 3
+INPUTS, FEW = 100, 2
 SLOW = {"compare": 60, "reproduce": 20, "sweep": 60, "plot.save": 40, "open_run": 60, "save_run": 60}
 MADE_BY_THE_PACKAGE = (nontwist.results.Trajectory, nontwist.runfile.RunFile, *MADE)  # nobody calls these classes
 

@@ -52,17 +52,16 @@ BRANCHES = {
 @pytest.mark.parametrize("branch", thinned(2, BRANCHES))
 def test_every_branch_against_50_digits(branch):
     J, c, W = BRANCHES[branch]
-    turns = 8 / period(np.diag(J) if np.ndim(J) == 1 else J, np.array(c), np.array(W)) if any(W) else 0
-    times = [-3.7, 8.0]
-    for R, w, t in zip(*exact.free_gyrostat(J, c, W, times), times, strict=True):
-        wanted, rate = reference.taylor_top(J, W, t, rotor=c)
-        assert distance(R, wanted) < 1e-14 + 3e-15 * turns
-        assert abs(w - rate).max() < 2e-14 * max(1, np.linalg.norm(W))
+    turns = 6 / period(np.diag(J) if np.ndim(J) == 1 else J, np.array(c), np.array(W)) if any(W) else 0
+    (R,), (w,) = exact.free_gyrostat(J, c, W, [-6.0])
+    wanted, rate = reference.taylor_top(J, W, -6.0, rotor=c)
+    assert distance(R, wanted) < 1e-14 + 3e-15 * turns
+    assert abs(w - rate).max() < 2e-14 * max(1, np.linalg.norm(W))
 
 
 def test_random_gyrostats_against_50_digits():
     r = np.random.default_rng(5)
-    for _ in range(12):
+    for _ in range(5):
         J, W, c = random_inertia(r), r.normal(size=3), r.normal(size=3) * 10 ** r.uniform(-2, 0.5)
         (R,), (w,) = exact.free_gyrostat(J, c, W, [1.5])
         wanted, rate = reference.taylor_top(J, W, 1.5, rotor=c)

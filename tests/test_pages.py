@@ -77,6 +77,8 @@ def supply(name, path):
         path.write_text(f"{run}\n{sweep.replace('20_000', '8')}", encoding="utf-8")
     elif path.suffix == ".toml":
         nontwist(f"nontwist example {path.stem}")
+        text = path.read_text(encoding="utf-8")
+        path.write_text(re.sub(r"^t_end = .*", "t_end = 0.1", text, flags=re.MULTILINE), encoding="utf-8")
     elif path.name in ("run.nc", "other.nc"):
         nontwist("nontwist example suslov --force")
         nontwist(f"nontwist run suslov.toml --out {path}")

@@ -300,7 +300,7 @@ def test_a_sealed_file_without_times_is_refused(files, tmp_path, arguments):
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell with head")
 def test_a_reader_that_stops_is_no_error(tmp_path):
-    save_run(simulate(standard([1, 2, 2]), t_end=1, step=1e-4, angular_velocity=[1, 0, 0]), tmp_path / "run.nc")
+    save_run(simulate(standard([1, 2, 2]), t_end=1, step=1e-3, angular_velocity=[1, 0, 0]), tmp_path / "run.nc")
     command = f"{sys.executable} -m nontwist export {tmp_path / 'run.nc'} | head -n 3; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     lines = done.stdout.splitlines()

@@ -543,7 +543,7 @@ def rounded(run_file, run):
 
 
 @pytest.mark.filterwarnings("ignore:the centre of mass is the fixed point")
-@pytest.mark.parametrize("count", [60, pytest.param(10_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [30, pytest.param(10_000, marks=pytest.mark.long)])
 def test_generated_documents_end_in_a_sound_run_or_a_clear_error(count):
     ends = []
 

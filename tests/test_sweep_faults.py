@@ -63,13 +63,13 @@ def serial(file, tmp_path):
     return open_store(tmp_path / "serial").verified().sha256
 
 
-def two_workers():
-    return LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50)
+def cluster_of(workers):
+    return LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50)
 
 
 @pytest.fixture
 def client():
-    with two_workers() as cluster, Client(cluster) as one:
+    with cluster_of(1) as cluster, Client(cluster) as one:
         yield one
 
 
@@ -111,7 +111,7 @@ def test_workers_that_dask_gave_up_are_started_anew(file, tmp_path, serial, monk
     monkeypatch.setattr(sweeping, "POLL", 0.1)
     with (
         dask.config.set({"distributed.deploy.lost-worker-timeout": "100ms"}),
-        two_workers() as cluster,
+        cluster_of(2) as cluster,
         Client(cluster) as client,
     ):
         for nanny in list(cluster.workers.values()):

@@ -87,10 +87,9 @@ def _path(at: Contacts, t: float, p: Array, W: Array, z: Array) -> Callable[[flo
     """Return the function that gives directors, W and z at a time after t, at the rates there."""
     from scipy.spatial.transform import Rotation
 
-    q, rates = directors(p), np.zeros_like(z)
-    turning = at.Q @ at.forces(t, q, W, z.copy() if z.size else None)[0]
-    for term, place in at.problem.load.placed:
-        rates[place] = _answers(term, place, t, q, W, z)[1]
+    q = directors(p)
+    K, rates = at.forces(t, q, W, z.copy() if z.size else None)
+    turning = at.Q @ K
 
     def state(s: float) -> tuple[Array, Array, Array]:
         turned = attitudes(p) @ Rotation.from_rotvec(s * W + s * s / 2 * turning).as_matrix()

@@ -43,6 +43,12 @@ def side_by_side(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str,
     return views(memory, parts), found
 
 
+def apart(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
+    """Return arrays of zeros, so that each is freed where it is no longer used, and their addresses."""
+    arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    return arrays, {name: address_of(array) if array.size else 0 for name, array in arrays.items()}
+
+
 def slab_layout(shapes: dict[str, tuple[int, ...]]) -> SlabLayout:
     """Return where arrays of these shapes lie in a slab."""
     ends = pairwise([0, *accumulate(map(prod, shapes.values()))])

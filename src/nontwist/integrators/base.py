@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import pi
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Self
 
 from ..errors import SimulationError, SimulationInterrupt, Status
-from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import among, short_repr
 from ..loads import Load
@@ -24,20 +23,6 @@ from .stepping import one_by_one, outcome_of
 
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
 __all__ = ["IVP", "Failure", "Integrator", "March", "Outcome", "SimulationError", "SimulationInterrupt", "Status"]
-
-
-class Prepared(Protocol):
-    """The march of a problem of one body whose start is left open; threads may share it."""
-
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
-        """March from the quaternion `p`, scalar last, and W.
-
-        Return the numbers found, for `read`, the sum of their squares, infinite where the run has failed, and the
-        largest |W|² of the stored states, 0 where no velocity is too large for the step.
-        """
-
-    def read(self, found: Array) -> dict[str, Any]:
-        """Return fields of a run from the numbers found."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +131,14 @@ class Integrator:
         """Return whether `prepared` accepts problems under this load."""
         return False
 
-    def prepared(self, problem: IVP) -> Prepared:
-        """Prepare the march of a problem of one body for any start; a ValueError as of `march`."""
+    def prepared(self, problem: IVP) -> Any:
+        """Prepare the march of a problem of one body whose start is left open; a ValueError as of `march`.
+
+        Threads may share it. It is called as ``found, squares, fastest = prepared(p, W, scale)``, with the quaternion
+        p, scalar last, W, and the factor of the load. What is found is for its method `read`, which returns fields of
+        a run; `squares` is the sum of the squares of these numbers, infinite where the run has failed, and `fastest`
+        the largest |W|² of the stored states, 0 where no velocity is too large for the step.
+        """
         raise NotImplementedError
 
     def refusal(self, problem: IVP) -> str | None:
@@ -156,10 +147,9 @@ class Integrator:
 
     def require(self, problem: IVP) -> None:
         """Raise what `refusal` returns as a ValueError; it takes dry friction nowhere but in a run."""
-        if problem.load.frictions:
-            raise ValueError("dry_friction acts in runs and ensembles alone; use simulate, or simulate_ensemble")
         if problem.load.is_dry:
-            raise ValueError("coulomb= of a wheel acts in runs and ensembles alone; use simulate, or simulate_ensemble")
+            what = "dry_friction" if problem.load.frictions else "coulomb= of a wheel"
+            raise ValueError(f"{what} acts in runs and ensembles alone; use simulate, or simulate_ensemble")
         if (reason := self.refusal(problem)) is not None:
             raise ValueError(reason)
 

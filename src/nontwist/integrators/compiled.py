@@ -28,7 +28,7 @@ from ..geometry.arrays import Array, as_number
 from ..geometry.attitudes import States
 from ..geometry.values import among
 from ..loads import Load
-from .base import IVP, Integrator, Outcome, Prepared
+from .base import IVP, Integrator, Outcome
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 
@@ -112,7 +112,7 @@ class Compiled(Integrator):
         is_plain = not load.terms or (load.is_compiled and not (load.memories or load.frictions))
         return type(self).march is Compiled.march and is_plain
 
-    def prepared(self, problem: IVP) -> Prepared:
+    def prepared(self, problem: IVP) -> Any:
         """Return the march of a problem of one body laid out once, for any start."""
         from .marching import PreparedMarch, dense_of
         from .stack_march import StackMarch

@@ -13,14 +13,9 @@ eigenvalue of J⁻¹C, without n where the body may not turn about it.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
-from importlib import import_module
 from itertools import count, pairwise
-from types import ModuleType
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -171,18 +166,11 @@ class Continuous(Integrator):
         return _march(problem, form, np.array(states).reshape(-1, len(y)), size, failure)
 
 
-@cache
 def solver_of(method: str) -> Any:
-    """Return a solver of SciPy; an explicit one from its own file, since the package of all takes 0.3 s to import."""
-    if method in STABLE:
-        import scipy
+    """Return a solver of SciPy, whose package takes half a second to import."""
+    import scipy.integrate
 
-        package = ModuleType(f"{__name__}_solvers")
-        package.__path__ = [f"{scipy.__path__[0]}/integrate/_ivp"]
-        sys.modules[package.__name__] = package
-        with suppress(ImportError):
-            return getattr(import_module(f"{package.__name__}.rk"), method)
-    return getattr(import_module("scipy.integrate"), method)
+    return getattr(scipy.integrate, method)
 
 
 @np.errstate(all="ignore")

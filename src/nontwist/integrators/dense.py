@@ -59,12 +59,9 @@ class Dense:
         self.problem, self.skipped, unit = problem, int(not outputs.has_start), march.unit
         length = problem.step_at(step)
         shape = m, len(node)
-        self.shapes: dict[str, tuple[int, ...]] = {
-            "quaternions": (*shape, 4),
-            "velocities": (*shape, 3),
-            "normals": (0,),
-        }
-        self.shapes["intervals"] = (m, len(node) - 1, SUMS.size) if problem.intervals else (0,)
+        intervals = (m, len(node) - 1, SUMS.size) if problem.intervals else (0,)
+        self.shapes: dict[str, tuple[int, ...]] = {"quaternions": (*shape, 4), "velocities": (*shape, 3)}
+        self.shapes |= {"normals": (0,), "intervals": intervals}
         self._steps = problem.times(step), length
         self._arrays = {
             "bodies": march.bodies,
@@ -126,13 +123,8 @@ class Between:
         pack(row, RUN, **dense._counts, **known, steps_taken=steps_taken, good=good, mismatch=self._mismatch)
         pack(row, RUN, polynomials=loads, degree=degree)
         pack(row, RUN, p=nodes["quaternions"], W=nodes["velocities"], means=nodes["intervals"])
-        pack(
-            row,
-            RUN,
-            quaternions=array_addresses["quaternions"],
-            velocities=array_addresses["velocities"],
-            sums=array_addresses["intervals"],
-        )
+        to = array_addresses
+        pack(row, RUN, quaternions=to["quaternions"], velocities=to["velocities"], sums=to["intervals"])
         self._row, self._address = row, row.ctypes.data
 
     def find(self) -> bool:

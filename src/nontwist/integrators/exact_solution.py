@@ -145,8 +145,7 @@ class Exact(Integrator):
 
 def with_tables_as_moments(problem: IVP) -> IVP:
     """Return a problem with the moments of tables of forces along the directors in their place."""
-    load = tables_as_moments(problem.load)
-    return problem if load == problem.load else replace(problem, load=load)
+    return replace(problem, load=tables_as_moments(problem.load))
 
 
 def _bodies(systems: SystemStack) -> tuple[Array, int]:

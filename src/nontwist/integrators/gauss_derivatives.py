@@ -23,7 +23,6 @@ again: by fixed points and, where those do not contract, by Newton's iteration w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -138,26 +137,17 @@ class Collocation:
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
-    def each(self) -> Iterator[tuple[Any, View]]:
-        """Yield the stages."""
-        for i in loop(self.s):
-            yield i, self.stages.one(i)
-
     def vectors(self, stage: View) -> Matrix | tuple[()]:
         """Return the vectors g of a stage."""
         g = [getattr(stage, name) for name in self.names]
         return Matrix(*g) if g else ()
 
-    def rows(self, i: Any) -> Matrix:
-        """Return the axes of b at the beginning as seen at a stage."""
-        return self.matrix("C", i)
-
     def still_rows(self, i: Any) -> Matrix:
-        """Return these axes, where those that the vectors g turn about are in an orbit."""
+        """Return the axes of b at the beginning as seen at a stage, also where those that turn are in an orbit."""
         if not self.parts.orbit:
-            return self.rows(i)
+            return self.matrix("C", i)
         cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        found: Matrix = attitude(Quaternion(1.0 + cosm1, *v)) @ self.rows(i)
+        found: Matrix = attitude(Quaternion(1.0 + cosm1, *v)) @ self.matrix("C", i)
         return found
 
     def matrix(self, name: str, k: Any) -> Matrix:
@@ -201,12 +191,12 @@ class Collocation:
         P, ahead = (body.momentum_of(W) for W in self.W)
         e.P, mean = P, 0.5 * (self.V[0] + self.V[1])
         e.sample()
-        for j, stage in self.each():
+        for j, stage in self.stages.each():
             stage.dp = self.weight(j) * (ahead - P)
             for name, g in zip(e.names[1:], e.start, strict=True):
                 setattr(stage, name, (self.h * self.weight(j)) * cross(g, mean))
         for_newton, _ = iterated(e, self.h == self.h)
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             P, g = e.placed(i)
             stage.V = e.turning(body.velocity_of(P), g)
             for name, x in zip(self.names, g, strict=True):
@@ -225,7 +215,7 @@ class Collocation:
     def have_other_ends(self) -> Any:
         """Return the mask of steps that end elsewhere than is known: large ones have several solutions."""
         v = Variables(end=self.V[0], speed=taxicab(self.V[1]) + REST, stiff=0.0 * self.h)
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             v.end = v.end - (self.weight(i) * self.sum(i)) * self.V[0]
             v.speed = larger(v.speed, taxicab(stage.V))
             v.stiff = larger(v.stiff, self.stiffness(i))
@@ -250,7 +240,7 @@ class Collocation:
         def block(i: Any, first: Any) -> Matrix:
             return Matrix(*(column_at(a, i, side + 3, first + c) for c in range(3)))
 
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             C = block(i, side)
             self.set_matrix("C", i, C)
             for name, g in zip(self.names, self.plain.start, strict=True):
@@ -261,32 +251,26 @@ class Collocation:
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
         s, h, e, count = self.s, self.h, self.plain, len(self.names)
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             x = seeded(flat((stage.V, *self.vectors(stage))))
             V, *g = (Vector(*x[k : k + 3]) for k in range(0, len(x), 3))
             if self.parts.calls:
                 W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
                 e.nodes.evaluate(i, W, self.vectors(stage), True)
-            F = h * e.rate(i, V, Matrix(*g) if g else (), self.rows(i))
+            F = h * e.rate(i, V, Matrix(*g) if g else (), self.matrix("C", i))
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
                 self.set_matrix("by_rows", 3 * i + k, by[1 + k])
             for j in loop(s):
-                self.set_matrix("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
-            self.set_matrix("T", i * s + i, by[0])
+                T = 0.0 * by[0]
+                for A, g in zip(by[1:], self.vectors(self.stages.one(j)), strict=True):
+                    T = T + Matrix(*(cross(row, g) for row in A @ self.matrix("U", i * s + j)))
+                self.set_matrix("T", i * s + j, T)
+            self.set_matrix("T", i * s + i, by[0] + self.matrix("T", i * s + i))
             r = Variables(r=plain(F) + self.sum(i) * self.V[0])
             for j in loop(s):
                 r.r = r.r - self.inverse(i, j) * self.stages.one(j).V
             stage.next_dp = r.r
-        if not count:
-            return
-        for i in loop(s):
-            by = [self.matrix("by_rows", 3 * i + k) for k in range(count)]
-            for j in loop(s):
-                U, T = self.matrix("U", i * s + j), self.matrix("T", i * s + j)
-                for A, g in zip(by, self.vectors(self.stages.one(j)), strict=True):
-                    T = T + Matrix(*(cross(row, g) for row in A @ U))
-                self.set_matrix("T", i * s + j, T)
 
     def set_system(self, width: int, is_transposed: bool) -> None:
         """Set α - T, or the transposed matrix, with room for right-hand sides."""
@@ -304,12 +288,12 @@ class Collocation:
         """Take a step of Newton's iteration for the steps that are active, and deactivate those that are done."""
         m, a = 3 * self.s, self.scratches["a"]
         self.set_system(m + 1, False)
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             for r, x in enumerate(stage.next_dp):
                 a[(3 * i + r) * (m + 1) + m] = x
         eliminate_once(a, m, m + 1)
         most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + REST, stiff=0.0 * self.h)
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
             stage.V = stage.V + select(v.active, d, 0.0 * d)
             most.change = larger(most.change, select(taxicab(d) <= OVERFLOW, taxicab(d), 2.0 * OVERFLOW))
@@ -330,23 +314,20 @@ class Collocation:
             turn: Turn = Line(self)
         else:
             turn = Steady(self) if self.motion == "steady" else Turn(self)
-        turn.set()
-        self.set_adjoint()
+        self.set_turn(turn)
         if has_dead and self.motion != "free":
             inputs = tuple(self.wanted)
         self.emit(place, inputs, turn, True)
         if has_dead and self.motion == "free":  # its direction is not kept under forces
             self.turn = self.turn_of_rows()
-            turn = Turn(self)
-            turn.set()
-            self.set_adjoint()
+            self.set_turn(turn := Turn(self))
             self.emit(place, ("dead",), turn, False)
 
     def turn_of_rows(self) -> Matrix:
         """Return C at the end as the rows have it, where the body turns about a line."""
         v = Variables(C=0.0 * self.turn + AXES)
-        for i, stage in self.each():
-            v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.rows(i)))
+        for i, stage in self.stages.each():
+            v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.matrix("C", i)))
         found: Matrix = v.C
         return found
 
@@ -358,8 +339,13 @@ class Collocation:
                 v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
             self.set_matrix("Z", j, v.Z)
 
-    def set_adjoint(self) -> None:
-        """Set the response of the end to right-hand sides at the stages, six rows: solve the transposed system."""
+    def set_turn(self, turn: Turn) -> None:
+        """Set how the turn changes, and the response of the end to right-hand sides at the stages, six rows.
+
+        It solves the transposed system.
+        """
+        self.set_matrix("direct", 0, 0.0 * self.turn)
+        turn.set()
         m, a = 3 * self.s, self.scratches["a"]
         width = m + 6
         self.set_system(width, True)
@@ -398,7 +384,7 @@ class Collocation:
             for r, x in enumerate((*(direct @ dV), *dV)):
                 ends[6 * j + r] = x
         turn.begin(e, W, count)
-        for i, stage in self.each():
+        for i, stage in self.stages.each():
             g = self.changed(i, stage, e)
             F = e.nodes.h * e.rate(i, stage.V, g, self.still_rows(i))
             by = [vector_at(adjoint, 18 * i + 3 * o) for o in range(6)]
@@ -420,12 +406,12 @@ class Collocation:
 
     def changed(self, i: Any, stage: View, e: StageEquations) -> Any:
         """Return the vectors g of a stage with the changes that no change of V makes."""
-        C, h, later = self.rows(i), e.nodes.h, self.vectors(stage)
+        C, h, later = self.matrix("C", i), e.nodes.h, self.vectors(stage)
         g = [x @ C for x in e.start] if self.motion == "heavy" else list(later)
         if not g or not isinstance(h, Dual):
             return Matrix(*g) if g else ()
         v = Variables(g=0.0 * self.h * later)
-        for j, one in self.each():
+        for j, one in self.stages.each():
             U = self.matrix("U", i * self.s + j)
             v.g = v.g + Matrix(*(U @ cross(x, one.V) for x in self.vectors(one)))
         longer = (1.0 / self.h) * (h - self.h)  # 0, and what the step changes by

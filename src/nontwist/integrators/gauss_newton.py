@@ -36,7 +36,7 @@ from ..kernels.memory import View, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
-from .gauss_stages import OVERFLOW, TURN, VECTOR, ZEROS, Equations, Stage, Stages, axes_at, pulled_back
+from .gauss_stages import OVERFLOW, TURN, VECTOR, ZEROS, Equations, Stage, StageLoads, Stages, axes_at, pulled_back
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
 
@@ -252,15 +252,10 @@ class Residuals:
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
             return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
-        kinds = (
-            ("of_functions", True, True),
-            ("of_potentials", e.parts.generalised, False),
-            ("of_memory", e.memory, True),
-        )
-        loads = dict[str, Vector]()
-        for k, (name, is_there, by_velocity) in enumerate(kinds):
+        loads, are_there = dict[str, Vector](), (True, e.parts.generalised, e.memory)
+        for k, (name, is_there) in enumerate(zip(StageLoads._fields[3:], are_there, strict=True)):
             if is_there:
-                loads[name] = Vector(*(dual(3 * k + j, by_velocity) for j in range(3)))
+                loads[name] = Vector(*(dual(3 * k + j, name != "of_potentials") for j in range(3)))
                 setattr(stage, name, plain(loads[name]))
         return loads
 

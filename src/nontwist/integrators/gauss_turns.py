@@ -40,15 +40,14 @@ class Turn:
         self.steps = steps
 
     def set(self) -> None:
-        """Set Θ, and what V at the end does to the turn."""
-        self.steps.set_matrix("direct", 0, 0.0 * self.steps.turn)
+        """Set Θ, and, where it is not 0, what V at the end does to the turn."""
         self.by_step = self.set_by_rows()
 
     def set_by_rows(self, mask: Any = True) -> Vector:
         """Set Θ of the rows where a mask is set; return what the turn changes by with the length of the step."""
         steps, v = self.steps, Variables(total=0.0 * self.steps.V[0])
-        for i, stage in steps.each():
-            C = steps.rows(i)
+        for i, stage in steps.stages.each():
+            C = steps.matrix("C", i)
             A = Matrix(cross(C[1], C[2]), cross(C[2], C[0]), cross(C[0], C[1]))
             theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
             v.total = v.total + theta @ stage.V
@@ -74,8 +73,7 @@ class Steady(Turn):
     def set(self) -> None:
         """Set Θ."""
         steps, v = self.steps, Variables(total=0.0 * self.steps.turn)
-        steps.set_matrix("direct", 0, 0.0 * steps.turn)
-        for i, _ in steps.each():
+        for i, _ in steps.stages.each():
             cosm1, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
             theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + cosm1, *x))
             v.total = v.total + theta
@@ -101,11 +99,11 @@ class Line(Turn):
             g0 = steps.plain.start[0]
             g1 = g0 @ steps.turn
         v = Variables(w=0.0 * steps.V[0], psi=0.0 * h, by_line=0.0 * steps.V[0], by_step=0.0 * steps.V[0])
-        for i, stage in steps.each():
+        for i, stage in steps.stages.each():
             v.w = v.w + (h * steps.weight(i)) * stage.V
         w = v.w
         self.r, lines = line(w, g0, g1), line(seeded(w), g0, g1)
-        for i, stage in steps.each():
+        for i, stage in steps.stages.each():
             psi = arc((h * steps.weight(i)) * stage.V, self.direction(stage.V, steps.vectors(stage)), lines)
             v.psi, v.by_line = v.psi + plain(psi), v.by_line + first_tangents(psi, 3)
         self.by_line, self.w = v.by_line, w
@@ -140,7 +138,7 @@ class Line(Turn):
         """Set Θ."""
         steps, by = self.steps, self.by
         ends = Matrix(*by[7:]).T
-        for i, stage in steps.each():
+        for i, stage in steps.stages.each():
             b, g = steps.h * steps.weight(i), steps.vectors(stage)
             x = seeded((*stage.V, *[y for v in g for y in v]))
             V, vertical = Vector(*x[:3]), [Vector(*x[3:])] if g else []
@@ -157,7 +155,7 @@ class Line(Turn):
             steps.set_matrix("theta", i, theta)
         if self.is_momentum:
             return
-        for j, stage in steps.each():
+        for j, stage in steps.stages.each():
             v = Variables(theta=steps.matrix("theta", j))
             for i in loop(steps.s):
                 E, U = steps.matrix("by_end", i), steps.matrix("U", i * steps.s + j)

@@ -45,23 +45,14 @@ class Entries(NamedTuple):
     value: Array
     step: NDArray[np.int64] | None = None  # None: at every step
 
-    def transformed(self, T: Array | None) -> Entries:
-        """Return what they do to the input times a matrix, node by node; None: to the input itself."""
-        if T is None:
-            return self
-        if not (T - T[0, 0] * np.eye(len(T))).any():
-            return self._replace(value=T[0, 0] * self.value)
+    def transformed(self, T: Array) -> Entries:
+        """Return what they do to the input times a matrix, node by node, without zeros."""
         columns = self.component % len(T)
-        rows, which = np.nonzero(T[:, columns])
+        values = T[:, columns] * self.value
+        rows, which = np.nonzero(values)
         step = None if self.step is None else self.step[which]
         component = self.component[which] - columns[which] + rows
-        return Entries(self.name, component, self.parameter[which], T[rows, columns[which]] * self.value[which], step)
-
-    def without_zeros(self) -> Entries:
-        """Return the entries that are not 0."""
-        which = np.flatnonzero(self.value)
-        step = None if self.step is None else self.step[which]
-        return Entries(self.name, self.component[which], self.parameter[which], self.value[which], step)
+        return Entries(self.name, component, self.parameter[which], values[rows, which], step)
 
 
 EntriesOf = Callable[["StepNodes"], Iterable[Entries]]
@@ -85,7 +76,7 @@ class StepNodes(NamedTuple):
         return np.repeat(np.arange(self.first, self.last), len(self.middles))
 
 
-LONGEST = 2048  # steps that are laid out at a time
+LONGEST, ONE = 2048, np.eye(1)  # steps that are laid out at a time
 
 
 def is_in_orbital_frame(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
@@ -100,16 +91,12 @@ def scheme_of(integrator: Integrator, load: Load, with_memory: bool = False) -> 
     """
     from . import INTEGRATORS
 
-    if load.frictions:
-        raise ValueError(
-            "runs under dry_friction have no derivatives: they jump where a body begins to stick; leave it out, or "
-            "difference two runs"
-        )
-    if load.is_dry:
-        raise ValueError(
-            "runs with coulomb= of a wheel have no derivatives: they jump where a wheel begins to stand; leave it out, "
-            "or difference two runs"
-        )
+    own = (load.frictions, "under dry_friction", "a body begins to stick")
+    for is_there, what, where in (own, (load.is_dry, "with coulomb= of a wheel", "a wheel begins to stand")):
+        if is_there:
+            raise ValueError(
+                f"runs {what} have no derivatives: they jump where {where}; leave it out, or difference two runs"
+            )
     if not (isinstance(integrator, Compiled) and integrator.has_derivatives):
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
@@ -277,9 +264,14 @@ class Linearised:
         self.require_no_error()
         if own.block[STEPS.failed]:
             k = chunk.first + int(own.block[STEPS.first])
-            t, h = float(self.problem.times(k)), self.problem.step_at(k)
-            message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
-            raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
+            raise unsolved_step(self.problem, k)
+
+
+def unsolved_step(problem: IVP, k: int) -> SimulationError:
+    """Return the error of a run whose step k has another solution than the one that is known."""
+    t, h = float(problem.times(k)), problem.step_at(k)
+    message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
+    return SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
 
 Changes = list[tuple[Term, Array]]
@@ -351,7 +343,7 @@ class Chunk(NamedTuple):
 def chunk_of(steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last = nodes.first, nodes.last
-    every = [entry.transformed(steps.input_maps.get(entry.name)).without_zeros() for entry in entries]
+    every = [entry.transformed(steps.input_maps.get(entry.name, ONE)) for entry in entries]
     columns, parameters, values = _concatenated(steps, [entry for entry in every if entry.step is None])
     block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
     arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}

@@ -194,13 +194,19 @@ def beside_chord(rate: Array, length: Array, middles: Array) -> Array:
     return np.concatenate([length[:, None, None] * np.einsum("ij,njc->nic", A, rate), rate], axis=2)
 
 
+def integrals(nodes: Array, ends: Array) -> Any:
+    """Return the integrals of the Lagrange polynomials of some nodes from 0 to each of the ends, (..., nodes)."""
+    x, y, k = 2 * nodes - 1, 2 * ends - 1, np.arange(1, len(nodes))
+    P = legvander(y, len(nodes))
+    of_legendre = np.concatenate([y[..., None] + 1, (P[..., 2:] - P[..., :-2]) / (2 * k + 1)], axis=-1) / 2
+    found = np.linalg.solve(legvander(x, len(nodes) - 1).T, of_legendre.reshape(-1, len(nodes)).T)
+    return found.T.reshape(of_legendre.shape)
+
+
 @lru_cache
 def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
     """Return A, b of the collocation at some nodes: integrals of its polynomials up to each node, and to the end."""
-    x, s = 2 * np.array([*middles, 1.0]) - 1, len(middles)
-    P, k = legvander(x, s), np.arange(1, s)
-    integrals = np.column_stack([x + 1, (P[:, 2:] - P[:, :-2]) / (2 * k + 1)]) / 2
-    found: Any = np.linalg.solve(P[:-1, :s].T, integrals.T).T
+    found = integrals(np.array(middles), np.array([*middles, 1.0]))
     return found[:-1], found[-1]
 
 

@@ -68,33 +68,31 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     failures = arrays["failures"]
     good, is_one = np.full(len(problem), k), len(problem) == 1 and not problem.on_gpu
 
-    def alone(i: int) -> Outcome:
-        """Return how a member ends that is marched once more, by itself: its load fails."""
-        return march(replace(problem.member(i), on_gpu=False), 1, scheme)
-
     if common is not None:
         running = failures[:, 0] == Status.OK
         failures[running] = common[:4]
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
-        if failures[i, 0] == Status.STALLED and isinstance(
-            todo.functions.error, Exception
-        ):  # nearby the load has a value
-            failures[i, 0] = Status.LOAD if is_one else alone(i).failures[0, 0]
-        is_turned = failures[i, 0] == Status.TURN and np.isnan(failures[i, 3])
-        if scheme.is_exact_without_load and is_turned:  # the motion without load, so far that no digit of it is left
-            reasons[i] = TOO_FAR
-        elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = todo.functions.reason(todo.last_call) if is_one else alone(i).reasons.get(0, "")
+        is_stalled = failures[i, 0] == Status.STALLED and isinstance(todo.functions.error, Exception)
+        if scheme.is_exact_without_load and failures[i, 0] == Status.TURN and np.isnan(failures[i, 3]):
+            reasons[i] = TOO_FAR  # the motion without load, so far that no digit of it is left
+        elif is_stalled or (failures[i, 0] == Status.LOAD and i not in reasons):  # nearby the load may have a value
+            if is_one:
+                failures[i, 0], reasons[i] = Status.LOAD, todo.functions.reason(todo.last_call)
+            else:
+                alone = march(replace(problem.member(i), on_gpu=False), 1, scheme)
+                failures[i, 0], reasons[i] = alone.failures[0, 0], alone.reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
         if (outputs := dense.outputs(good, end)) is None:
             return march(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
-    observed, march_state = _observed(todo) if problem.observed else None, todo.arrays["states"] * todo.factors
-    return Outcome(states_in(arrays, first), good, failures, reasons, intervals, observed, march_state, end, todo)
+    observed = _observed(todo) if problem.observed else None
+    states, is_kept = states_in(arrays, first), len(problem) == 1  # what many carry would take most of the memory
+    carried, kept = (todo.arrays["states"] * todo.factors, todo) if is_kept else (None, None)
+    return Outcome(states, good, failures, reasons, intervals, observed, carried, end, kept)
 
 
 def on_constraint(problem: IVP) -> IVP:

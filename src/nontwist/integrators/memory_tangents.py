@@ -27,20 +27,21 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes
 from ..kernels.dual import Dual, plain
-from ..kernels.vectors import Vector, cross
+from ..kernels.vectors import Matrix, Vector, cross, first_moment
 from ..loads import Load
 from ..loads.base import tables_as_moments
-from ..loads.functions import MOMENTS, checked, differentiated, name_of
+from ..loads.derivatives import tangents_of
+from ..loads.functions import MOMENTS, differentiated
 from ..loads.memory import Memory, Wheel
 from ..loads.terms import Damping, OfTime, Rotor
-from .base import SimulationError, Status
 from .compiled import Compiled
 from .gauss_coefficients import matrix, nodes, weights
-from .linearised import ranged
+from .gauss_stages import pulled_back
+from .linearised import ranged, unsolved_step
 from .load_samples import as_marched, at_nodes, carrier, wheel_columns
 from .problem import IVP
 
-AXES = np.eye(3)
+AXES, NO_MATRIX = np.eye(3), Matrix(*([0.0] * 3,) * 3)
 MOST = 2**20  # numbers of the matrices that are made at a time
 ITERATIONS, CLOSE, NEAR = 30, 1e-11, 1e-6  # of Newton's; the last change; how near an end is to the one that is known
 ROWS, ATTITUDE = 12, 9  # numbers of R and W, of R
@@ -92,11 +93,12 @@ class RememberingSteps:
         count = load.internal_state.size - sum(term.state0.size for term in self.rest)
         self.columns = [place for _, place in found] + list(range(count, load.internal_state.size))
         self.load = Load(tuple(term for term in load.terms if not isinstance(term, Memory)))
-        self.damping, self.dead = load.damping, systems.dead_force[0] if systems.dead_force is not None else None
+        self.damping, self.dead = Matrix(*load.damping.tolist()), Matrix(*systems.dead_force[0].tolist())
         body = carrier(systems[0], load) if self.wheels else systems[0]
-        self.J, self.Q = body.convected_inertia, np.linalg.inv(body.convected_inertia)
+        J, Q = body.convected_inertia, np.linalg.inv(body.convected_inertia)
         if (n := body.axis) is not None:
-            self.Q = self.Q - np.outer(self.Q @ n, self.Q @ n) / (n @ self.Q @ n)
+            Q = Q - np.outer(Q @ n, Q @ n) / (n @ Q @ n)
+        self.J, self.Q = Matrix(*J.tolist()), Matrix(*Q.tolist())
         self.size, self.rows = ROWS + len(self.columns), 6 + len(self.columns)
         self.sizes = load.internal_scale[self.columns]
         self.scales = [one.scale for one, _ in found]
@@ -109,60 +111,41 @@ class RememberingSteps:
         `given` are moments along the frame and in space, and the momentum of the rotors, (N, 9).
         """
         count = self.size + len(self.parameters)
-        y = [Dual(x[:, i], [float(i == j) for j in range(count)]) for i in range(self.size)]
-        R, W, z = [Vector(*y[3 * k : 3 * k + 3]) for k in range(3)], Vector(*y[ATTITUDE:ROWS]), y[ROWS:]
-        time, *known = (Dual(x, [0.0] * count) for x in (t, *given.T))
+        units = np.eye(count).tolist()
+        y = [Dual(column, unit) for column, unit in zip(x.T, units, strict=False)]
+        changes = [Dual(0.0 * t, unit) for unit in units[self.size :]]
+        R, W, z = Matrix(y[:3], y[3:6], y[6:ATTITUDE]), Vector(*y[ATTITUDE:ROWS]), iter(y[ROWS:])
+        time, *known = (Dual(column, [0.0] * count) for column in (t, *given.T))
         moving, push, rotor = (Vector(*known[3 * k : 3 * k + 3]) for k in range(3))
-        unit = [[float(self.size + j == k) for k in range(count)] for j in range(len(self.parameters))]
-        changes = [(dJ, Dual(0.0 * t, unit[j])) for j, dJ in enumerate(self.inertias) if dJ.any()]
-        total, rates = Vector(*(Vector(*row) @ W for row in self.J)) + rotor, list[Any]()
-        total = total + sum((Vector(*(Vector(*row) @ W for row in dJ)) * by for dJ, by in changes), 0.0 * W)
-        torque = moving - Vector(*(Vector(*row) @ W for row in self.damping))
-        for k, (wheel, h) in enumerate(zip(self.wheels, z, strict=False)):
-            own = wheel._copy(**self._seeded(k, wheel, 0.0 * t, unit))
+        dJ = sum((Matrix(*d.tolist()) * by for d, by in zip(self.inertias, changes, strict=True) if d.any()), NO_MATRIX)
+        total, torque, rates = (self.J + dJ) @ W + rotor, moving - self.damping @ W, list[Any]()
+        for k, wheel in enumerate(self.wheels):
+            own, h = wheel._copy(**self._varied(k, wheel, changes)), next(z)
             n, (rate, *_) = Vector(*own.wheel), own.responses(_called, time, (h,), None, W)[1]
             total, torque, rates = total + h * n, torque - rate * n, [*rates, rate]
-        first = len(self.wheels)
         for term in self.rest:
-            own_z = z[first : first + term.state0.size]
-            first += len(own_z)
-            w = [row @ W for row in R]
-            found = term.text(_called, [*(R[i][k] for k in range(3) for i in range(3)), *w, *W, *own_z, time])
+            own_z = [next(z) for _ in term.state0]
+            found = term.text(_called, [*(x for d in R.T for x in d), *(R @ W), *W, *own_z, time])
             push, torque = push + term.scale * Vector(*found[:3]), torque + term.scale * Vector(*found[3:MOMENTS])
             rates += found[MOMENTS:]
-        torque = torque + cross(total, W)
-        for axis, force in zip(AXES, self.dead if self.dead is not None else (), strict=False):
-            torque = torque + cross(Vector(*axis), sum((f * row for f, row in zip(force, R, strict=True)), 0.0 * W))
-        inverse = 1.0 / (R[0] @ cross(R[1], R[2]))
-        torque = torque + inverse * (
-            push[0] * cross(R[1], R[2]) + push[1] * cross(R[2], R[0]) + push[2] * cross(R[0], R[1])
-        )
-        turning = [c for row in R for c in cross(row, W)]
-        rate_of_W = Vector(*(Vector(*row) @ torque for row in self.Q))
-        taken = sum((Vector(*(Vector(*row) @ rate_of_W for row in self.Q @ dJ)) * by for dJ, by in changes), 0.0 * W)
-        made = [*turning, *(rate_of_W - taken), *rates]
+        still = first_moment(Matrix(*(force @ R for force in self.dead)))
+        free = self.Q @ (torque + cross(total, W) + still + pulled_back(R, push))
+        made = [*(c for row in R for c in cross(row, W)), *(free - self.Q @ (dJ @ free)), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
-        slopes = np.zeros((len(t), self.size, count))
-        for i, one in enumerate(made):
-            for j, d in enumerate(one.tangents if isinstance(one, Dual) else ()):
-                slopes[:, i, j] = d
-        return values, slopes
+        return values, tangents_of(made, count, len(t))
 
-    def _seeded(self, number: int, wheel: Wheel, zeros: Array, units: list[list[float]]) -> dict[str, Any]:
-        """Return the fields of a wheel that are parameters, as duals."""
-        found = dict[str, Any]()
-        for one, unit in zip(self.parameters, units, strict=True):
+    def _varied(self, number: int, wheel: Wheel, changes: list[Any]) -> dict[str, Any]:
+        """Return the fields of a wheel that are parameters, with their changes."""
+        found, n = dict[str, Any](), wheel.direction
+        for one, by in zip(self.parameters, changes, strict=True):
             if one is None or one[0] != number or one[1] == "speed":
                 continue
             name, k = one[1:]
             if name == "wheel":  # of a change of the axis counts what is across it
-                n = wheel.direction
-                across = (np.eye(3) - np.outer(n, n))[k].tolist()
-                known = found.get(name, [Dual(zeros + x, [0.0] * len(unit)) for x in n.tolist()])
-                found[name] = [x + c * Dual(zeros, unit) for x, c in zip(known, across, strict=True)]
+                across = (AXES - np.outer(n, n))[k].tolist()
+                found[name] = [x + c * by for x, c in zip(found.get(name, n.tolist()), across, strict=True)]
             else:
-                factor = self.scales[number] if name == "torque" else 1.0
-                found[name] = Dual(zeros + getattr(wheel, name), [factor * x for x in unit])
+                found[name] = getattr(wheel, name) + by * (self.scales[number] if name == "torque" else 1.0)
         return found
 
     # ---- steps
@@ -193,7 +176,7 @@ class RememberingSteps:
             [np.ones(ATTITUDE), np.full(3, speed), np.maximum(self.sizes, abs(known[:, ROWS:]).max(0))]
         )
         for _ in range(ITERATIONS):
-            G, slopes = self._at(times, X, given)
+            G, slopes = (y.reshape(n, s, q, *y.shape[2:]) for y in self.rates(times, X.reshape(n * s, q), given))
             A = np.eye(s * q) - np.einsum("nij,njkl->nikjl", ah, slopes[..., :q]).reshape(n, s * q, s * q)
             left = known[:-1, None] + np.einsum("nij,njk->nik", ah, G) - X
             d = np.linalg.solve(A, left.reshape(n, s * q, 1)).reshape(n, s, q)
@@ -204,9 +187,7 @@ class RememberingSteps:
         near = abs(ends - known[1:]) <= NEAR * size
         if not (change <= CLOSE and near.all()):
             bad = first + int(np.argmin(near.all(axis=1)))
-            t, step = float(problem.times(bad)), problem.step_at(bad)
-            message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
-            raise SimulationError(message, int(Status.STALLED), t, step, np.nan)
+            raise unsolved_step(problem, bad)
         p = len(self.parameters)
         start = np.zeros((n, q, self.rows + p))  # δ, W, z, parameters
         for j, axis in enumerate(AXES):
@@ -222,11 +203,6 @@ class RememberingSteps:
         turn = np.stack([turns[:, i, j] - turns[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
         found = np.concatenate([turn, end[:, ATTITUDE:]], axis=1)
         return slice(first, last), found[..., : self.rows], found[..., self.rows :]
-
-    def _at(self, times: Array, X: Array, given: Array) -> tuple[Array, Array]:
-        n, s, q = X.shape
-        G, slopes = self.rates(times, X.reshape(n * s, q), given)
-        return G.reshape(n, s, q), slopes.reshape(n, s, q, -1)
 
     # ---- runs
 
@@ -279,24 +255,17 @@ def _called(function: Callable[..., Any], given: tuple[Any, ...], shape: tuple[i
     numbers = [one for x in given for one in np.ravel(np.array(x, dtype=object)).tolist()]
     count = len(plain(numbers[0]))
     try:
-        found = differentiated(function, given, shape)
-        for k in (0, count - 1):
-            at = checked(function, tuple(_at_one(x, k, False) for x in given), shape)
-            if not np.allclose([np.broadcast_to(plain(y), count)[k] for y in found], at, 1e-9, 1e-12):
-                raise ValueError(f"{name_of(function)} is not the same of many numbers at once")
-        return found
+        return differentiated(function, given, shape)
     except ValueError:
-        each = [differentiated(function, tuple(_at_one(x, k, True) for x in given), shape) for k in range(count)]
-    return [_dual_array([one[i] for one in each], numbers[0]) for i in range(len(each[0]))]
+        each = [differentiated(function, tuple(_at_one(x, k) for x in given), shape) for k in range(count)]
+    return [_dual_array(list(found), numbers[0]) for found in zip(*each, strict=True)]
 
 
-def _at_one(x: Any, k: int, is_dual: bool) -> Any:
-    """Return the number k of duals of arrays, as floats or as duals."""
+def _at_one(x: Any, k: int) -> Any:
+    """Return the number k of duals of arrays."""
     if isinstance(x, np.ndarray):
-        found = np.array([_at_one(y, k, is_dual) for y in x.ravel()], dtype=object if is_dual else np.float64)
-        return found.reshape(x.shape)
-    value = float(x.value[k])
-    return Dual(value, [d if isinstance(d, float) else float(d[k]) for d in x.tangents]) if is_dual else value
+        return np.array([_at_one(y, k) for y in x.ravel()], dtype=object).reshape(x.shape)
+    return Dual(float(x.value[k]), [d if isinstance(d, float) else float(d[k]) for d in x.tangents])
 
 
 def _dual_array(each: list[Any], like: Dual) -> Dual:

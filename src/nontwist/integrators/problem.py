@@ -338,10 +338,9 @@ class Intervals(NamedTuple):
     @property
     def of_one(self) -> dict[str, Any]:
         """The fields of one body, but for what works are made of."""
-        known = self._replace(velocity_integrals=None)._asdict()
-        return {
-            name: None if array is None else array[0] for name, array in known.items() if name != "velocity_integrals"
-        }
+        found = {name: None if array is None else array[0] for name, array in self._asdict().items()}
+        del found["velocity_integrals"]
+        return found
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the first intervals, of these lengths, side by side, (m, n, columns)."""
@@ -373,9 +372,9 @@ class Outcome(NamedTuple):
     reasons: dict[int, str | Exception]  # of members that have failed otherwise than by a turn or a stalled iteration
     intervals: Intervals | None = None
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
-    memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit
+    memory: Array | None = None  # (1, ...) what a march of one body carries at its end, to continue bit for bit
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
-    march: Any = None  # what found them, from which others can be found between nodes
+    march: Any = None  # what found those of one body, from which others can be found between nodes
 
     def times(self, problem: IVP) -> Array:
         """Return the times of the states: of a run that was stopped the last one is that of no output."""
@@ -386,11 +385,8 @@ class Outcome(NamedTuple):
 
     def at(self, whole: IVP, problem: IVP) -> Outcome:
         """Return the outcome of a problem at the outputs of another one, which are some of its own."""
-        indices, k, times = (
-            np.searchsorted(whole.stored_times, problem.stored_times),
-            len(problem.stored_times),
-            self.times(whole),
-        )
+        k, times = len(problem.stored_times), self.times(whole)
+        indices = np.searchsorted(whole.stored_times, problem.stored_times)
         if self.end is None:
             good = np.searchsorted(indices, self.good)
         else:  # the last state is that of no output

@@ -65,7 +65,6 @@ from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned_and_normalised, turned_by_vector
 from ..engine.records import Parts, State
@@ -82,7 +81,8 @@ from ..models.stack import is_principal, transverse_momentum
 from .base import IVP, SPIN
 from .compiled import ONCE, Compiled
 from .costs import Cost, steps_cost
-from .load_samples import Unloaded
+from .gauss_coefficients import nodes as gauss_nodes
+from .load_samples import Unloaded, coefficients, integrals
 
 _SUZUKI = 1 / (4 - 4 ** (1 / 3))
 
@@ -206,7 +206,7 @@ class Split(Compiled):
         Nodes of substeps are their middles.
         """
         if parts.is_constrained and parts.is_explicit:
-            return ONCE, GAUSS_RULES[self.order].nodes
+            return ONCE, gauss_nodes(self.order)
         return fractions(self.order), nodes(self.order)
 
     def refusal(self, problem: IVP) -> str | None:
@@ -244,19 +244,13 @@ class GaussRule(NamedTuple):
     inner: Array
 
 
+@cache
 def gauss_rule(s: int) -> GaussRule:
     """Return the coefficients of s Gauss nodes; the attitude at a single one is turned by half the step."""
-    x, w = leggauss(s)
-    c, k = 0.5 + 0.5 * x, np.arange(1, s + 1)
-    integrals = np.linalg.inv(np.vander(c, increasing=True)) / k[:, None]
-
-    def until(t: Array) -> Array:
-        return t[..., None] ** k @ integrals
-
-    return GaussRule(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
-
-
-GAUSS_RULES = {2 * s: gauss_rule(s) for s in (1, 2, 3)}
+    c = gauss_nodes(2 * s)
+    inner = integrals(c, np.outer(c, c)) if s > 1 else np.full((1, 1, 1), 0.5)
+    matrix, weights = coefficients(tuple(c.tolist()))
+    return GaussRule(c, weights, matrix, inner)
 
 
 def rotated(state: State, cosm1: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
@@ -332,7 +326,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
 def quadrature(nodes: Nodes, state: State) -> Step:
     """Turn a constrained body, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
     parts, k, h, P, zero, s = nodes.parts, nodes.body.k, nodes.h, state.s, 0.0 * state.s, nodes.parts.nodes
-    rule, means = GAUSS_RULES[2 * s], StepSums(nodes)
+    rule, means = gauss_rule(s), StepSums(nodes)
     M = [nodes.moving(j) if parts.moving else zero for j in range(s)]
     across = [Vector(B[0], B[1], zero[2]) for B in M]
 

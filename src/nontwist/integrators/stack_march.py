@@ -24,7 +24,20 @@ from ..engine.functions import StateFunctions
 from ..engine.generalised import STAGE
 from ..engine.marching import Text, march_kernel
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
-from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts, pack, side_by_side, slab_layout
+from ..engine.records import (
+    BLOCK,
+    BODY,
+    FAILURE,
+    OBSERVED,
+    STATE,
+    SUMS,
+    WORK,
+    Parts,
+    apart,
+    pack,
+    side_by_side,
+    slab_layout,
+)
 from ..engine.workspace import enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
@@ -65,10 +78,8 @@ class StackMarch:
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = float(power_of_two(np.max(sizes)))
         systems, self.load = as_marched(stack, director)
-        assert not any(one.is_driven for one in self.load.wheels), "a body with wheels is marched as_gyrostat"
-        acts_alone = not known.get("space", False)  # without a moment in space that is added to the load
-        is_at_stages = self.needs.action == STAGE
-        self.about = orbit_of(systems, self.load, self.unit) if is_at_stages and acts_alone else None
+        has_orbit = self.needs.action == STAGE and not known.get("space", False)  # which is added to the load
+        self.about = orbit_of(systems, self.load, self.unit) if has_orbit else None
         self.bodies = body_rows(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
@@ -99,7 +110,7 @@ class StackMarch:
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
         self.slab = slab_layout(self.shapes)
-        self.arrays, array_addresses = side_by_side(**self.shapes)
+        self.arrays, array_addresses = (side_by_side if m == 1 or stack.on_gpu else apart)(**self.shapes)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
@@ -111,14 +122,8 @@ class StackMarch:
         pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         function, generalised, terms = self.functions.address, self.functions.generalised, self.functions.terms
         pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
-        self.internal_scales = self.load.internal_scale
-        pack(
-            self.block,
-            BLOCK,
-            memory_response=self.functions.memory_response,
-            internal=z.size,
-            internal_scales=self.internal_scales,
-        )
+        self.internal_scales, response = self.load.internal_scale, self.functions.memory_response
+        pack(self.block, BLOCK, memory_response=response, internal=z.size, internal_scales=self.internal_scales)
         pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)

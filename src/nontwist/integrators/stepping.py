@@ -102,9 +102,8 @@ def outcome_of(problem: IVP, march: March) -> Outcome:
     p = without_jumps(np.concatenate([problem.quaternion, p]))[1:]
     carried = np.stack([march.directors, march.velocities], axis=1)
     states = States(*(_padded(array, k, np.nan) for array in (p, W, N, carried)))
-    multipliers, moment, work = (_padded(array, k - 1, 0) for array in march[2:5])
-    velocity_integrals = None if march.velocity_integrals is None else _padded(march.velocity_integrals, k - 1, 0)
-    iterations = None if march.newton_iterations is None else _padded(march.newton_iterations, k - 1, 0)
+    multipliers, moment, work, iterations = (_padded(array, k - 1, 0) for array in march[2:6])
+    velocity_integrals = _padded(march.velocity_integrals, k - 1, 0)
     is_known = problem.systems.axis is None or not (problem.load.potentials or problem.systems.has_dead_force)
     dead = np.zeros(moment.shape) if is_known else None
     intervals = Intervals(multipliers, moment, work, iterations, dead, velocity_integrals=velocity_integrals)
@@ -113,8 +112,10 @@ def outcome_of(problem: IVP, march: March) -> Outcome:
     return Outcome(states, np.array([n]), failures, reasons, intervals)
 
 
-def _padded(array: Any, length: int, value: float) -> NDArray[Any]:
-    """Return an array with a member axis, brought to a length."""
+def _padded(array: Any, length: int, value: float) -> Any:
+    """Return an array, if there is one, with a member axis, brought to a length."""
+    if array is None:
+        return None
     missing = np.full((length - len(array), *array.shape[1:]), value, array.dtype)
     return np.concatenate([array, missing])[None]
 
@@ -230,6 +231,5 @@ def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
     q, v = (np.array(part) for part in zip(*states, strict=True))
     used_most = None if counts is None else np.array([iterations], dtype=np.int64)
     means = whole.means.of_integrals(between[None], outputs.length[:n], used_most).of_one
-    parts: list[Any] = [None if array is None else array[first:] for array in (q, v, *list(means.values())[:4])]
-    q, v, multipliers, moment, work, most = parts
-    return March(q, v, multipliers, moment, work, most, failure)
+    parts: Any = (None if array is None else array[first:] for array in (q, v, *list(means.values())[:4]))
+    return March(*parts)._replace(failure=failure)

@@ -68,12 +68,8 @@ class PreparedTangents:
     """
 
     def __init__(self, steps: Linearised, count: int, entries: EntriesOf, is_stored: StepMask) -> None:
-        self._steps, self._chunks, self._stored_count = (
-            steps,
-            list(steps.chunks(count, entries, is_stored)),
-            int(is_stored.sum()),
-        )
-        self._count, self._threads = count, PerThread(lambda: (None,) * 6)
+        self._steps, self._chunks = steps, list(steps.chunks(count, entries, is_stored))
+        self._stored_count, self._count, self._threads = int(is_stored.sum()), count, PerThread(lambda: (None,) * 6)
         self._run = chain_forward(steps.rows).function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:

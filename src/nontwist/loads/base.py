@@ -21,7 +21,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
-from operator import is_
 from typing import Any, Literal
 
 import numpy as np
@@ -129,13 +128,8 @@ class Load:
         each = each[np.argsort(each[:, 0])]
         reached = np.maximum.accumulate(each[:, 1])
         is_disjoint = each[1:, 0] > reached[:-1]
-        return np.stack(
-            [
-                each[np.append([True], is_disjoint)[: len(each)], 0],
-                reached[np.append(is_disjoint, [True])[: len(each)]],
-            ],
-            axis=1,
-        )
+        begins, ends = (np.append(*pair)[: len(each)] for pair in (([True], is_disjoint), (is_disjoint, [True])))
+        return np.stack([each[begins, 0], reached[ends]], axis=1)
 
     @property
     def end(self) -> float:
@@ -388,8 +382,7 @@ def is_called(term: Term) -> bool:
 
 def tables_as_moments(load: Load) -> Load:
     """Return a load with the moments of forces that are tables along the directors in the place of these."""
-    terms = tuple(_table_as_moment(term) for term in load.terms)
-    return load if all(map(is_, terms, load.terms)) else Load(terms)
+    return Load(tuple(_table_as_moment(term) for term in load.terms))
 
 
 def forces_sampled(load: Load, times: Array) -> Array:
@@ -429,20 +422,14 @@ def moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -
 
 def state_moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
     """Return what `Load.state_moment` does, of arguments that are known to be sound."""
-    total = np.zeros(3)
-    for term in load.terms:
-        if term.kind not in ("body", "space"):
-            total += term.scale * term.moment_at(t, directors, angular_velocity)
-    return total
+    terms = (one for one in load.terms if one.kind not in ("body", "space"))
+    return sum((one.scale * one.moment_at(t, directors, angular_velocity) for one in terms), np.zeros(3))
 
 
 def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
     """Return the forces on the directors of a load of director forces and potentials, rows of (3, 3)."""
-    total = np.zeros((3, 3))
-    for term in load.terms:
-        if isinstance(term, ForceTerm):
-            total += term.scale * term.forces_at(t, directors, angular_velocity)
-    return total
+    terms = (one for one in load.terms if isinstance(one, ForceTerm))
+    return sum((one.scale * one.forces_at(t, directors, angular_velocity) for one in terms), np.zeros((3, 3)))
 
 
 NOTHING = Load()

@@ -494,19 +494,9 @@ def wheel(
     is_number = not (is_table or is_motor or torque is None)
     if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
         raise ValueError(f"torque must be a number, (times, values) or a function, got {short_repr(torque)}")
-    number, motor = (0.0, torque) if is_motor else (torque, None)
+    number, motor = (torque if is_number else 0.0), (torque if is_motor else None)
     table = torque if is_table else ((), ())
-    given = (
-        axis,
-        inertia,
-        speed,
-        0.0 if is_table or number is None else number,
-        *table,
-        viscous,
-        coulomb,
-        friction,
-        motor,
-    )
+    given = axis, inertia, speed, number, *table, viscous, coulomb, friction, motor
     has_function = motor is not None or friction is not None
     return of_function(Wheel, *given, compiled=compiled) if has_function else Wheel(*given).load
 

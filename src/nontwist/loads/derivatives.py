@@ -65,7 +65,7 @@ def moment_rates(term: Term, times: Array) -> Array:
 def forces_rates(term: ForceTable, times: Array) -> Array:
     """Return the derivatives of forces by the time, (n, 18), without the factor."""
     found, first = np.zeros((len(times), 18)), 9 * (term.frame == "body")
-    found[:, first : first + 9] = _tangents(term.columns(Dual(times, [1.0])), 1, len(times))[..., 0]
+    found[:, first : first + 9] = tangents_of(term.columns(Dual(times, [1.0])), 1, len(times))[..., 0]
     return found
 
 
@@ -74,7 +74,7 @@ def _slopes(term: Term, times: Array, name: str = "") -> Array:
     count = np.size(getattr(term, name)) if name else 1
     if term.columns is not None:
         seeded = term.seeded(name) if name else term
-        return _tangents(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
+        return tangents_of(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
     first = 1 + sum(np.size(getattr(term, other)) for other in term.varying[: term.varying.index(name)]) if name else 0
     found = [slopes_of(term, np.array([t, *term.numbers])) for t in times.tolist()]
     if differences := {function for _, function in found} - {""}:
@@ -185,7 +185,7 @@ def differenced(names: Iterable[str]) -> str:
     )
 
 
-def _tangents(columns: Any, count: int, rows: int) -> Array:
+def tangents_of(columns: Any, count: int, rows: int) -> Array:
     """Return the derivatives of columns, numbers along times, (rows, columns, count)."""
     found = [[np.broadcast_to(tangent(y, j), rows) for j in range(count)] for y in columns]
     return np.moveaxis(np.array(found, dtype=np.float64), -1, 0)
@@ -227,7 +227,7 @@ def fixed_slopes(term: Term, name: str) -> Slopes:
     fixed: Any = own.damping if isinstance(own, Damping) else own.dead_force
     if name == "scale":
         return Slopes.of(fixed.reshape(1, 9, 1))
-    return Slopes.of(term.scale * _tangents(fixed.ravel().tolist(), np.size(getattr(term, name)), 1))
+    return Slopes.of(term.scale * tangents_of(fixed.ravel().tolist(), np.size(getattr(term, name)), 1))
 
 
 def _each_axis(row: NDArray[np.int64], entry: NDArray[np.int64], weight: Array, n: int = 3) -> Slopes:

@@ -135,6 +135,7 @@ class ForceFunction(DirectorForces):
 MOST_VECTORS = 4
 I3 = np.eye(3)
 ZEROS: Any = (0.0, 0.0, 0.0)
+NO_MATRIX: Any = (ZEROS,) * 3
 
 
 class Potential(ForceTerm):
@@ -150,11 +151,6 @@ class Potential(ForceTerm):
     def vectors(self) -> Array:
         """The space vectors a, (k, 3)."""
         return I3
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape in which functions get γ."""
-        return self.vectors.shape
 
     @property
     def counts(self) -> tuple[int, int]:  # type: ignore[override]
@@ -238,10 +234,8 @@ class Quadratic(OfOneVector):
 
     linear: Annotated[Array, Spec("along the directors, J per unit of the vector", shape=(3,))] = ZEROS
     quadratic: Annotated[Array, Spec("symmetric, J per unit of the vector squared", shape=(3, 3), rule="symmetric")] = (
-        ZEROS,
-        ZEROS,
-        ZEROS,
-    )  # type: ignore[assignment]
+        NO_MATRIX
+    )
     vector: Annotated[Array, Spec("a vector in space", shape=(3,), is_fixed=True)]
 
     @property

@@ -428,11 +428,7 @@ class Momentum(Term):
 
     in_kernels = True
     is_linear = True
-
-    @property
-    def direction(self) -> Array:
-        """The axis n, (3,)."""
-        raise NotImplementedError
+    direction: Any  # the axis n, (3,)
 
     def history(self, times: Array) -> tuple[Array, Array]:
         """Return h and h' at (n,) times, without the factor."""

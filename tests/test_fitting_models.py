@@ -16,7 +16,7 @@ from conftest import ended
 from fit_errors import csv, differences, model_of, off, off_by, recorded
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short, with_moments
-from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed, constant
+from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed
 from nontwist.fitting.motions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
 from nontwist.fitting.telling import covariance, quantile, walled
@@ -137,7 +137,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, place
     time, rates, speeds = (one[::14] for one in spun())
     speed = None
     if model.wheel:
-        speed = constant(time, 40.0) if model.wheel.inertia == 1e-3 else as_speed(time, speeds)
+        speed = as_speed(time, np.full(len(time), 40.0) if model.wheel.inertia == 1e-3 else speeds)
     begun = np.tile([0.1, 0.2, -0.4, 0.7], (len(time), 1)) if model.oriented else None
     stretch = Stretch(time, rates, speed, begun, attitudes != "only")
     lanes = short(model, [stretch])

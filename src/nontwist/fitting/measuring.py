@@ -316,11 +316,6 @@ def of_knots(time: Array, readings: Array, knots: Array) -> Speed:
     return Speed(time, readings, knots, values, max(float(np.sqrt(rss / max(len(time) - len(knots), 1))), least))
 
 
-def constant(time: Array, value: float) -> Speed:
-    """Return a speed that is known and constant."""
-    return of_knots(time[[0, -1]], np.full(2, value), time[[0, -1]])
-
-
 def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> list[Rates]:
     """Return recordings; `use` is "only" or "both" where attitudes of files and runs are fitted, read as told."""
     found = [_reading(one, name, reading, use, attitudes) for one, name in _listed(recording)]
@@ -420,16 +415,24 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
     raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {short_repr(one)}")
 
 
-def speed_of(one: Rates, spin: Any, rows: slice | NDArray[np.intp], sense: float = 1.0) -> Speed:
-    """Return the speed of the rotor in some rows; with the sense -1, backwards in time, these descend."""
-    time = sense * one.time[rows]
+def spun(one: Rates, spin: Any) -> Rates:
+    """Return a recording with the speed of a rotor, a number where it is constant; without one where `spin` is None."""
+    if spin is None:
+        return replace(one, speed=None)
     if one.speed is None:
         if isinstance(spin, str):
             raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
-        return constant(time, as_number(spin, "rotor: speed"))
-    if not np.isfinite(one.speed[rows]).any():
+        return replace(one, speed=np.full(len(one.time), as_number(spin, "rotor: speed")))
+    if not np.isfinite(one.speed).any():
         raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
+    return one
+
+
+def speed_of(one: Rates, rows: slice | NDArray[np.intp], sense: float = 1.0) -> Speed | None:
+    """Return the speed of the rotor in some rows; with the sense -1, backwards in time, these descend."""
+    if one.speed is None:
+        return None
     try:
-        return as_speed(time, one.speed[rows])
+        return as_speed(sense * one.time[rows], one.speed[rows])
     except ValueError as error:
         raise ValueError(f"{one.name}: {error}") from error

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
 from ..geometry.attitudes import ENTRIES
-from .bodies import unit_vector
 from .measuring import IDEAL, PLACES, UNITS
 from .shooting import STRAY
 from .telling import FEWEST, quantile
@@ -290,7 +288,8 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
         body |= {"mass": mass, "centre_of_mass": (distance * c).tolist(), "gravity": [0.0, 0.0, -model.pivot.gravity]}
         if n is None:
             body["kind"] = "heavy_top"
-        start["rotation"] = {"matrix": _upright(part.down).tolist()}
+        upright, _ = Rotation.align_vectors([0, 0, -1], part.down)
+        start["rotation"] = {"matrix": upright.as_matrix().tolist()}
     if n is not None:
         said += "; the moment of inertia about the constrained axis is arbitrary"
     run: dict[str, Any] = {"title": f"Motion as fitted; {said}", "body": body, "start": start}
@@ -303,10 +302,3 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
         table = {"times": part.speed[0].tolist(), "values": momentum.tolist()}
         loads.append({"kind": "rotor", "axis": model.axis(more).tolist(), **table})
     return run | ({"load": loads} if loads else {})
-
-
-def _upright(down: Array) -> Array:
-    """Return a rotation from body to space that takes `down`, in body components, to -z."""
-    up = -unit_vector(down)
-    side = unit_vector(np.cross(up, np.eye(3)[int(np.argmin(abs(up)))]))
-    return np.stack([side, np.cross(up, side), up])

@@ -103,10 +103,11 @@ class Gyroscope(NamedTuple):
         """Return readings, (n, 3), and their derivatives by W, (3, 3), and by what is fitted, (n, 3, k)."""
         whole, by = self.whole(fitted), np.zeros((len(W), 3, len(IDEAL)))
         scale, theta, e = whole[SCALE], whole[PLACES["misalignment"]], whole[PLACES["axis_scales"]]
-        Q = exp(theta).T
+        Q = exp(theta).T if theta.any() else np.eye(3)
         along, by_W = W @ Q.T, scale * e[:, None] * Q
         by[:, :, BIAS], by[:, :, SCALE] = np.eye(3), e * along
-        by[:, :, PLACES["misalignment"]] = by_W @ hats(W) @ dexp(theta)
+        if self.deviation[PLACES["misalignment"]].any():
+            by[:, :, PLACES["misalignment"]] = by_W @ hats(W) @ dexp(theta)
         by[:, range(3), range(7, 10)] = scale * along
         if rates is not None:
             by[:, :, -1] = -rates @ by_W.T

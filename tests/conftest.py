@@ -42,6 +42,25 @@ def no_figures_are_left():
         sys.modules["matplotlib.pyplot"].close("all")
 
 
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder to work in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def write(tmp_path):
+    """What writes text or bytes to a file, and returns its path."""
+
+    def to_file(text, name="run.toml"):
+        path = tmp_path / os.fsdecode(name.encode())
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return to_file
+
+
 def thinned(every, *values):
     """Return all combinations: every first of `every` for the quick suite, the others for the long one alone."""
     cases = enumerate(product(*values))

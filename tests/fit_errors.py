@@ -6,6 +6,11 @@ from nontwist import sensors, simulate
 from nontwist.fitting.shooting import residuals, stacked
 from nontwist.fitting.telling import quantile
 
+FREE = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])  # kg m², of a thrown body
+PIVOTED = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])  # of one on a pivot
+MASS, CENTRE = 0.5, np.array([0.03, -0.02, -0.15])
+HEADER = "time (s),gx (rad/s),gy (rad/s),gz (rad/s)"
+
 
 def recorded(body, seconds, start, *, sensor=None, **how):
     """Return what a gyroscope reads of a motion from this W: 200 times a second, with noise."""
@@ -25,6 +30,10 @@ def off(fit, inertia):
     value = np.concatenate([found.moments, found.ratios])
     half = np.diff(np.concatenate([found.intervals, found.ratio_intervals]))[:, 0] / 2
     return (value - np.concatenate([true, true[:2] / true[2]])) / half * quantile(fit.solution)
+
+
+def farthest(fit, inertia):
+    return abs(off(fit, inertia)).max()
 
 
 def share_covered(fits):
@@ -49,10 +58,10 @@ def differences(problem, at):
     return all_residuals(problem, at)[1], np.stack(found, axis=1)
 
 
-def model_of(fit):
-    """Return what the gyroscope reads of the motion that was fitted, as a run of its problem."""
-    run = simulate(fit.problem(), times=fit.parts[0].time)
-    return fit.scale * run.material_angular_velocity.values + fit.bias
+def apart(fit, problem=None):
+    """Return how far a run of the problem of a fit is from the readings that were fitted, rad/s."""
+    run = simulate(problem or fit.problem(), times=fit.parts[0].time)
+    return abs(fit.scale * run.material_angular_velocity.values + fit.bias - fit.parts[0].model).max()
 
 
 def csv(path, header, *columns):

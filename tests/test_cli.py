@@ -46,6 +46,7 @@ def test_reproduce_exits_with_1_when_a_number_differs(tmp_path):
         ("reproduce --case 4", " for '--case': 4 is above 3, the largest value"),
         ("twist a.csv --rate -1", ": --rate re"),
         ("view a.csv --euler XXZ", ": --euler re"),
+        ("twist a.csv --align foo", " for '--align': 'foo' is not one of '"),
     ],
 )
 def test_a_value_that_an_option_cannot_take_is_an_error_of_usage(words, message):

@@ -35,12 +35,11 @@ def runs():
 
 
 @pytest.fixture
-def folder(runs, tmp_path, monkeypatch):
+def folder(runs, here):
     """A folder with the files free.nc and held.nc, to work in."""
-    monkeypatch.chdir(tmp_path)
     for run, name in zip(runs, ("free", "held"), strict=True):
         nt.save_run(run, f"{name}.nc")
-    return tmp_path
+    return here
 
 
 def words(figure):
@@ -70,14 +69,6 @@ def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
     assert arcs(path).max() < 0.051
     assert arcs(path).sum() == pytest.approx(1.7 * rate, abs=1e-5)  # attitudes have single precision in a page
     assert path @ np.cross(path[0], path[1]) == pytest.approx(np.zeros(len(path)), abs=1e-6)
-
-
-def test_the_words_are_on_the_picture(runs):
-    psi = float(nt.twist(runs[0]).twist_angle.sel(time=2.6, method="nearest"))
-    found = words(still([Motion(content(run)) for run in runs], 2.6, 50))
-    assert {f"ψ = {np.degrees(psi):.1f}°", "ψ = 0.0°"} < {*found}
-    assert found.count("t = 2.60 s") == 2
-    assert {"standard body", "non-twisting body", "d₁", "d₂", "d₃"} <= {*found}
 
 
 @pytest.mark.parametrize("lean", [0.3, 2.6])
@@ -137,6 +128,7 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
 @pytest.mark.parametrize("width", [200, 1920])
 def test_a_line_separates_the_time_of_one_run_from_the_name_of_the_next(width, runs):
     figure = still([Motion(data) for data in contents(runs, ["free", "held"])], 0.8, width / 8.6)
+    assert {"d₁", "d₂", "d₃"} <= {*words(figure)}
     time, name = (next(t for t in ax.texts if t.get_text() in ("t = 0.80 s", "held")) for ax in figure.axes)
     figure.draw_without_rendering()
     (line,) = figure.artists
@@ -185,7 +177,6 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, fo
 
 
 def test_what_options_of_films_do_not_fit_is_refused(folder, monkeypatch):
-    Path("a.png").touch()
     for code, *arguments in (
         (2, "--fps", "9"),
         (2, "--seconds", "9", "--png", "x.png"),
@@ -193,7 +184,6 @@ def test_what_options_of_films_do_not_fit_is_refused(folder, monkeypatch):
         (2, "--dark"),
         (2, "--gif", "film.mp4"),
         (2, "--at", "1"),
-        (5, "--png", "a.png"),
         (3, "--png", "x.png", "--at", "9"),
         (2, "--png", "x.png", "--camera", "90"),
         (3, "--png", "x.png", "--camera", "0,91"),
@@ -294,9 +284,9 @@ def test_a_part_of_a_run_is_shown(runs, folder):
     assert (shown["start"], shown["end"]) == (2.0, 3.0)
 
 
-def test_states_far_apart_are_completed(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("here")
+def test_states_far_apart_are_completed():
     """Of a free body that turns at 5 rad/s about its axis of symmetry, with a precession, in 12 states."""
-    monkeypatch.chdir(tmp_path)
     start = {"t_end": 6, "material_angular_velocity": (1, 0, 5)}
     nt.save_run(nt.simulate(nt.standard([3, 3, 2]), step=0.5, integrator="gauss", order=16, **start), "run.nc")
     (shown,), told = pages_of("run.nc")
@@ -361,14 +351,13 @@ def centre_on_page(shown, rho):
 
 
 @pytest.mark.parametrize("gravity", [-9.81, 9.81])
-def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp_path):
+def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, write):
     """A cuboid of 0.2 × 0.3 × 0.6 m whose centre of mass is 0.5 m from the pivot along d3 and 0.1 m along d1."""
     mass, sides, rho = 2.0, np.array([0.2, 0.3, 0.6]), np.array([0.1, 0.0, 0.5])
     J = nt.inertia.shift(nt.inertia.of_cuboid(mass, sides), mass=mass, offset=rho)
     own = f"mass = {mass}, centre_of_mass = {rho.tolist()}, gravity = [0, 0, {gravity}]"
     text = BODY.format(1, f'{{ kind = "heavy_top", inertia = {J.tolist()}, {own} }}')
-    (tmp_path / "rod.toml").write_text(text, encoding="utf-8")
-    run = nt.simulate(read_run_file(tmp_path / "rod.toml").problem)
+    run = nt.simulate(read_run_file(write(text)).problem)
     shown = content(run)
     half, edges, centre = np.array(shown["box"]["half"]), np.array(shown["box"]["edges"]), centre_on_page(shown, rho)
     assert shown["weight"]["down"] == pytest.approx([0, 0, np.sign(gravity)])
@@ -397,14 +386,14 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, write):
     mass, rho = SHAPES[shape]
     if "mesh" in shape:
         trimesh = pytest.importorskip("trimesh")
         trimesh.Trimesh(TETRAHEDRON, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).export("t.stl")
     text = BODY.format(0.2, f'{{ kind = "heavy_top", inertia = {{ {shape} }} }}')
-    Path("shape.toml").write_text(text, encoding="utf-8")
+    write(text, "shape.toml")
     ended(0, "run", "shape.toml", "--quiet")
     run = nt.open_run("shape.nc")
     assert (run.attrs["mass"], [*run.attrs["centre_of_mass"]]) == (pytest.approx(mass), pytest.approx(rho))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import ended
-from fit_errors import csv, model_of, off, off_by, recorded, share_covered
+from fit_errors import FREE, apart, csv, farthest, off, off_by, recorded, share_covered
 from nontwist.fitting.bodies import TRACELESS, Model, entries
 from nontwist.fitting.motions import Motion, RunawayError, response
 from nontwist.fitting.reports import _number as number_in_words
@@ -20,12 +20,10 @@ from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.recordings.headers import ACCELEROMETER, GYROSCOPE, rate_unit
 from nontwist.recordings.headers import sensors as three_axes
 from nontwist.runfile import read_run_file
-from refusals import refused, refused_as, warned
+from refusals import refused, refused_as, said, warned
 
-J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
 PHONE = nt.inertia.of_cuboid(0.18, (0.147, 0.072, 0.008))
 W = np.array([8.0, 9.0, -7.0])
-TIMES = np.sort(np.random.default_rng(4).uniform(0, 0.6, 40))  # uneven, as recordings are
 
 
 @cache
@@ -67,7 +65,7 @@ def in_degrees(path, time, rates, header=HEADER, *more):
 
 def test_a_motion_that_runs_away_is_given_up():
     with pytest.raises(RunawayError, match="not finite, or needs too many steps"):
-        response(Motion(Model(damping=1), J, np.array([-30.0])), W, np.linspace(0, 2, 300))
+        response(Motion(Model(damping=1), FREE, np.array([-30.0])), W, np.linspace(0, 2, 300))
 
 
 # Estimates
@@ -98,7 +96,7 @@ def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body
         recordings.append(recorded(body, 0.6, 7 * rng.normal(size=3), sensor=sensor))
     together = nt.fit_inertia(recordings[:3], interval="all")
     alone = [nt.fit_inertia(one, interval="all") for one in recordings[:3]]
-    assert abs(off(together, PHONE / np.trace(PHONE))).max() < 4
+    assert farthest(together, PHONE / np.trace(PHONE)) < 4
     assert together.identifiable[-1].standard_error < min(one.identifiable[-1].standard_error for one in alone)
     assert abs(together.cross_validation - 1).max() < 0.15
     assert alone[0].cross_validation.size == 0
@@ -110,10 +108,9 @@ def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body
 def test_the_run_file_reproduces_the_motion(tmp_path):
     fit = nt.fit_inertia(throw(2)[1])
     assert len(fit.parts[0].time) == 241  # all of it
-    assert abs(model_of(fit) - fit.parts[0].model).max() < 1e-6
+    assert apart(fit) < 1e-6
     fit.problem().write(tmp_path / "run.toml")
-    run = nt.simulate(read_run_file(tmp_path / "run.toml").problem, times=fit.parts[0].time)
-    assert abs(fit.scale * run.material_angular_velocity.values + fit.bias - fit.parts[0].model).max() < 1e-6
+    assert apart(fit, read_run_file(tmp_path / "run.toml").problem) < 1e-6
 
 
 def test_uneven_times_gaps_and_bad_rows():
@@ -121,13 +118,13 @@ def test_uneven_times_gaps_and_bad_rows():
     t, y = recording.time.values, recording.gyroscope.values.copy()
     y[7, 1] = np.nan
     order = np.random.default_rng(0).permutation(np.delete(np.arange(len(t)), np.arange(100, 140)))
-    with warned("missing-rates", "unsorted-times", "gaps") as said:
+    with warned("missing-rates", "unsorted-times", "gaps") as told:
         fit = nt.fit_inertia((t[order], y[order]), interval="all")
-    assert abs(off(fit, inertia)).max() < 4
+    assert farthest(fit, inertia) < 4
     assert fit.parts[0].left_out == 1
-    assert {one.within for one in said} == {"the recording"}
+    assert {one.within for one in told} == {"the recording"}
     ends = {name: f"row {np.flatnonzero(order == k)[0]}" for name, k in (("first", 99), ("last", 140))}
-    found = said[2].fields
+    found = told[2].fields
     assert found.items() >= (ends | {"gaps": "1 gap"}).items()
     assert found["step"] == pytest.approx(0.1025)
 
@@ -137,7 +134,7 @@ def test_a_robust_loss_bears_wrong_samples():
     t, y, true = recording.time.values, recording.gyroscope.values.copy(), np.linalg.eigvalsh(inertia)
     y[::29] += 0.3
     robust = nt.fit_inertia((t, y), interval="all", loss="soft_l1", noise=2e-3)
-    assert abs(off(robust, inertia)).max() < 5
+    assert farthest(robust, inertia) < 5
     with pytest.warns(UserWarning, match=re.escape("times the noise off: an impact? --loss soft_l1 (loss=) counts")):
         plain = nt.fit_inertia((t, y), interval="all")
     wrong = [abs(fit.principal.moments - true).max() for fit in (plain, robust)]
@@ -159,12 +156,9 @@ def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
 # What cannot be told
 
 
-def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # a long path would leave the table no room
+def test_steady_spin_tells_the_axis_and_no_moment(here):
     recording = recorded(nt.standard([1, 2, 2.5]), 0.6, (0, 0, 12), sensor={"rate": 100})
-    with pytest.warns(
-        UserWarning, match="^the recording does not determine .*: turn the body about a second axis, or longer$"
-    ):
+    with pytest.warns(UserWarning, match="^the recording does not determine .*: turn the body about a second axis"):
         fit = nt.fit_inertia(recording)
     assert len(fit.untold) == 3
     assert np.isnan(fit.principal.moments).all()
@@ -182,7 +176,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
     result = ended(3, "fit", "spin.csv", "--out", "body.toml")
     assert "undetermined" in result.stdout
     assert "not written: " in result.stderr
-    assert not (tmp_path / "body.toml").exists()
+    assert not (here / "body.toml").exists()
 
 
 def test_directions_are_named_by_principal_axes():
@@ -202,11 +196,7 @@ def test_directions_are_named_by_principal_axes():
         along = TRACELESS.T @ (entries(one.matrix) * [1, 1, 1, 2, 2, 2])
         assert np.sqrt(1 / (along @ fit.solution.information @ along)) == pytest.approx(one.standard_error)
         assert one.name.startswith(("the principal moment ", "the difference of the ", "the directions of the "))
-    assert [ax.get_title() for ax in fit.plot().figure.axes] == [
-        "data and model",
-        "residual and 2 σ",
-        "principal moments",
-    ]
+    said("; ".join(ax.get_title() for ax in fit.plot().figure.axes))
 
 
 # The interval
@@ -220,7 +210,7 @@ def test_the_flight_is_found_between_release_and_catch(seed):
     assert part.interval == "the smallest residual"
     assert 0.74 <= part.time[0] <= 0.79
     assert 1.31 <= part.time[-1] <= 1.35
-    assert abs(off(fit, inertia)).max() < 4
+    assert farthest(fit, inertia) < 4
 
 
 # What is said of bad recordings
@@ -271,12 +261,11 @@ def test_twelve_samples_and_a_radian_are_enough():
     require_turning(Model(), np.arange(12.0), np.tile([0, 0, 0.1], (12, 1)), "it")
 
 
-def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(here):
     fit = nt.fit_inertia(not_a_body(), interval="all", physical=False)
-    assert abs(off(fit, np.diag([0.2, 0.29, 0.51]))).max() < 4
+    assert farthest(fit, np.diag([0.2, 0.29, 0.51])) < 4
     assert fit.is_explained
-    assert abs(model_of(fit) - fit.parts[0].model).max() < 1e-6
+    assert apart(fit) < 1e-6
     in_degrees("water.csv", *not_a_body())
     ended(0, "fit", "water.csv", "--all", "--unphysical", "--out", "water.toml")
     found = np.sort(np.linalg.eigvalsh(nt.Problem.read("water.toml").system.inertia))
@@ -342,8 +331,8 @@ def test_runs_are_recordings(tmp_path):
         assert abs(fit.principal.moments - np.array([1, 2, 2.5]) / 5.5).max() < 1e-5
 
 
-def test_the_command(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_the_command():
     time, rates, inertia = hand()
     text = Path(in_degrees("throw.csv", time, rates)).read_text(encoding="utf-8")
     how = ["--json", "--out", "body.toml", "--figure", "fit.png"]
@@ -355,15 +344,14 @@ def test_the_command(tmp_path, monkeypatch):
     np.testing.assert_allclose(found.body.inertia, numbers["inertia"])
     assert found.title == "Motion as fitted; moments of inertia in parts of their sum"
     assert Path("fit.png").stat().st_size > 10_000
-    table = ended(0, "fit", "throw.csv", "--from", "0.8", "--to", "1.3").stdout
+    part = ["--from", "0.8", "--to", "1.3"]
+    table = ended(0, "fit", "throw.csv", *part).stdout
     assert "as given" in table
     assert "J1 / sum" in table
     in_degrees("other.csv", *hand(2)[:2])
-    both = ["--from", "0.8", "--to", "1.3"]
-    assert "cross-validation" in ended(0, "fit", "throw.csv", "other.csv", *both).stdout
+    assert "cross-validation" in ended(0, "fit", "throw.csv", "other.csv", *part).stdout
     Path("plain.csv").write_text(text.replace(" (deg/s)", ""), encoding="utf-8")
-    for status, given, said in (
-        (5, "throw.csv --out body.toml", ""),
+    for status, given, words in (
         (2, "throw.csv --from 0.8", ""),
         (2, "throw.csv --all --from 0 --to 1", ""),
         (2, "throw.csv -", ""),
@@ -372,7 +360,7 @@ def test_the_command(tmp_path, monkeypatch):
         (3, "plain.csv --unit rad/s", "or is the unit deg/s?"),
     ):
         stderr = ended(status, "fit", *given.split()).stderr
-        assert said in stderr
+        assert words in stderr
         assert "Traceback" not in stderr
 
 
@@ -394,7 +382,7 @@ def test_the_noise_has_the_density_of_a_data_sheet():
 
 def sensed(start=W, seconds=1, step=0.1, **how):
     return nt.sensors.gyroscope(
-        nt.simulate(nt.standard(J), t_end=seconds, step=step, material_angular_velocity=start), **how
+        nt.simulate(nt.standard(FREE), t_end=seconds, step=step, material_angular_velocity=start), **how
     )
 
 
@@ -406,7 +394,7 @@ test_wrong_sensors = refused_as(
         "delay": lambda: sensed(delay=-0.01),
         "delay without a rate": lambda: sensed(delay=0.01),
         "a short run": lambda: sensed(seconds=0.01, step=0.005, rate=99),
-        "uneven": lambda: nt.sensors.gyroscope(nt.simulate(nt.standard(J), t_end=1, times=[0, 0.1, 0.5]), noise=1),
+        "uneven": lambda: nt.sensors.gyroscope(nt.simulate(nt.standard(FREE), t_end=1, times=[0, 0.1, 0.5]), noise=1),
     }
 )
 

@@ -10,11 +10,11 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from conftest import ended
-from fit_errors import csv, off, off_by, recorded
+from fit_errors import CENTRE, HEADER, MASS, csv, farthest, off, off_by, recorded
+from fit_errors import FREE as J
 from nontwist import fit_inertia, heavy_top, rotation, sensors, simulate, standard
 from refusals import refused_as
 
-J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
 THETA, SCALES, LATE = np.array([0.03, -0.05, 0.02]), np.array([1.01, 0.985, 1.005]), 0.008
 ERRORS = {"misalignment": THETA, "axis_scales": SCALES, "delay": LATE}
 FIT = dict.fromkeys(ERRORS, "fit")
@@ -70,11 +70,10 @@ def test_a_change_of_axes_and_a_family_of_scales_are_free_motions():
     assert (np.roll(other, -1) - np.roll(other, -2)) / other == pytest.approx(rates, abs=1e-12)
     for body, factor in ((other, e), ([14, 12, 5], -np.ones(3))):  # with axes reversed, of the body 2, 4, 5
         first = moments if body is other else [2, 4, 5]
-        runs = [
-            simulate(standard(one), t_end=2, step=0.01, material_angular_velocity=c * np.array([3, 4, -2]))
-            for one, c in ((first, 1), (body, factor))
-        ]
-        read, again = (run.material_angular_velocity.values for run in runs)
+        read, again = (
+            simulate(standard(one), t_end=2, step=0.01, material_angular_velocity=W).material_angular_velocity.values
+            for one, W in ((first, np.array([3, 4, -2])), (body, factor * np.array([3, 4, -2])))
+        )
         assert again == pytest.approx(factor * read, abs=1e-7 if body is other else 1e-13)
 
 
@@ -109,7 +108,7 @@ def test_errors_that_are_known_need_no_attitudes(how):
     time, rates, _, body = flight()
     given = ERRORS if how == "given" else {name: {"value": x, "error": 1e-3} for name, x in ERRORS.items()}
     fit = fit_inertia((time, rates), interval="all", **given)
-    assert abs(off(fit, body / np.trace(body))).max() < 4
+    assert farthest(fit, body / np.trace(body)) < 4
     axes = fit.principal.axes
     assert abs(np.linalg.eigh(J)[1].T @ axes).max(axis=0) == pytest.approx(1, abs=2e-4)
     if how == "given":
@@ -121,11 +120,10 @@ def test_errors_that_are_known_need_no_attitudes(how):
 
 
 def test_a_pendulum_tells_the_misalignment_across_its_centre():
-    body, centre = np.diag([0.018, 0.021, 0.007]), np.array([0.03, -0.02, -0.15])
     how = {"rotation": Rotation.from_euler("x", 80, degrees=True), "sensor": {"misalignment": THETA, "rate": 100}}
-    read = recorded(heavy_top(body, 0.5, centre), 3, (2, -3, 6), **how)
-    fit = fit_inertia(read, gravity={"mass": 0.5, "centre": centre}, misalignment={"error": 0.1})
-    across = np.eye(3) - np.outer(centre, centre) / (centre @ centre)
+    read = recorded(heavy_top([0.018, 0.021, 0.007], MASS, CENTRE), 3, (2, -3, 6), **how)
+    fit = fit_inertia(read, gravity={"mass": MASS, "centre": CENTRE}, misalignment={"error": 0.1})
+    across = np.eye(3) - np.outer(CENTRE, CENTRE) / (CENTRE @ CENTRE)
     assert across @ fit.misalignment[0] == pytest.approx(across @ THETA, abs=5e-3)
 
 
@@ -151,8 +149,7 @@ test_what_a_recording_cannot_tell_is_refused = refused_as(
 
 def test_the_command_takes_errors(tmp_path):
     time, rates, read, _ = flight(rate=100)
-    header = "time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw"
-    path = csv(tmp_path / "throw.csv", header, time, rates, read.as_quat())
+    path = csv(tmp_path / "throw.csv", f"{HEADER},qx,qy,qz,qw", time, rates, read.as_quat())
     how = ["--all", "--orientation", "both", "--misalignment", "fit", "--axis-scales", "value=1,1,1,error=0.02"]
     found = json.loads(ended(0, "fit", path, *how, "--delay", LATE, "--json").stdout)
     assert (found["delay"], found["delay_interval"]) == (LATE, [LATE, LATE])

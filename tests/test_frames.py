@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from many_digits import exact, mp_cross, mp_dot
 from nontwist.geometry.curves import frame_along, frame_of_curve
 from nontwist.geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
-from nontwist.validation.sampled_frames import path as angles
-from nontwist.validation.sampled_frames import sphere as triad
-from nontwist.validation.sampled_frames import transported
+from nontwist.validation.frames import path as angles
+from nontwist.validation.frames import transported
+from nontwist.validation.frames import triad_at as triad
 from refusals import refused_as
 
 AXES = np.eye(3)

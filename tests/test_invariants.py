@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import BODIES
-from nontwist.analysis.invariants import drifts, quantities, twist_defect
+from nontwist.analysis.invariants import drifts, twist_defect
 from nontwist.integrators import INTEGRATORS
 
 PULSE = nt.pulse([1, 2, 3], 0.1, 0.5, frame="space")
@@ -110,11 +110,9 @@ def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
-def test_a_trajectory_and_its_dataset_have_the_same_quantities_bit_for_bit(name):
+def test_a_trajectory_and_its_dataset_have_the_same_drifts_bit_for_bit(name):
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0.1, 2, 0)}
     run = nt.integrate(BODIES["standard"](), load=None if name == "exact" else PULSE, integrator=name, **how)
-    for one, other in zip(quantities(run), quantities(run.to_dataset()), strict=True):
-        np.testing.assert_array_equal(one, other)
     assert drifts(run) == drifts(run.to_dataset())
     many = nt.simulate_ensemble(BODIES["standard"](), **how | {"material_angular_velocity": [(0.1, 2, 0)] * 2})
     without = drifts(run.to_dataset().drop_vars("load_work"))  # which the balance needs

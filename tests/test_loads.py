@@ -243,7 +243,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     rows = [row for row in conserved.balances() if row.name.endswith("K + V changes by the work of the load 'magnet'")]
     assert [row.name.partition(":")[0] for row in rows] == ["lie-midpoint", "energy-momentum"]
     assert all(row.holds for row in rows)
-    assert conserved.unchecked() == ()
+    assert conserved.unchecked() == []
 
 
 def test_the_page_for_contributors_names_every_line():

@@ -135,7 +135,7 @@ def test_npz_and_json_hold_the_columns_and_the_record(files, tmp_path):
     assert data["record"]["integrator"] == {"name": "split", "order": 4}
 
 
-EXAMPLES = Path(package.__file__).parent / "runfile" / "examples"
+RUNFILE = Path(package.__file__).parent / "runfile" / "examples" / "standard.toml"
 ENDS = {
     "no file": ("info none.nc", 5),
     "a folder": ("info .", 5),
@@ -167,17 +167,11 @@ ENDS = {
 
 
 @pytest.mark.parametrize("case", ENDS)
-def test_how_they_end(files, case, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_how_they_end(files, case, here):
     arguments, code = ENDS[case]
-    given = {
-        "FREE": files / "free.nc",
-        "RUNFILE": EXAMPLES / "standard.toml",
-        "PAGE": files / "page.html",
-        "SOURCE": __file__,
-    }
+    given = {"FREE": files / "free.nc", "RUNFILE": RUNFILE, "PAGE": files / "page.html", "SOURCE": __file__}
     result = nontwist(*(given.get(word, word) for word in arguments.split()))
-    assert (result.exit_code, result.stdout, list(tmp_path.iterdir())) == (code, "", [])
+    assert (result.exit_code, result.stdout, list(here.iterdir())) == (code, "", [])
     said(result.stderr.rpartition("Error: ")[2])
 
 
@@ -315,13 +309,12 @@ load = [{ kind = "pulse", frame = "body", amplitude = [1, 0, 0], end = 0.7 }]
 """
 
 
-def test_times_of_a_twist_and_steps_of_a_run_are_those_that_the_other_commands_print(tmp_path):
+def test_times_of_a_twist_and_steps_of_a_run_are_those_that_the_other_commands_print(write, tmp_path):
     t = 293.58 + 0.1 * np.arange(60)
     assert repr(float(t[-1])) == "299.47999999999996"
     save_run(twist(np.tile([0.0, 0, 0, 1], (60, 1)), t, scalar_first=False), tmp_path / "twist.nc")
     assert "293.58 s to 299.48 s, 60 stored states" in nontwist("info", tmp_path / "twist.nc").stdout
-    (tmp_path / "run.toml").write_text(PULSED, encoding="utf-8")
-    ran = nontwist("run", tmp_path / "run.toml", "--out", tmp_path / "run.nc").stdout
+    ran = nontwist("run", write(PULSED), "--out", tmp_path / "run.nc").stdout
     steps = next(line for line in ran.splitlines() if "steps" in line).split("│")[2].strip()
     assert " of at most " in steps
     assert steps in nontwist("info", tmp_path / "run.nc").stdout

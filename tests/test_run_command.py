@@ -99,7 +99,6 @@ def test_quiet_prints_nothing_but_warnings_and_errors(here):
         for options, errors in ((coarse, warned), ([], "")):
             Path("run.nc").unlink(missing_ok=True)
             assert told(command, "run.toml", "--quiet", *options) == (0, "", errors)
-    ended(5, "run", "run.toml", "--quiet")
 
 
 def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
@@ -157,10 +156,7 @@ def test_paths_of_results(here):
     assert files() == sorted(["run.toml", f"sub/{own}.toml", *results, *figures])
 
 
-KNOWN = "known are title, body, start, load, time, integrator, event, output, sweep\n"
 REFUSED = {
-    "there already": ("run.toml --out old.nc", 5),
-    "figure there": ("run.toml --figures", 5),
     "no folder": ("run.toml --out no/x.nc", 5),
     "same output": ("run.toml sub/run.toml", 5),
     "no file": ("nothing.toml", 5),
@@ -185,8 +181,6 @@ def test_what_is_refused_before_anything_runs(case, here):
     here(name="sub/run.toml")
     here(f"{BODY}mass = -1\n[bdy]\n", "bad.toml")
     here("a: 1", "worse.toml")
-    here("old", "old.nc")
-    here("old", "run-path.png")
     before = files()
     result = nontwist("run", *shlex.split(arguments))
     assert (result.exit_code, result.stdout, files()) == (code, "", before)
@@ -315,18 +309,12 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     assert (code, errors) == (3, f"run.toml: integrator.name: {steps}\n")
 
 
-GONE = (
-    "lie-midpoint has the order 2; got order = 4: its higher orders are gone, gauss keeps the same invariants: "
-    "integrator='gauss', order=4"
-)
-
-
 def test_an_order_that_is_gone_names_its_successor(here):
     here(BODY + TIME + START)
     high = ["--set", 'integrator.name="lie-midpoint"', "--set", "integrator.order=4"]
     for command in ("check", "run", "precision", "compare"):
-        assert told(command, "run.toml", *high) == (3, "", f"run.toml: integrator.order: 4 ({GONE}) -> 2\n")
-    assert told("compare", "run.toml", "--integrator", "lie-midpoint:4") == (3, "", f"run.toml: {GONE}\n")
+        said(ended(3, command, "run.toml", *high).stderr)
+    said(ended(3, "compare", "run.toml", "--integrator", "lie-midpoint:4").stderr)
 
 
 MIDPOINT = '[integrator]\nname = "lie-midpoint"\n'
@@ -422,16 +410,11 @@ def test_examples_are_copied_to_the_given_folder(here):
     assert Path("mine.toml").read_text(encoding="utf-8") == text
 
 
-def test_the_schema_is_printed():
-    committed = Path(__file__).parents[1] / "docs" / "runfile.schema.json"
-    assert nontwist("schema").stdout == committed.read_text(encoding="utf-8")
-
-
 def test_debug_shows_the_traceback(here):
     here("a = 1")
     errors = ended(3, "run", "run.toml", "--debug").stderr
     assert "Traceback (most recent call last)" in errors
-    assert errors.endswith(f"run.toml: a: unknown key -> {KNOWN}")
+    said(errors.splitlines()[-1])
 
 
 def process(*command, **how):

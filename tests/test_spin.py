@@ -51,9 +51,9 @@ def test_the_attitude_of_a_symmetric_body_is_the_closed_solution():
 def test_the_spin_is_exact_at_the_nodes_and_the_form_is_kept(scheme, order):
     """Also with kinks inside of steps."""
     how = {"t_end": 2.1, "step": 0.07, "material_angular_velocity": W0, "integrator": scheme, "order": order}
-    plain = nt.integrate(nt.nontwisting([3, 4, 5], spin=TABLE), **how)
-    run, bound = plain.to_dataset(), 1e-10 if scheme == "continuous" else 1e-14
-    assert twist_defect(plain) == twist_defect(run) < bound
+    run = nt.simulate(nt.nontwisting([3, 4, 5], spin=TABLE), **how)
+    bound = 1e-10 if scheme == "continuous" else 1e-14
+    assert twist_defect(run) < bound
     form = 10 * run.kinetic_energy.values - np.square(run.spatial_momentum.values).sum(axis=1)
     assert abs(form - form[0]).max() < 10 * bound * abs(form[0])
     assert [one.symbol for one in drifts(run).values()] == ["2J₃K−Π²", "d·d"]

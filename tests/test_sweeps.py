@@ -77,16 +77,6 @@ def a_list(key, values):
     return f'[[sweep.over]]\nkey = "{key}"\nkind = "list"\nvalues = {values}\n'
 
 
-@pytest.fixture
-def write(tmp_path):
-    def to_file(text, name="sweep.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return to_file
-
-
 def table(**changes):
     over = changes.pop("over", [{"key": "a", "kind": "uniform", "low": 0, "high": 1}])
     return Sweep.model_validate({"over": over, **changes})
@@ -219,19 +209,13 @@ def test_a_member_that_starts_turned_runs_again_to_the_same_bits(frame, rotation
             assert run.quaternion[-1].values.tobytes() == many.quaternion[i].values.tobytes(), (key, i)
 
 
-def test_neither_blocks_nor_workers_change_the_hash(write, tmp_path):
-    hashes = set()
-    for k, (block, workers) in enumerate([(7, 1), (50, 1), (None, 2)]):
-        sweep(write(FREE), tmp_path / f"{k}.zarr", workers=workers, block=block)
-        hashes.add(open_store(tmp_path / f"{k}.zarr").verified().sha256)
-    assert len(hashes - {None}) == len(hashes) == 1
-
-
-def test_other_numbers_have_another_hash(write, tmp_path):
-    for k, text in enumerate((FREE, FREE.replace("t_end = ", "t_end = 1"))):
-        sweep(write(text), tmp_path / f"{k}.zarr", workers=1)
-    first, second = (open_store(tmp_path / f"{k}.zarr").verified().sha256 for k in (0, 1))
-    assert first != second
+def test_neither_blocks_nor_workers_change_the_hash_and_other_numbers_do(write, tmp_path):
+    hashes, longer = [], FREE.replace("t_end = ", "t_end = 1")
+    for k, (text, block, workers) in enumerate([(FREE, 7, 1), (FREE, 50, 1), (FREE, None, 2), (longer, None, 1)]):
+        sweep(write(text), tmp_path / f"{k}.zarr", workers=workers, block=block)
+        hashes.append(open_store(tmp_path / f"{k}.zarr").verified().sha256)
+    assert hashes[0] == hashes[1] == hashes[2] != hashes[3]
+    assert None not in hashes
 
 
 ORBIT = 'load = [{ kind = "gravity_gradient", mean_motion = 5.0 }]\n[sweep]\nvariables = ["potential_energy"]'
@@ -304,7 +288,7 @@ def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
     text = text.replace("end = 1.0\ncount", "end = 0.6\ncount")
     with pytest.raises(ValueError, match=r"^all 5 members tried are refused, the first because: the initial angular "):
         sweep(write(text), tmp_path / "store")
-    assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
+    assert [path.name for path in tmp_path.iterdir()] == ["run.toml"]
 
 
 @pytest.mark.parametrize("by", ["", "interrupted (SIGHUP)"])
@@ -366,7 +350,7 @@ def test_a_second_client_and_another_file_are_refused(write, tmp_path):
         sweep(file, store)
     sweep(file, store, block=25)
     (tmp_path / "folder").mkdir()
-    other, none = write(FREE.replace("seed = 7", "seed = 8"), "o.toml"), write(FREE.split("[sweep]")[0], "run.toml")
+    other, none = write(FREE.replace("seed = 7", "seed = 8"), "o.toml"), write(FREE.split("[sweep]")[0], "none.toml")
     differs = r"is the store of another file: it was made with seed = 7, the file now"
     for one, place, how, error, words in (
         (other, "store", {}, SweepStoreError, differs),
@@ -497,9 +481,9 @@ def test_the_file_says_the_same_when_it_is_read_again(write):
         assert "sweep" not in first.record()["run_file"]
 
 
-def test_the_commands(write, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(HELD + a_list("body.axis.1", [0.1, 0.2]))
+@pytest.mark.usefixtures("here")
+def test_the_commands(write):
+    write(HELD + a_list("body.axis.1", [0.1, 0.2]), "sweep.toml")
     dry = nontwist("sweep", "sweep.toml", "--dry-run")
     for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes per member", "10 members"):
         assert words in dry.stdout
@@ -565,8 +549,8 @@ PROPOSED = {
 }
 
 
-def test_the_figure_that_is_proposed_says_something(write, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_the_figure_that_is_proposed_says_something(write):
     for name, variables in PROPOSED.items():
         text = HELD.replace("[sweep]", f"[sweep]\nvariables = {json.dumps(variables)}")
         sweep(write(text), f"{name}.zarr", workers=1)
@@ -625,11 +609,8 @@ def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviatio
         assert all(left.x1 + 2 < right.x0 for left, right in pairwise(boxes))
 
 
-def test_the_example_of_a_sweep_ends_where_the_closed_form_says(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert nontwist("example", "sweep").stderr == (
-        "written: sweep.toml; next: nontwist check sweep.toml, nontwist sweep sweep.toml\n"
-    )
+def test_the_example_of_a_sweep_ends_where_the_closed_form_says(here):
+    said(nontwist("example", "sweep").stderr)
     ended(0, "sweep", "sweep.toml", "--set", "sweep.samples=64", "--quiet")
     many = open_sweep("sweep.zarr").compute()
     assert (many.sizes["member"], int(many.status.sum())) == (64, 0)
@@ -679,12 +660,7 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
     turned = problem.replace(load=wheel("x", 0.2, torque=lambda t, speed: 0.1))
     for file, given, error, words in (
         (problem, {"over": ["time.t_end"]}, ValueError, "over must be a mapping"),
-        (
-            problem,
-            {"over": {"time.t_end": other}},
-            ValueError,
-            r"over\['time.t_end'\] has a key of its own, 'time.step';",
-        ),
+        (problem, {"over": {"time.t_end": other}}, ValueError, "has a key of its own, 'time.step'"),
         (problem.system, {}, ValueError, "run_file must be a path, a string or"),
         (problem.system, {"over": t_end}, ValueError, "run_file must be a path, a string or"),
         (problem, {}, ValueError, "give over="),

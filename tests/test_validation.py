@@ -14,10 +14,10 @@ from rich.cells import cell_len
 import exact_reference as reference
 from conftest import ended
 from nontwist import validate
-from nontwist.validation import GROUPS, KINDS, Check, sphere_and_rotations
-from nontwist.validation.free_bodies import many_digits
+from nontwist.validation import GROUPS, KINDS, Check, frames
+from nontwist.validation.checks import module_of, numbers, share
+from nontwist.validation.closed_forms import many_digits
 from nontwist.validation.problems import all_are, drift, error, order, turns_apart
-from nontwist.validation.report import module_of, numbers, share
 from refusals import said, says
 from test_labels import labels
 
@@ -31,11 +31,11 @@ def rows(page):
     return [[cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table]
 
 
-CHECKS = {f"{GROUPS[group]}-{check.__name__}": check for group in GROUPS for check in module_of(group).CHECKS}
-FIRST = {"measured_orders-orders": 1, "conserved-million_steps": 1, "nonreversible-against_dop853": 6}
-FIRST |= {"nonreversible-long_runs": 3, "compiled_steps-parity": 2}  # of those that take longer, the first checks
-MINUTES = {f"conserved-{name}" for name in ("random_bodies", "exchange", "forced")}
-MINUTES |= {"loaded_bodies-oil", "tops-benchmark", "tops-pendulum", "sampled_frames-long_paths"}
+CHECKS = {f"{group}-{check.__name__}": check for group in GROUPS for check in module_of(group).CHECKS[group]}
+FIRST = {"orders-orders": 1, "invariants-million_steps": 1, "nonreversible-against_dop853": 6}
+FIRST |= {"nonreversible-long_runs": 3, "compiled-parity": 2}  # of those that take longer, the first checks
+MINUTES = {f"invariants-{name}" for name in ("random_bodies", "exchange", "forced")}
+MINUTES |= {"loaded-oil", "tops-benchmark", "tops-pendulum", "frames-long_paths"}
 
 
 @pytest.mark.parametrize("name", [name for name in CHECKS if name not in MINUTES])
@@ -53,9 +53,9 @@ def test_quick_checks_hold(name):
 
 
 def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
-    checks = [check for function in sphere_and_rotations.CHECKS for check in function()]
+    checks = [check for function in frames.CHECKS["geometry"] for check in function()]
     checks[0] = replace(checks[0], expected=1.0, tolerance=1e-9)
-    monkeypatch.setattr(sphere_and_rotations, "CHECKS", (lambda: checks,))
+    monkeypatch.setitem(frames.CHECKS, "geometry", (lambda: checks,))
     page = tmp_path / "page.md"
     lines = ended(1, "validate", "--group", "geometry", "--page", page, COLUMNS="80").stdout.splitlines()
     assert [sum(f" {word} " in line for line in lines) for word in ("FAIL", "PASS")] == [1, 11]

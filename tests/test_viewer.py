@@ -172,7 +172,7 @@ LOADS = (
 )
 
 
-def test_what_cannot_be_shown_is_refused(case3, tmp_path):
+def test_what_cannot_be_shown_is_refused(case3, tmp_path, write):
     run, turns = case3[0], Rotation.from_quat(case3[1].quaternion.values)
     about_space = nt.twist(turns, run.time.values, axis_frame="space")
     lacking = run.drop_vars("kinetic_energy")
@@ -183,10 +183,7 @@ def test_what_cannot_be_shown_is_refused(case3, tmp_path):
         nt.view(run).save(tmp_path / "film.gif")
     nt.save_run(run, tmp_path / "run.nc")
     nt.save_run(lacking, tmp_path / "part.nc")
-    (tmp_path / "two.csv").write_text(
-        "t,a_qw,a_qx,a_qy,a_qz,b_qw,b_qx,b_qy,b_qz\n0,1,0,0,0,1,0,0,0\n1,1,0,0,0,1,0,0,0\n2,1,0,0,0,1,0,0,0\n",
-        encoding="utf-8",
-    )
+    write("t,a_qw,a_qx,a_qy,a_qz,b_qw,b_qx,b_qy,b_qz\n" + "0,1,0,0,0,1,0,0,0\n" * 3, "two.csv")
     for code, *arguments in (
         (5, "nothing.nc"),
         (3, "run.nc", "part.nc"),
@@ -246,8 +243,7 @@ def test_a_recording_is_read_by_the_options_of_twist(tmp_path):
     ended(0, "view", run, path, *options, "--out", tmp_path / "both.html", "--no-open")
 
 
-def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_writes_the_page(case3, here, monkeypatch):
     opened = []
     monkeypatch.setattr(webbrowser, "open", lambda address: bool(opened.append(address)))
     named = case3[0].assign_attrs(run_file='title = "A & B"\n')
@@ -265,13 +261,12 @@ def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
     assert Path("a-view.html").stat().st_size < 400_000
     assert opened == []
     result = ended(0, "view", "a.nc", "b.nc", "--out", "both.html")
-    assert (result.stdout, opened) == ("", [(tmp_path / "both.html").as_uri()])
+    assert (result.stdout, opened) == ("", [(here / "both.html").as_uri()])
     assert "no browser was found; open both.html in one" in result.stderr
     assert "non-twisting body and standard body" in Path("both.html").read_text(encoding="utf-8")
     assert nt.view(named).title == "A & B"
     assert "<title>A &amp; B</title>" in nt.view(named).html
     assert nt.view(named, case3[1]).title == "A & B and standard body"
-    assert ended(5, "view", "c.nc", "--out", "a-view.html").stderr == "no such file: c.nc\n"
 
 
 CHART = "document.querySelector('.chart').toDataURL()"

@@ -27,7 +27,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 BOUNDS: dict[str, Any] = {
     "positive": (lambda x: x <= 0, "must be positive"),
     "not negative": (lambda x: x < 0, "must not be negative"),
-    "from 0 and below 1": (lambda x: (x < 0) | (x >= 1), "must be from 0 and below 1"),
+    "at least 0 and below 1": (lambda x: (x < 0) | (x >= 1), "must be at least 0 and below 1"),
 }
 SYMMETRIC = 1e-12  # of a matrix, relative
 WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number", Sequence: "a list of texts"}
@@ -39,8 +39,8 @@ class Spec:
 
     Sentences name options as those of messages do: ``{option[rate]}``. Of a field that is a number or an array, `shape`
     says which, a name in it being the length of another field, and `rule` what else holds: "positive", "not negative",
-    "from 0 and below 1", "increasing", "symmetric", "direction in the body" or "direction in space". `option` is its
-    name for callers, if it has another. One that `is_fixed` is no parameter of derivatives.
+    "at least 0 and below 1", "increasing", "symmetric", "direction in the body" or "direction in space". `option` is
+    its name for callers, if it has another. One that `is_fixed` is no parameter of derivatives.
     """
 
     text: str
@@ -82,7 +82,7 @@ def as_specified(record: Any, name: str) -> Any:
     array = as_array(value, name, tuple(np.size(getattr(record, n)) if isinstance(n, str) else n for n in spec.shape))
     if spec.rule in BOUNDS:
         is_wrong, words = BOUNDS[spec.rule]
-        refuse(is_wrong(array), name, lambda i: f"{words}, got {array[i]:g} {spec.unit}")
+        refuse(is_wrong(array), name, lambda i: f"{words}, got {array[i]:g} {spec.unit}".rstrip())
     if spec.rule == "increasing":
         increasing(array)
     if spec.rule == "symmetric":

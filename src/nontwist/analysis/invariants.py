@@ -75,50 +75,32 @@ class Drift(NamedTuple):
     absolute: float
 
 
-class Acting(NamedTuple):
-    """What acts in a run: the records of its loads, whether energy dissipates, whether V and h are the same in it."""
+def acting_in(run: xarray.Dataset) -> tuple[Records, bool, bool]:
+    """Return the records of the loads of a run, whether energy dissipates, whether V and h are the same in it.
 
-    records: Records
-    dissipates: bool
-    is_one: bool
-
-
-def acting_in(run: xarray.Dataset) -> Acting:
-    """Return what acts in a run, of one that was joined in all of its parts together."""
+    Of one that was joined these are those of all of its parts together.
+    """
     parts = parts_of(run)
     stored = [[one for one in part["load"] if one["kind"] == "potential" or is_rotor(one)] for part in parts]
     records: list[Mapping[str, Any]] = list(parts[0]["load"])
     for part in parts[1:]:
         records += [one for one in part["load"] if one not in records]
     dissipates = any(bool(part["integrator"].get("dissipation")) for part in parts)
-    return Acting(records, dissipates, stored.count(stored[0]) == len(stored))
+    return records, dissipates, stored.count(stored[0]) == len(stored)
 
 
-def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
+def quantities(run: xarray.Dataset) -> Quantities:
     """Return the quantities from which the invariants of a run are computed."""
-    records: Records
-    if isinstance(run, Trajectory):
-        states, records = run.observables((*STATES, "total_momentum", "angular_velocity")), run.load
-        time, moment, load_work = run.time, run.moment, run.load_work
-        total = states.pop("total_momentum")
-    else:
-        records = acting_in(run).records
-        states = {name: run[name].values for name in STATES}
-        total = run["total_momentum" if "total_momentum" in run else "spatial_momentum"].values
-        if "load_work" not in run:
-            work, V = np.zeros(run.sizes["time"]), _range(states, records)
-            return Quantities(**states, work=work, supply=0.0, total_momentum=total, varies=V)
-        time, moment, load_work = (run[name].values for name in ("time", "moment", "load_work"))
-        states["angular_velocity"] = run["angular_velocity"].values
-    speed = np.linalg.norm(states.pop("angular_velocity"), axis=1)
-    supply = np.linalg.norm(moment, axis=1) * np.maximum(speed[1:], speed[:-1]) * np.diff(time)
-    work, largest = np.append(0.0, np.cumsum(load_work)), float(supply.max(initial=0.0))
-    return Quantities(**states, work=work, supply=largest, total_momentum=total, varies=_range(states, records))
-
-
-def _range(states: dict[str, Array], records: Records) -> float:
-    V = states["potential_energy"]
-    return float(np.ptp(V)) if potentials(records) and len(V) else 0.0
+    states = {name: run[name].values for name in STATES}
+    work, supply, V = np.zeros(run.sizes["time"]), 0.0, states["potential_energy"]
+    if "load_work" in run:
+        speed = np.linalg.norm(run["angular_velocity"].values, axis=1)
+        moment = np.linalg.norm(run["moment"].values, axis=1)
+        supplies = moment * np.maximum(speed[1:], speed[:-1]) * np.diff(run["time"].values)
+        work, supply = np.append(0.0, np.cumsum(run["load_work"].values)), float(supplies.max(initial=0.0))
+    total = run["total_momentum" if "total_momentum" in run else "spatial_momentum"].values
+    varies = float(np.ptp(V)) if potentials(acting_in(run)[0]) and len(V) else 0.0
+    return Quantities(**states, work=work, supply=supply, total_momentum=total, varies=varies)
 
 
 def potentials(records: Records) -> list[Mapping[str, Any]]:
@@ -285,9 +267,9 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     data = as_dataset(data, RUN, ("time", *STATES), ("system", "load", "integrator"))
     system, x = DirectorSystem.from_json(data.attrs["system"]), quantities(data)
     sizes = scales(x, system)
-    found, acting = {}, acting_in(data)
-    for name, invariant in invariants(system, acting.records, acting.dissipates).items():
-        if not acting.is_one and invariant.units != "1":
+    found, (records, dissipates, is_one) = {}, acting_in(data)
+    for name, invariant in invariants(system, records, dissipates).items():
+        if not is_one and invariant.units != "1":
             continue
         if not invariant.has_work or "load_work" in data:
             absolute = drift(invariant, x, 1.0)
@@ -300,13 +282,10 @@ def in_words(name: str) -> str:
     return name.replace("_", " ").replace("jacobi", "Jacobi")
 
 
-def twist_defect(run: xarray.Dataset | Trajectory) -> float | None:
+def twist_defect(run: xarray.Dataset) -> float | None:
     """Return the largest |w·Λn - c|, rad/s, c the prescribed spin, 0 without; None for a body without the axis n."""
-    if isinstance(run, Trajectory):
-        system, time, rate = run.system, run.time, run.observables("twist_rate")["twist_rate"]
-    else:
-        system = DirectorSystem.from_json(run.attrs["system"])
-        time, rate = run["time"].values, run["twist_rate"].values
+    system = DirectorSystem.from_json(run.attrs["system"])
     if system.axis is None:
         return None
-    return float(abs(rate - (0.0 if system.spin is None else system.spin.at(time))).max())
+    spin = 0.0 if system.spin is None else system.spin.at(run["time"].values)
+    return float(abs(run["twist_rate"].values - spin).max())

@@ -1,8 +1,9 @@
-"""Statistics of motions over time: drift of the invariants, extrema, means, total twist.
+"""Ensembles as datasets: variables with a member axis in front, status and statistics by member; measured orders.
 
-They are taken over the ends of all steps, whatever is stored; those of the reaction moment over its means on the steps.
-Integrals over time have the order of the integrator: they are integrated with the steps. The invariants are
-K + V less the work of the load and the momentum of `invariants.conserved_momentum`.
+Statistics of motions over time, drift of the invariants, extrema, means and total twist, are taken over the ends of all
+steps, whatever is stored; those of the reaction moment over its means on the steps. Integrals over time have the order
+of the integrator: they are integrated with the steps. The invariants are K + V less the work of the load and the
+momentum of `invariants.conserved_momentum`.
 
 Measured orders from three runs with steps h, h/2, h/4 (eq:second_quotient).
 
@@ -15,7 +16,10 @@ tends to 2^n. For a symmetric scheme the expansion has even powers only, hence Q
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterable
+from dataclasses import asdict
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
@@ -23,15 +27,102 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, as_list, nearest, short_repr
+from ..integrators.base import IVP, Integrator, Outcome, Status
 from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
 from ..loads.potentials import Potential
 from ..models.stack import SystemStack
 from .datasets import RUN, as_dataset
 from .invariants import conserved_momentum
-from .variables import VARIABLES
+from .trajectory import FORMAT_VERSION, grid_record, nodes_of, versions
+from .variables import (
+    MEMBERS,
+    SIZES,
+    STATE,
+    VARIABLES,
+    Acting,
+    about,
+    assembled,
+    coordinates,
+    described,
+    names_of,
+    nodal,
+    observables,
+)
 
 if TYPE_CHECKING:
     import xarray
+
+
+def checked_variables(variables: str | Iterable[str]) -> tuple[str, ...]:
+    """Return the names of variables in the order of a run; ValueError where one is unknown."""
+    return names_of(variables, "an ensemble", "; those of intervals come as statistics, with reduce=")
+
+
+def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
+    """Return the bytes that the states of an ensemble take while they are computed."""
+    numbers = [math.prod(SIZES.get(dim, 4) for dim in about(name)[0][1:]) for name in variables if name not in STATE]
+    return 8.0 * members * (times * (7 + sum(numbers) + 36 * bool(numbers)) + 25)
+
+
+def dataset(
+    scheme: Integrator, ensemble: IVP, outcome: Outcome, variables: tuple[str, ...], reduce: tuple[str, ...]
+) -> xarray.Dataset:
+    """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
+    systems = ensemble.systems
+    if variables == nodal():
+        variables = nodes_of(ensemble.load.description)
+    acting = Acting.of(ensemble.load, ensemble.stored_times, ensemble.load_scale)
+    found = described(observables(variables, systems, outcome.states, acting), ("member",))
+    if outcome.states.internal is not None:
+        found |= described({"internal_state": outcome.states.internal}, ("member",))
+    if outcome.observed is not None:
+        span = ensemble.t_end - ensemble.t_start
+        loaded = bool(ensemble.load.without_potentials.terms)
+        found |= named(outcome.observed, reduce, systems, loaded, span, ensemble.load.potentials)
+    statuses = {int(status): status.name.lower() for status in Status}
+    found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
+    found |= _of_members(ensemble)
+    used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
+    along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if ensemble.load.wheels else {}
+    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.stored_times, **along)
+    return assembled(found, placed, _record(scheme, ensemble))
+
+
+def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:
+    """Return the attributes of a status by member, from the meaning of each value."""
+    flags = {"flag_values": list(meanings), "flag_meanings": " ".join(meanings.values())}
+    return {"long_name": "how the run of the member ended", **flags}
+
+
+def _of_members(ensemble: IVP) -> dict[str, Any]:
+    """Return the variables that differ between members, without the starts: bodies and scales of the load."""
+    systems, found = ensemble.systems, dict[str, Any]()
+    if len(systems) > 1:
+        dead = systems.dead_force if systems.has_dead_force else None
+        bodies = zip(MEMBERS, (systems.euler_inertia, systems.axis, dead, systems.spin_factor), strict=False)
+        found = {name: array for name, array in bodies if array is not None}
+    if len(ensemble.load_scale) > 1:
+        found["load_scale"] = ensemble.load_scale
+    return described(found, ("member",))
+
+
+def _record(scheme: Integrator, ensemble: IVP) -> dict[str, Any]:
+    """Return the settings of the runs as plain attributes."""
+    systems, scale = ensemble.systems, ensemble.load_scale
+    load = float(scale[0]) * ensemble.load if len(scale) == 1 and ensemble.load.terms else ensemble.load
+    body = {"system": systems[0].to_json()} if len(systems) == 1 else {}
+    return {
+        "format_version": FORMAT_VERSION,
+        "title": f"{len(ensemble)} {systems.name} rigid bodies, {scheme.name}",
+        "conventions": "Λ maps body to space; directors are the rows of the (3, 3) arrays, d_i = Λ E_i; quaternions "
+        "have the scalar last; what failed members have not reached is NaN",
+        **body,
+        "load": json.dumps(load.description),
+        "integrator": json.dumps({"name": scheme.name, **asdict(scheme)}),
+        **grid_record(None if ensemble.off_grid else ensemble.grid, float(ensemble.stored_times[0])),
+        "versions": json.dumps(versions()),
+    }
+
 
 STATISTICS = ("drift", "extrema", "averages", "total_twist")
 _ENDS = list(accumulate(OBSERVED.values()))
@@ -40,7 +131,7 @@ _NO_VARIABLES = ("energy", "vertical_momentum")
 Described = dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]
 
 
-def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
+def checked_statistics(reduce: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of statistics; ValueError where one is unknown."""
     names = (reduce,) if isinstance(reduce, str) else tuple(as_list(reduce, "reduce"))
     for name in names:
@@ -81,7 +172,8 @@ def named(
         records = [term.description for term in potentials]
         if (base := conserved_momentum(systems, loaded, records)) is not None:
             drift = changes[:, PLACES[base]].max(axis=1, keepdims=True)
-            attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {_WORDS[base]}"}
+            of = "spatial angular momentum along gravity" if base == "vertical_momentum" else VARIABLES[base][2]
+            attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {of}"}
             found["momentum_drift"] = (("member",), drift[:, 0], {**attributes, "symbol": "max |Δπ|"})
     for name in shown if "extrema" in names else ():
         add(f"{name}_min", name, "least {}", "min {}", observed[:, LEAST, PLACES[name]])
@@ -92,13 +184,6 @@ def named(
         attributes = {"units": "rad", "long_name": "twist about the body axis, all turns", "symbol": "ψ"}
         found["total_twist"] = (("member",), observed[:, INTEGRAL, PLACES["twist_rate"]][:, 0], attributes)
     return found
-
-
-_WORDS = {
-    "spatial_momentum": "spatial angular momentum",
-    "material_momentum": "material angular momentum",
-    "vertical_momentum": "spatial angular momentum along gravity",
-}
 
 
 def second_quotient(

@@ -28,6 +28,7 @@ from .variables import (
     OBSERVABLES,
     ROTORS,
     WHEELS,
+    Acting,
     Described,
     Wheels,
     assembled,
@@ -35,7 +36,6 @@ from .variables import (
     described,
     names_of,
     observables_of_one,
-    potentials_of,
 )
 
 if TYPE_CHECKING:
@@ -231,11 +231,6 @@ class Trajectory:
         return self.observables("wheel_momentum")["wheel_momentum"]
 
     @property
-    def _rotor_momentum(self) -> Array | None:
-        load = rotors_of(self.load)
-        return load.rotor_momentum(self.time) if load.terms else None
-
-    @property
     def sticking(self) -> NDArray[np.int64]:
         """The number of dry frictions of the load whose rates are zero at the stored times, (n+1,)."""
         own, W = load_of(one for one in self.load if "dry_friction" in one).frictions, self.material_angular_velocity
@@ -262,9 +257,8 @@ class Trajectory:
             There is no variable of this name.
         """
         names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
-        held = None if self.potentials is None else potentials_of(self.potentials, self.time)
-        wheels = Wheels.of(self.load)
-        return observables_of_one(names, self.system, self.states, self._rotor_momentum, held, wheels)
+        acting = Acting(self.potentials or Load(), rotors_of(self.load), Wheels.of(self.load), self.time)
+        return observables_of_one(names, self.system, self.states, acting)
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
@@ -375,13 +369,12 @@ def versions() -> dict[str, str]:
 
 def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
     """Return all observables of states of a body under a load on `time`."""
-    held, records, along = potentials_of(load, time), load.description, dict[str, Any](time=time)
-    rotors, wheels = load.rotor_momentum(time) if load.rotors else None, Wheels.of(records)
-    found = observables_of_one(nodes_of(records), system, states, rotors, held, wheels)
+    along: dict[str, Any] = {"time": time}
+    found = observables_of_one(nodes_of(load.description), system, states, Acting.of(load, time))
     if states.internal is not None:
         found["internal_state"] = states.internal
-    if wheels is not None:
-        along["wheel"] = np.arange(1, 1 + len(wheels.axes))
+    if load.wheels:
+        along["wheel"] = np.arange(1, 1 + len(load.wheels))
     return assembled(described(found), coordinates((*along, *COORDINATES), **along), {})
 
 

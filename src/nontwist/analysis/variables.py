@@ -368,32 +368,24 @@ class Wheels(NamedTuple):
         return found, (self.inertia * speed) @ self.axes, energy
 
 
-class Potentials(NamedTuple):
-    """The potentials of a load, its factor for each member, and the times of the states."""
+class Acting(NamedTuple):
+    """What acts on states at some times: loads with its potentials and its rotors, its wheels, its factor by member."""
 
-    load: Load
-    scale: Array  # (m,) or (1,)
+    potentials: Load
+    rotors: Load
+    wheels: Wheels | None
     times: Array  # (k,)
+    scale: Array = ONE  # (m,) or (1,)
+
+    @classmethod
+    def of(cls, load: Load, times: Array, scale: Array = ONE) -> Acting:
+        """Return what of a load acts at these times."""
+        return cls(load, load, Wheels.of(load.description), times, scale)
 
 
-def potentials_of(load: Load, times: Array, scale: Array = ONE) -> Potentials | None:
-    """Return the potentials of a load, None where it has none."""
-    return Potentials(load, scale, times) if load.potentials else None
-
-
-def observables(
-    names: Iterable[str],
-    systems: SystemStack,
-    states: States,
-    rotors: Array | None = None,
-    potentials: Potentials | None = None,
-    wheels: Wheels | None = None,
-) -> dict[str, Array]:
-    """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them.
-
-    `rotors` is the momentum of rotors at the times of the states, (m or 1, k, 3); None: none.
-    """
-    names, (p, W, N, own_directors) = tuple(names), states[:4]
+def observables(names: Iterable[str], systems: SystemStack, states: States, acting: Acting) -> dict[str, Array]:
+    """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them."""
+    names, (p, W, N, own_directors), wheels = tuple(names), states[:4], acting.wheels
     made: dict[str, Callable[[], Array]] = {"quaternion": lambda: p, "material_angular_velocity": lambda: W}
     if set(names) <= set(made):
         return {name: made[name]() for name in names}
@@ -412,8 +404,8 @@ def observables(
         Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
     n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis
     h = np.zeros(W.shape)
-    if rotors is not None:
-        h += rotors
+    if acting.rotors.rotors:
+        h += acting.scale[:, None, None] * acting.rotors.rotor_momentum(acting.times)
     of_wheels, T = dict[str, Array](), K
     if wheels is not None and states.internal is not None:
         of_wheels, momentum, energy = wheels.states(W, states.internal)
@@ -426,10 +418,9 @@ def observables(
         f = dead[:, None]
         terms = [_dot(*([x[..., i, j] for j in range(3)] for x in (f, q))) for i in range(3)]
         V = -(terms[0] + terms[1] + terms[2])
-        if potentials is None:
-            return V
-        of_load = sum(term.energy(q, potentials.times) for term in potentials.load.potentials)
-        return V + potentials.scale[:, None] * of_load
+        if held := acting.potentials.potentials:
+            V = V + acting.scale[:, None] * sum(term.energy(q, acting.times) for term in held)
+        return V
 
     made |= {
         "directors": lambda: np.ascontiguousarray(own),
@@ -466,16 +457,10 @@ class _ByName:
 
 
 def observables_of_one(
-    names: Iterable[str],
-    system: DirectorSystem,
-    states: States,
-    rotors: Array | None = None,
-    potentials: Potentials | None = None,
-    wheels: Wheels | None = None,
+    names: Iterable[str], system: DirectorSystem, states: States, acting: Acting
 ) -> dict[str, Array]:
-    """Return variables of stored states of one body, (k, ...); `rotors` is (k, 3)."""
-    turning = None if rotors is None else rotors[None]
-    found = observables(names, stacked(system), states.part(None), turning, potentials, wheels)
+    """Return variables of stored states of one body, (k, ...)."""
+    found = observables(names, stacked(system), states.part(None), acting)
     return {name: array[0] for name, array in found.items()}
 
 

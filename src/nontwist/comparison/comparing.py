@@ -146,7 +146,7 @@ def compare(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         exact = reference(body, arguments, automatic, at)
-    sizes = scales(quantities(exact.run), body)
+    sizes = scales(quantities(exact.run.to_dataset()), body)
     case = Case(body, arguments, t1, exact, shared, invariants(body, load.description), sizes, known)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]

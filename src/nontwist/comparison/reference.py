@@ -193,9 +193,10 @@ def compared(case: Case, scheme: Integrator, grid: Stretches) -> Outcome:
     attitude, momentum = attitude_distance(run, exact, stride), momentum_distance(run, exact, stride)
     found = {"attitude_error": attitude[-1], "momentum_error": momentum[-1]}
     found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
-    x = quantities(run)
+    data = run.to_dataset()
+    x = quantities(data)
     found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
-    if (defect := twist_defect(run)) is not None:
+    if (defect := twist_defect(data)) is not None:
         found["twist_defect"] = defect
     issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - case.known_warnings)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
-from ..analysis.variables import NODES, Wheels, observables, potentials_of
+from ..analysis.variables import NODES, Acting, observables
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
 from ..integrators import Integrator, Status
@@ -106,10 +106,10 @@ def _observed(scheme: Integrator, problem: IVP) -> Array:
     outcome = march(scheme, whole)
     if outcome.failure() is not None:
         return np.full((4, len(COLUMN_NAMES)), np.nan)
-    means, held, systems = outcome.intervals, potentials_of(problem.load, times), problem.systems
+    means, systems = outcome.intervals, problem.systems
     assert means is not None
     names = [name for name in OBSERVED if name in NODES]
-    found = observables(names, systems, outcome.states, None, held, Wheels.of(problem.load.description))
+    found = observables(names, systems, outcome.states, Acting.of(problem.load, times))
     work = np.append(0.0, np.cumsum(means.load_work[0]))
     found["energy"] = found["kinetic_energy"] + found["potential_energy"] - work
     found["vertical_momentum"] = found["spatial_momentum"] @ as_marched(problem, False)[0].vertical[0]
@@ -196,8 +196,7 @@ def _ends_of_member(problem: IVP, outcome: Outcome, i: int) -> Iterator[tuple[in
     yield from _ends({"quaternion": own.quaternion[0], "material_angular_velocity": own.velocity[0]})
     with np.errstate(all="ignore"):
         one = problem.member(i)
-        held = potentials_of(one.load, one.stored_times[:n])
-        found = observables(NODES, one.systems, own, potentials=held)
+        found = observables(NODES, one.systems, own, Acting.of(one.load, one.stored_times[:n]))
     yield from _ends({name: array[0] for name, array in found.items()})
     if outcome.intervals is not None:
         names = ("multipliers", "moment", "load_work")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
-from ..analysis import ensemble_dataset, statistics
+from ..analysis import statistics
 from ..errors import InputError, Option, warn
 from ..geometry.arrays import largest_size
 from ..geometry.values import among, as_whole, short_repr
@@ -124,7 +124,7 @@ def simulate_ensemble(
     >>> many.kinetic_energy.isel(time=-1).values.round(9)
     array([0.5, 2. , 4.5, 8. ])
     """
-    names, requested = ensemble_dataset.checked(variables), statistics.checked(reduce)
+    names, requested = statistics.checked_variables(variables), statistics.checked_statistics(reduce)
     task = posed("simulate_ensemble", system, keywords, OfEnsemble, store="end")
     begin, store = starts_of(task), task.store
     plan = plan_of(task, begin, store=every_stored(task))
@@ -152,7 +152,7 @@ def simulate_ensemble(
         warn_of_cost(load)
         warn_of_grid(load, systems, t0, t1, grid)
         say([plan._replace(scheme=scheme).remark(begin, problem)])
-    size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
+    size, one = int(statistics.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     if not on_gpu:
         announce(members_cost(scheme, one, m, count, size, workers), scheme, one)
@@ -174,7 +174,7 @@ def simulate_ensemble(
     if not plan.is_controlled and (text := coarseness(scheme, problem, largest_size(done))) is not None:
         warn(text)
         kept["warning"] = text
-    many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
+    many = statistics.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
     return with_messages(many, problem, outcome)
 
 
@@ -205,7 +205,7 @@ def with_messages(many: xarray.Dataset, problem: IVP, outcome: Outcome) -> xarra
 
 
 def _require_memory(variables: tuple[str, ...], members: int, times: int) -> None:
-    needed = ensemble_dataset.bytes_of(variables, members, times)
+    needed = statistics.bytes_of(variables, members, times)
     if needed > SMALL and needed > (free := free_memory()):
         raise ValueError(
             f"{members} members with {times} states each need {needed / 1e9:.3g} GB, {free / 1e9:.3g} GB are free; "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from ..analysis import ensemble_dataset
+from ..analysis import statistics
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
@@ -187,7 +187,7 @@ def lyapunov_ensemble(
     announce(cost._replace(seconds=LINEARISED * cost.seconds), scheme, one)
     with progress_bar(len(problem), "members") if progress else nullcontext() as report:
         sums, outcome = grown(scheme, replace(problem, progress=report), workers)
-    many = ensemble_dataset.dataset(scheme, problem, outcome, (), ())
+    many = statistics.dataset(scheme, problem, outcome, (), ())
     means = sums / (plan.t_end - plan.t_start)
     many["lyapunov_exponent"] = (("member", "exponent"), means, KNOWN)
     many["exponent"] = np.arange(1, means.shape[1] + 1)

@@ -14,8 +14,8 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
-from ..integrators.linearised import Changes, Entries, StepNodes, is_in_orbital_frame
-from ..integrators.load_samples import as_marched
+from ..integrators.linearised import Changes, Entries, StepNodes
+from ..integrators.load_samples import as_marched, orbit_of
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP
 from ..loads.base import is_called, tables_as_moments
@@ -86,7 +86,7 @@ class Parameters:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else tables_as_moments(problem.load)).terms
-        self._orbits = is_in_orbital_frame(*as_marched(problem, scheme.is_director_scheme), scheme)
+        self._orbits = orbit_of(*as_marched(problem, scheme.is_director_scheme), 1.0, scheme) is not None
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:

@@ -199,7 +199,7 @@ def as_number(value: ArrayLike, name: str) -> float:
 def as_positive(value: ArrayLike, name: str, shape: Shape, unit: str) -> Array:
     """Return `value` as `as_array` does; a ValueError that names the first entry which is not positive."""
     array = as_array(value, name, shape)
-    refuse(array <= 0, name, lambda i: f"must be positive, got {array[i]:g} {unit}")
+    refuse(array <= 0, name, lambda i: f"must be positive, got {array[i]:g} {unit}".rstrip())
     return array
 
 

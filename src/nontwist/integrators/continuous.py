@@ -277,8 +277,9 @@ def _rates(problem: IVP, form: Any, first: float, last: float, may_reject: bool)
     """Return dy/dt; NaN, on which explicit methods shorten the step, where directors of a trial are far from unit."""
     if isinstance(form, _Spun):
         form.begin(first, last)
-    forces, moments = parted(problem.load.without_potentials)
-    potentials = Load(problem.load.potentials)
+    load, potentials = problem.load.without_potentials, Load(problem.load.potentials)
+    forces = Load(tuple(term for term in load.terms if isinstance(term, DirectorForces)))
+    moments = Load(tuple(term for term in load.terms if term not in forces.terms))
     has_forces, size, drives = bool(forces.terms or potentials.terms), form.size, problem.load.drives
 
     def rates(t: float, y: Array) -> Array:
@@ -299,13 +300,6 @@ def _rates(problem: IVP, form: Any, first: float, last: float, may_reject: bool)
         return dy
 
     return rates
-
-
-def parted(load: Load) -> tuple[Load, Load]:
-    """Return the director forces of a load, and the rest."""
-    are_forces = [isinstance(term, DirectorForces) for term in load.terms]
-    forces = tuple(term for term, is_force in zip(load.terms, are_forces, strict=True) if is_force)
-    return Load(forces), Load(tuple(term for term in load.terms if term not in forces))
 
 
 def _sizes(problem: IVP, form: Any) -> Array:

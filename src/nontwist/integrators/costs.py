@@ -229,7 +229,8 @@ def largest_velocity(
         W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
-    energy = root**2 + 4 * _pull(systems, load, scale)
+    pull = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
+    energy = root**2 + 4 * pull
     slowest = slowest_damping(systems, load, scale)
     if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
         free = _free_axes(systems)
@@ -311,12 +312,6 @@ _axes_of_one = lru_cache(maxsize=64)(_axes_of)
 def _free_axes(systems: SystemStack) -> slice:
     """Return which axes the bodies can turn about: a constrained one is the last."""
     return slice(None if systems.axis is None else 2)
-
-
-def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
-    """Return the largest moments of gravity and potentials, N m, that is half the range of their energies, J."""
-    found: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
-    return found
 
 
 def _pulls(systems: SystemStack, basis: Array) -> Array:

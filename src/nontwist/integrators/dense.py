@@ -80,7 +80,8 @@ class Dense:
         }
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
         self._counts = {"nodes": len(nodes), "output_count": len(node), "last": m, **strides}
-        self._kernel = output_kernel(parts_between(march))
+        motion = march.parts.motion if len(march.groups) == 1 else "rows"  # the equations that members share
+        self._kernel = output_kernel(march.parts._replace(motion="moved" if motion == "steady" else motion, lanes=1))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
         """Return the arrays of outputs and how many are good, given how many nodes are; None where these are apart.
@@ -99,12 +100,6 @@ class Dense:
             changes["intervals"][n] = march.unit / (since - self._times[n - 1])
         run = Between(self, march.arrays, found, reached, **changes)
         return (run.arrays, reached - self.skipped) if run.find() else None
-
-
-def parts_between(march: StackMarch) -> Parts:
-    """Return what there is between nodes: the equations that members share, those of all where they differ."""
-    motion = march.parts.motion if len(march.groups) == 1 else "rows"
-    return march.parts._replace(motion="moved" if motion == "steady" else motion, lanes=1)
 
 
 class Between:

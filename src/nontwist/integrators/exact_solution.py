@@ -40,10 +40,8 @@ BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal
 STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
 GYROSTAT_NS = 1_500_000  # of the constants of a gyrostat
-FORCES, DEPENDENT = "gravity and other dead forces", "a load that depends on the state"
 SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
 ROTORS = "a body with rotors, unless it is a standard one, their momentum is constant, and nothing else acts"
-SPIN = "a prescribed spin"
 MOVING = "a load that moves the axis of rotation in the body"
 
 
@@ -113,15 +111,15 @@ class Exact(Integrator):
         if load.rotors and not _is_gyrostat(problem):
             return _no_solution(ROTORS)
         if systems.spin is not None:
-            return _no_solution(SPIN)
+            return _no_solution("a prescribed spin")
         if systems.has_dead_force:
-            return _no_solution(FORCES)
+            return _no_solution("gravity and other dead forces")
         if systems.axis is not None and not (is_fine := is_principal(systems)).all():
             return f"member {int(is_fine.argmin())}: " * (len(problem) > 1) + _no_solution(SUSLOV)
         if load.rotors:
             return None
         if load.depends_on_state:
-            return _no_solution(DEPENDENT)
+            return _no_solution("a load that depends on the state")
         if not load.terms or len(problem) > 1:
             return None
         edges = loaded_body.edges_of(load, np.array([problem.t_start, problem.t_end]))

@@ -147,8 +147,7 @@ class Collocation:
         if not self.parts.orbit:
             return self.matrix("C", i)
         cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        found: Matrix = attitude(Quaternion(1.0 + cosm1, *v)) @ self.matrix("C", i)
-        return found
+        return attitude(Quaternion(1.0 + cosm1, *v)) @ self.matrix("C", i)
 
     def matrix(self, name: str, k: Any) -> Matrix:
         """Return a matrix in scratch memory, row by row."""
@@ -328,8 +327,7 @@ class Collocation:
         v = Variables(C=0.0 * self.turn + AXES)
         for i, stage in self.stages.each():
             v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.matrix("C", i)))
-        found: Matrix = v.C
-        return found
+        return v.C
 
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""
@@ -433,8 +431,7 @@ class Collocation:
         if known.tilt is not None:
             tilt = in_direction(known.tilt, j)
             turn, W = turn - tilt, W - cross(W, tilt)
-        found: tuple[Any, ...] = tangent((*turn, *W), 0)
-        return found
+        return tangent((*turn, *W), 0)
 
 
 def is_nothing(x: Vector) -> bool:

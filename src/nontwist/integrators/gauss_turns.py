@@ -52,8 +52,7 @@ class Turn:
             theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
             v.total = v.total + theta @ stage.V
             steps.set_matrix("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
-        found: Vector = (1.0 / steps.h) * v.total
-        return found
+        return (1.0 / steps.h) * v.total
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
@@ -131,8 +130,7 @@ class Line(Turn):
 
     def direction(self, V: Vector, g: Any) -> Vector:
         """Return the known vector as seen at a stage."""
-        found: Vector = self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
-        return found
+        return self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
 
     def set_stages(self, direct: Matrix) -> None:
         """Set Θ."""

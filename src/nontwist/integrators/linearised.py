@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import body_rows
 from ..engine.functions import DifferentiableFunctions
-from ..engine.generalised import OF_TABLE, OF_TERMS, STAGE, STATE, TERM, sloped
+from ..engine.generalised import OF_TABLE, OF_TERMS, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
 from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
 from ..engine.records import BODY, pack
@@ -28,7 +28,6 @@ from ..loads import Load
 from ..loads.base import is_called
 from ..loads.potentials import ForceTable, Potential
 from ..loads.terms import Term
-from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_size
@@ -77,11 +76,6 @@ class StepNodes(NamedTuple):
 
 
 LONGEST, ONE = 2048, np.eye(1)  # steps that are laid out at a time
-
-
-def is_in_orbital_frame(systems: SystemStack, load: Load, scheme: Compiled) -> bool:
-    """Whether steps under a load, as it is marched, turn with an orbit."""
-    return scheme.needs.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
 def scheme_of(integrator: Integrator, load: Load, with_memory: bool = False) -> Compiled:
@@ -145,7 +139,7 @@ class Linearised:
         if scheme.dissipation:
             self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
         sizes = tuple((name, size or len(changes)) for name, size in INPUTS.items() if name in wanted)
-        about = orbit_of(systems, self.load, 1.0) if scheme.needs.action == STAGE else None
+        about = orbit_of(systems, self.load, 1.0, scheme)
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
         is_parted = scheme.linear is not None
@@ -193,10 +187,6 @@ class Linearised:
         found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
         return found
 
-    def ranges(self, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of all chunks."""
-        return ranged(0, self.problem.steps, LONGEST, back)
-
     def nodes(self, first: int, last: int) -> StepNodes:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
@@ -235,16 +225,9 @@ class Linearised:
 
         `is_stored`: 1 for each step at whose end the state is stored, else 0.
         """
-        for ends in self.ranges(back):
+        for ends in ranged(self.problem.steps, LONGEST, back):
             nodes = self.nodes(*ends)
-            chunk = chunk_of(self, nodes, count, entries(nodes), back)
-            if is_stored is not None:
-                part = is_stored[nodes.first : nodes.last]
-                pack(chunk.chain, CHAIN, is_stored=part)
-                chunk = chunk._replace(
-                    arrays=chunk.arrays | {"is_stored": part}, first_stored=int(is_stored[: nodes.first].sum())
-                )
-            yield chunk
+            yield chunk_of(self, nodes, count, entries(nodes), is_stored, back)
 
     def workspace(self) -> Workspace:
         """Return memory for matrices."""
@@ -300,9 +283,9 @@ def input_maps_of(body: Array) -> dict[str, Array]:
     return vectors | tensors | {"factor": force * np.eye(1)}
 
 
-def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:
+def ranged(count: int, size: int, back: bool = False) -> list[tuple[int, int]]:
     """Return the borders of ranges of this size, from the last one `back`."""
-    found = [(k, min(k + size, last)) for k in range(first, last, size)]
+    found = [(k, min(k + size, count)) for k in range(0, count, size)]
     return found[::-1] if back else found
 
 
@@ -340,33 +323,31 @@ class Chunk(NamedTuple):
         return address_of(self.chain)
 
 
-def chunk_of(steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], back: bool) -> Chunk:
+def chunk_of(
+    steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], is_stored: StepMask | None, back: bool
+) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
-    first, last = nodes.first, nodes.last
+    first, last, none, before = nodes.first, nodes.last, np.zeros(0, dtype=np.int64), 0
     every = [entry.transformed(steps.input_maps.get(entry.name, ONE)) for entry in entries]
-    columns, parameters, values = _concatenated(steps, [entry for entry in every if entry.step is None])
-    block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
-    arrays: dict[str, Any] = {"columns": columns, "parameters": parameters, "values": values}
-    block[CHAIN.fixed] = len(values)
+    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in every)])
+    parameters = np.concatenate([none, *(one.parameter for one in every)])
+    values = np.concatenate([np.zeros(0), *(one.value for one in every)])
+    at = (np.full(len(one.value), -1) if one.step is None else one.step - first for one in every)
+    step, block, padded = np.concatenate([none, *at]), np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
+    fixed, own = np.flatnonzero(step < 0), np.flatnonzero(step >= 0)
+    arrays: dict[str, Any] = {"columns": columns[fixed], "parameters": parameters[fixed], "values": values[fixed]}
+    block[CHAIN.fixed] = len(fixed)
     if not back:
-        used, rows = np.unique(columns, return_inverse=True)
+        used, rows = np.unique(columns[fixed], return_inverse=True)
         changes, block[CHAIN.inputs] = aligned(len(used), padded), len(used)
-        np.add.at(changes, (rows, parameters), values)
+        np.add.at(changes, (rows, parameters[fixed]), values[fixed])
         arrays = {"used": used, "changes": changes}
-    if own := [entry for entry in every if entry.step is not None and len(entry.value)]:
-        step = np.concatenate([entry.step for entry in own if entry.step is not None]) - first
-        columns, parameters, values = _concatenated(steps, own)
-        order = np.argsort(step, kind="stable") if back else np.lexsort((parameters, step))
-        arrays |= {"begins": np.searchsorted(step[order], np.arange(last - first + 1))}
-        arrays |= {"own_columns": columns[order], "own_parameters": parameters[order], "own_values": values[order]}
+    if len(own):
+        own = own[np.argsort(step[own], kind="stable") if back else np.lexsort((parameters[own], step[own]))]
+        arrays |= {"begins": np.searchsorted(step[own], np.arange(last - first + 1)), "own_columns": columns[own]}
+        arrays |= {"own_parameters": parameters[own], "own_values": values[own]}
+    if is_stored is not None:
+        arrays["is_stored"], before = is_stored[first:last], int(is_stored[:first].sum())
     pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
     pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays)
-
-
-def _concatenated(steps: Linearised, entries: Sequence[Entries]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Return columns of inputs, parameters and values of entries."""
-    none: Any = np.zeros(0, dtype=np.int64)
-    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in entries)])
-    parameters = np.concatenate([none, *(one.parameter for one in entries)])
-    return columns, parameters, np.concatenate([np.zeros(0), *(one.value for one in entries)])
+    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays, before)

@@ -42,7 +42,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 
-from ..engine.generalised import EXACT
+from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes
@@ -158,13 +158,13 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
 
 
-def orbit_of(systems: SystemStack, load: Load, unit: float) -> Array | None:
+def orbit_of(systems: SystemStack, load: Load, unit: float, scheme: Compiled) -> Array | None:
     """Return rate, in radians in a unit of time, and axis of the orbit that `gauss` sees the rows from, else None.
 
     That is where the gravity gradient of a circular orbit acts alone: all else is given in a frame that stands still,
     and an ellipse turns at no constant rate.
     """
-    term = load.terms[0] if len(load.terms) == 1 else None
+    term = load.terms[0] if len(load.terms) == 1 and scheme.needs.action == STAGE else None
     if not isinstance(term, GravityGradient) or term.eccentricity or systems.has_dead_force:
         return None
     return np.array([term.mean_motion * unit, *term.normal])

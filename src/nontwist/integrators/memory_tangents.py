@@ -153,7 +153,7 @@ class RememberingSteps:
     def matrices(self, states: States, back: bool = False) -> Iterator[tuple[slice, Array, Array]]:
         """Yield steps, the derivatives of their ends by their beginnings, and by parameters, given all nodes."""
         n = max(MOST // (self.s * self.size) ** 2, 1)
-        for first, last in ranged(0, self.problem.steps, n, back):
+        for first, last in ranged(self.problem.steps, n, back):
             yield self._part(states, first, last)
 
     def _part(self, states: States, first: int, last: int) -> tuple[slice, Array, Array]:

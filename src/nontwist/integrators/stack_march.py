@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import body_rows, power_of_two
 from ..engine.functions import StateFunctions
-from ..engine.generalised import STAGE
 from ..engine.marching import Text, march_kernel
 from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import (
@@ -78,8 +77,8 @@ class StackMarch:
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = float(power_of_two(np.max(sizes)))
         systems, self.load = as_marched(stack, director)
-        has_orbit = self.needs.action == STAGE and not known.get("space", False)  # which is added to the load
-        self.about = orbit_of(systems, self.load, self.unit) if has_orbit else None
+        has_more = known.get("space", False)  # a moment that is added to the load
+        self.about = None if has_more else orbit_of(systems, self.load, self.unit, scheme)
         self.bodies = body_rows(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
@@ -347,8 +346,6 @@ class StackMarch:
 
     def good(self, step: int) -> int:
         """Return how many stored states there are before the end of a step that has failed."""
-        if self.outputs is None:
-            return int(np.searchsorted(self.stack.stored, step, side="right"))
         return int(np.searchsorted(self.stack.stored_times, self.stack.times(step), side="right"))
 
     @property

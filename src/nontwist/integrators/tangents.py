@@ -18,7 +18,7 @@ from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.memory import size_of, view_of
-from .linearised import Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace
+from .linearised import LONGEST, Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace, ranged
 from .stepping import PerThread
 
 TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal
@@ -232,7 +232,8 @@ class Growth:
             The equations of a step are not solved again.
         """
         for together in TOGETHER:
-            ends = [np.append(np.arange(k + together, last, together), last) for k, last in self._steps.ranges()]
+            parts = ranged(self._steps.problem.steps, LONGEST)
+            ends = [np.append(np.arange(k + together, last, together), last) for k, last in parts]
             times = self._steps.problem.times(np.concatenate(ends))
             lengths = self._lengths(states, own, together, len(times))
             if together == 1 or (lengths.min(axis=1) > LOST * lengths.max(axis=1)).all():

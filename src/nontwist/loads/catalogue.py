@@ -216,18 +216,10 @@ def memory_load(
     >>> run.internal_state.values[-1].round(9)  # 2 (1 - exp(-2))
     array([1.72932943])
     """
-    z = as_floats(state0, "state0", 1)
-    scales = as_floats(scale, "scale")
-    return of_function(
-        MemoryFunction,
-        as_function(derivative, "derivative"),
-        as_function(moment, "moment"),
-        z,
-        np.full(z.shape, scales) if scales.ndim == 0 else scales,
-        frame,
-        breakpoints=breakpoints,
-        compiled=compiled,
-    )
+    z, scales = as_floats(state0, "state0", 1), as_floats(scale, "scale")
+    functions = as_function(derivative, "derivative"), as_function(moment, "moment")
+    scales = np.full(z.shape, scales) if scales.ndim == 0 else scales
+    return of_function(MemoryFunction, *functions, z, scales, frame, breakpoints=breakpoints, compiled=compiled)
 
 
 def damping(coefficient: ArrayLike) -> Load:

@@ -189,7 +189,7 @@ def gravity_gradient(
         Direction of o, orthogonal to `radial`.
     start : float, s
     eccentricity : float
-        e, from 0 and below 1. Kepler's equation is solved to round-off at every evaluation.
+        e, at least 0 and below 1. Kepler's equation is solved to round-off at every evaluation.
     perigee_time : float, s, optional
         Another name of `start`, for ellipses.
 
@@ -201,7 +201,7 @@ def gravity_gradient(
     ------
     ValueError
         The mean motion is not positive, a direction has length 0, the directions are not orthogonal, the eccentricity
-        is not from 0 and below 1, or both `start` and `perigee_time` are given.
+        is not at least 0 and below 1, or both `start` and `perigee_time` are given.
 
     Examples
     --------

@@ -40,6 +40,7 @@ MOMENTS = 6  # numbers of the moments of a term with memory: in space, along the
 Call = Callable[[Callable[..., Any], tuple[Any, ...], tuple[int, ...]], list[Any]]
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 OF_POTENTIALS = "let function return a finite number (J) and gradient its derivatives by γ (N m) for every γ"
+FINITE = {(): "a finite number (N m)", (3,): "3 finite numbers (N m)", (3, 3): "3 rows of 3 finite numbers (N m)"}
 GIVEN = {
     1: "the time",
     3: "the time, the directors and the angular velocity",
@@ -86,12 +87,8 @@ def checked(function: Callable[..., Any], arguments: tuple[Any, ...], shape: tup
     function, is_of_time = getattr(function, "py_func", function), isinstance(arguments[0], float)
     name = "load" if is_of_time else "gradient" if shape else "potential"
     name = f"the {name} {getattr(function, '__name__', None) or repr(function)}"
-    remedy = REMEDY if is_of_time else OF_POTENTIALS
-    remedy = remedy.replace("3 finite", "3 rows of 3 finite") if shape == (3, 3) else remedy
-    if is_of_time and not shape:
-        remedy = remedy.replace("3 finite numbers", "a finite number")
-    if is_of_time and len(shape) == 1 and shape != (3,):  # of internal states
-        remedy = remedy.replace("3 finite numbers (N m)", f"as many finite numbers as state0, {shape[0]},")
+    wanted = FINITE.get(shape) or f"as many finite numbers as state0, {shape[0]},"
+    remedy = REMEDY.replace(FINITE[3,], wanted) if is_of_time else OF_POTENTIALS
     try:
         value = as_floats(function(*arguments), name)
     except Exception as error:

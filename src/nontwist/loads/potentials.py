@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -57,12 +57,6 @@ class DirectorForces(ForceTerm):
     """
 
     kind = "forces"
-
-    @property
-    def called(self) -> Callable[..., Any]:
-        """The text."""
-        found: Callable[..., Any] = getattr(self, "forces")  # noqa: B009 - of subclasses
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +130,7 @@ MOST_VECTORS = 4
 I3 = np.eye(3)
 ZEROS: Any = (0.0, 0.0, 0.0)
 NO_MATRIX: Any = (ZEROS,) * 3
+in_space = partial(Spec, shape=(3,), rule="direction in space", is_fixed=True)
 
 
 class Potential(ForceTerm):
@@ -156,12 +151,6 @@ class Potential(ForceTerm):
     def counts(self) -> tuple[int, int]:  # type: ignore[override]
         """How many numbers γ has."""
         return self.vectors.size, 0
-
-    @property
-    def called(self) -> Callable[..., Any]:
-        """The text."""
-        found: Callable[..., Any] = getattr(self, "potential")  # noqa: B009 - of subclasses
-        return found
 
     def level(self, call: Call, x: Sequence[Any]) -> Any:
         """Return V of the numbers of γ, and those of the term behind them, by a way to call functions (`functions`)."""
@@ -319,17 +308,10 @@ class GravityGradient(OfOneVector):
     """The gravity gradient on an orbit."""
 
     mean_motion: Annotated[float, Spec("", unit="rad/s", rule="positive")]
-    radial: Annotated[
-        Array,
-        Spec(
-            "the radius at start, perigee of an ellipse, in space", shape=(3,), rule="direction in space", is_fixed=True
-        ),
-    ] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
-    normal: Annotated[
-        Array, Spec("the normal of the orbit, in space", shape=(3,), rule="direction in space", is_fixed=True)
-    ] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    radial: Annotated[Array, in_space("the radius at start, perigee of an ellipse, in space")] = (1.0, 0.0, 0.0)  # type: ignore[assignment]
+    normal: Annotated[Array, in_space("the normal of the orbit, in space")] = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     start: Annotated[float, Spec("", unit="s", is_fixed=True)] = 0.0
-    eccentricity: Annotated[float, Spec("", rule="from 0 and below 1")] = 0.0
+    eccentricity: Annotated[float, Spec("", rule="at least 0 and below 1")] = 0.0
     inertia: Any = None  # J, (3, 3), when a run has told its body
     linear = np.zeros(3)
 

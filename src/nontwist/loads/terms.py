@@ -34,12 +34,8 @@ MOST_NUMBERS = 24  # of a term whose text of the state is differentiated by them
 LONGEST = 60  # characters of a function's name in words
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 Kind = Literal["body", "space", "state", "forces", "potential", "memory"]
-TEXTS: dict[str, Kind] = {
-    "moment": "state",
-    "body_moment": "body",
-    "space_moment": "space",
-    "response": "memory",
-}  # and their kinds
+# Texts, and their kinds.
+TEXTS: dict[str, Kind] = {"moment": "state", "body_moment": "body", "space_moment": "space", "response": "memory"}
 Frame = Annotated[Literal["body", "space"], Spec(FRAME)]
 Moment = Callable[[float, Array, Array], ArrayLike]
 Record = Mapping[str, Any]
@@ -159,7 +155,8 @@ class Term(ABC):
     @property
     def called(self) -> Callable[..., Any]:
         """The text: a function of time, or of time, directors and angular velocity."""
-        found: Callable[..., Any] = getattr(self, next(name for name, kind in TEXTS.items() if kind == self.kind))
+        texts = TEXTS | {"forces": "forces", "potential": "potential"}
+        found: Callable[..., Any] = getattr(self, next(name for name, kind in texts.items() if kind == self.kind))
         return found
 
     def samples(self, times: Array) -> Array:

@@ -92,12 +92,6 @@ def printed_numbers() -> dict[str, str]:
     return numbers
 
 
-@cache
-def theorems() -> tuple[str, ...]:
-    """Return the printed numbers of the theorems, which have no labels."""
-    return tuple(_data("labels.json")["theorems"])
-
-
 def printed(label: str, row: str = "") -> str:
     """Return how the paper prints a label: "(46)", or "(46b)" with a row; "Section 2.1", "Figure 3", "Table 4".
 

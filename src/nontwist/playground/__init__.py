@@ -10,7 +10,7 @@ import html
 from importlib.resources import files
 from string import Template
 
-from ..viewer.viewer import SHARED, View
+from ..viewer import SHARED, View
 
 __all__ = ["playground"]
 

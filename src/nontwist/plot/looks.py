@@ -99,17 +99,15 @@ def looks(
     most = max(len(components), len(runs))
     if most > len(own):
         raise ValueError(f"{most} curves cannot be distinguished, at most {len(own)}: choose fewer runs")
-    if len(runs) == 1 or len(components) == 1:
-        return {(c, r): own[max(i, k)] | given for k, r in enumerate(runs) for i, c in enumerate(components)}
-    return {
-        (c, r): {"color": own[i]["color"], "linestyle": own[k]["linestyle"]} | _mark(i) | given
-        for k, r in enumerate(runs)
-        for i, c in enumerate(components)
-    }
-
-
-def _mark(i: int) -> Look:
-    return {} if i < COLOURS else {"marker": _MARKS[i - COLOURS], "markevery": 0.15, "markersize": 3}
+    found: dict[tuple[str, str], Look] = {}
+    for (k, run), (i, component) in itertools.product(enumerate(runs), enumerate(components)):
+        look = own[max(i, k)]
+        if len(runs) > 1 and len(components) > 1:
+            look = {"color": own[i]["color"], "linestyle": own[k]["linestyle"]}
+            if i >= COLOURS:
+                look |= {"marker": _MARKS[i - COLOURS], "markevery": 0.15, "markersize": 3}
+        found[component, run] = look | given
+    return found
 
 
 def handle(label: str, look: Look) -> Any:

@@ -28,7 +28,7 @@ from ..geometry.arrays import Array, arcs, as_number
 from ..geometry.values import among, as_whole, short_repr
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
-from ..viewer.drawing import Camera
+from ..viewer.drawing import Camera, circle_about, graticule
 from .journals import axes_for, column_width, style
 from .looks import LEAST, Look, contrast, cycle, given_look, handle, labelled, legend, looks, pale, variable
 
@@ -278,10 +278,7 @@ def _great_circle(ax: Axes, d: Array, V: Array) -> None:
     away = np.linalg.norm(d - d[0], axis=1) > _DEPARTED
     if not away.any():
         return
-    ahead = d[np.argmax(away)]
-    ahead = ahead - d[0] * (ahead @ d[0])
-    t = np.linspace(0, 2 * np.pi, 361)[:, None]
-    x = (np.cos(t) * d[0] + np.sin(t) * ahead / np.linalg.norm(ahead)) @ V.T
+    x = circle_about(np.cross(d[0], d[np.argmax(away)]), 361) @ V.T
     curve(ax, x, x[:, 2], 3.5, "great circle", **_CIRCLE)
 
 
@@ -309,15 +306,13 @@ def _globe(ax: Axes, V: Array, paths: Array) -> None:
     below = extent(V, np.ones(3), np.zeros((1, 2)))[2]
     bare(ax, np.array([-_MARGIN, _MARGIN, min(below, -_BELOW), _MARGIN]))
     ax.add_patch(Circle((0, 0), 1, facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0))
-    t = np.linspace(0, 2 * np.pi, 181)
+    latitudes = (-60, -30, 0, 30, 60)
+    meridians, parallels = graticule(latitudes, 181)
     grid: Look = {"linewidth": 0.4, "color": "0.75"}
-    for longitude in np.radians(np.arange(0, 180, 30)):
-        m = np.stack([np.cos(t) * np.cos(longitude), np.cos(t) * np.sin(longitude), np.sin(t)], axis=1) @ V.T
-        curve(ax, m, m[:, 2], 2.5, "_meridian", **grid)
-    for latitude in np.radians([-60, -30, 0, 30, 60]):
-        c = np.cos(latitude)
-        p = np.stack([c * np.cos(t), c * np.sin(t), np.full_like(t, np.sin(latitude))], axis=1) @ V.T
-        curve(ax, p, p[:, 2], 2.5, "_parallel", **grid | ({"color": "0.55"} if latitude == 0 else {}))
+    for m in meridians:
+        curve(ax, m @ V.T, m @ V[2], 2.5, "_meridian", **grid)
+    for latitude, p in zip(latitudes, parallels, strict=True):
+        curve(ax, p @ V.T, p @ V[2], 2.5, "_parallel", **grid | ({"color": "0.55"} if latitude == 0 else {}))
     arrows(ax, V, np.ones(3), "xyz", paths)
 
 
@@ -375,14 +370,14 @@ def polhode(
         points = np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T
         V = view(elevation, azimuth, points)
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
-        feet, outline = np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), _circle(towards) @ screen.T
+        feet, outline = np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), circle_about(towards) @ screen.T
         edges = extent(V, feet, outline[:, :2])
         ax = axes_for(ax, _height(edges))
         bare(ax, edges)
         _surface(ax, J, screen, towards)
         constrained = [system.axis for system in systems.values() if system.axis is not None]
         for n in constrained:
-            y = _circle((n @ P) / np.sqrt(J))
+            y = circle_about((n @ P) / np.sqrt(J))
             curve(ax, y @ screen.T, y @ towards, 3.5, r"$W\cdot n=0$", **_CONSTRAINED)
         arrows(ax, V, feet, "123", points @ V.T)
         own = looks(["polhode"], list(table), given)
@@ -422,17 +417,9 @@ def _polhode(W: Any, label: str, root: Array) -> Array:
     return unit
 
 
-def _circle(n: Array) -> Array:
-    """Return the great circle about the vector n, (m, 3)."""
-    t = np.linspace(0, 2 * np.pi, 241)[:, None]
-    a = np.linalg.svd(n[None])[2][1:]
-    points: Array = np.cos(t) * a[0] + np.sin(t) * a[1]
-    return points
-
-
 def _surface(ax: Axes, J: Array, screen: Array, towards: Array) -> None:
     """Draw the ellipsoid: its outline, the polhodes of the free standard body, the separatrix."""
-    outline = _circle(towards) @ screen.T
+    outline = circle_about(towards) @ screen.T
     ax.fill(outline[:, 0], outline[:, 1], facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0)
     for y in _levels(J):
         curve(ax, y @ screen.T, y @ towards, 2.5, "_level", color="0.7", linewidth=0.4)
@@ -464,4 +451,4 @@ def _levels(J: Array) -> list[Array]:
 def _separatrix(J: Array) -> list[Array]:
     """Return two great circles through axis 2 on the unit sphere; none where two moments are equal."""
     s, c = np.sin(_separatrix_angle(J)), np.cos(_separatrix_angle(J))
-    return [_circle(np.array([s, 0, sign * c])) for sign in (1, -1)] if min(s, c) > _EQUAL else []
+    return [circle_about(np.array([s, 0, sign * c])) for sign in (1, -1)] if min(s, c) > _EQUAL else []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.curve_reports import curve_report
+from ..curves import curve_report
 from ..geometry.arrays import Array, as_array, as_positive, norm
 from ..geometry.linking import polygon, ribbon_twist
 from .journals import axes_for, style

@@ -280,7 +280,7 @@ def accepted(form: Any, spec: Spec) -> str:
             words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
         elif words != "numbers" and spec.rule != "increasing":
             words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
-    bound = spec.rule if spec.rule in ("not negative", "from 0 and below 1") else ""
+    bound = spec.rule if spec.rule in ("not negative", "at least 0 and below 1") else ""
     return ", ".join(filter(None, (words, bound, spec.unit))) + f": {spec.text}" * bool(spec.text)
 
 

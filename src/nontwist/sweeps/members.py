@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
-from ..analysis import ensemble_dataset, statistics
-from ..analysis.variables import SIZES, Wheels, about, observables, potentials_of
+from ..analysis import statistics
+from ..analysis.variables import SIZES, Acting, about, observables
 from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.planning import known_body
@@ -354,10 +354,8 @@ class Members:
                 self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
-        rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
-        held = potentials_of(problem.load, problem.stored_times[-1:], problem.load_scale)
-        wheels = Wheels.of(problem.load.description)
-        for name, found in observables(self._states, problem.systems, ends, rotors, held, wheels).items():
+        acting = Acting.of(problem.load, problem.stored_times[-1:], problem.load_scale)
+        for name, found in observables(self._states, problem.systems, ends, acting).items():
             last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
         if outcome.observed is not None:
@@ -369,7 +367,7 @@ class Members:
 
     @property
     def _states(self) -> tuple[str, ...]:
-        return ensemble_dataset.checked(self.sweep.variables)
+        return statistics.checked_variables(self.sweep.variables)
 
     def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, IVP]:
         """Return m members of one file, which differ in axes of an ensemble alone, and how to integrate them.

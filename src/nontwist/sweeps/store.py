@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.ensemble_dataset import status_attributes
+from ..analysis.statistics import status_attributes
 from ..analysis.trajectory import versions
 from ..errors import SweepStoreError
 from ..geometry.arrays import Array

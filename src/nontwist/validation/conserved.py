@@ -1,4 +1,6 @@
-"""Invariants and exact balances of the stepping integrators, as their module docstrings derive them.
+"""Validation of what integrators conserve.
+
+**invariants**: Invariants and exact balances of the stepping integrators, as their module docstrings derive them.
 
 Random bodies have Euler inertias A Aᵀ + 0.3 I; A and all other numbers are normally distributed. Errors are relative to
 the largest value. Without load `split` takes no steps; in the long runs a load of 1e-200 N m therefore acts on it.
@@ -161,14 +163,14 @@ def own_terms() -> dict[str, type[Term]]:
     return {name: cls for name, cls in loads.LOADS.items() if name not in OF_TERMS}
 
 
-def unchecked() -> tuple[str, ...]:
+def unchecked() -> list[str]:
     """Return a sentence for every term that `balances` leaves out."""
-    return tuple(
+    return [
         f"the load {name!r} is not checked: add a classmethod sample to its class {cls.__name__}, "
         "which returns a term to check"
         for name, cls in own_terms().items()
         if cls.sample() is None
-    )
+    ]
 
 
 def exchange() -> Iterator[Check]:
@@ -255,4 +257,4 @@ def unbalanced(values: Array, supplied: Array) -> float:
     return float(abs(gained - np.cumsum(supplied, axis=0)).max() / abs(values).max())
 
 
-CHECKS = (random_bodies, balances, exchange, constraints, million_steps, forced)
+CHECKS = {"invariants": (random_bodies, balances, exchange, constraints, million_steps, forced)}

@@ -1,4 +1,6 @@
-"""Bodies under load: closed-form solutions, quadratures, and the order of the multiplier μ.
+"""Validation of bodies under load.
+
+**loaded**: Bodies under load: closed-form solutions, quadratures, and the order of the multiplier μ.
 
 **The multiplier.** Testing J W' = J W × W + M - μ n with J⁻¹ n, where n·W' = 0, gives
 
@@ -245,15 +247,17 @@ def lagging_magnets() -> Iterator[Check]:
     yield error("magnets that follow a field with a lag: W, z", gaps, 1e-12, LAG, "independent")
 
 
-CHECKS = (
-    fixed_axis,
-    quadratures,
-    integrators,
-    multipliers,
-    orbit,
-    friction,
-    bearing,
-    skew_wheels,
-    oil,
-    lagging_magnets,
-)
+CHECKS = {
+    "loaded": (
+        fixed_axis,
+        quadratures,
+        integrators,
+        multipliers,
+        orbit,
+        friction,
+        bearing,
+        skew_wheels,
+        oil,
+        lagging_magnets,
+    )
+}

@@ -99,6 +99,11 @@ def attitude(run: Trajectory) -> Array:
     return np.swapaxes(run.directors, 1, 2)
 
 
+def spun(angles: Any, axis: Any) -> Rotation:
+    """Return the rotations by the `angles`, rad per unit of the axis, about one axis."""
+    return Rotation.from_rotvec(np.outer(angles, axis))
+
+
 def solved(rates: Callable[[float, Array], Any], times: ArrayLike, start: ArrayLike) -> Array:
     """Return the solution of ``y' = rates(t, y)`` at the `times`, (k, n), from the first one on, by SciPy alone."""
     t = np.asarray(times, dtype=np.float64)

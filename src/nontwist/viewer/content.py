@@ -141,7 +141,12 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
         raise ValueError(f"labels must be {many}, got {short_repr(labels)}")
     two = len(runs) == 2
-    found = [_of_two(*pair) for pair in zip(runs, PLACES, strict=True)] if two else [content(runs[0])]
+    found = []
+    for run, place in zip(runs, PLACES, strict=False):
+        try:
+            found.append(content(run))
+        except ValueError as error:
+            raise ValueError(f"the {place} run: {error}" if two else str(error)) from error
     titles, names = ([each[key] for each in found] for key in ("title", "name"))
     if given is not None:
         names = list(given)
@@ -155,13 +160,6 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
     for one, name in zip(found, names, strict=True):
         one["name"] = name
     return found
-
-
-def _of_two(run: Any, place: str) -> dict[str, Any]:
-    try:
-        return content(run)
-    except ValueError as error:
-        raise ValueError(f"the {place} run: {error}") from error
 
 
 def content(run: Any) -> dict[str, Any]:
@@ -190,9 +188,8 @@ def content(run: Any) -> dict[str, Any]:
         "Load": "; ".join(loads_in_words(parts_of(run))),
         "Integrator": integrator_in_words(run.attrs),
         "Box": box_in_words(weight),
-        **arrows_in_words(n),
     }
-    data = _motion(run, twisted, attitudes, about)
+    data = _motion(run, twisted, attitudes, n, about)
     times, events = _shown(run["time"].values), run["t_events"].values if "t_events" in run.variables else np.empty(0)
     wheels = [
         {"axis": (triad @ axis).tolist(), "momentum": packed(np.interp(times, run["time"].values, momentum))}
@@ -200,10 +197,9 @@ def content(run: Any) -> dict[str, Any]:
     ]
     return data | {
         "title": tomllib.loads(run.attrs.get("run_file", "")).get("title", ""),
-        "name": name_in_words(system),
+        "name": BODIES[system.name].words if system.name in BODIES else system.name,
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
-        "labels": _labels(n),
         "events": events[(events >= first) & (events <= last)].tolist(),
         **_box(system, weight, triad),
     }
@@ -224,15 +220,13 @@ def _recording(motion: Any) -> dict[str, Any]:
     axis = np.array(twisted.attrs.get("axis", [0.0, 0.0, 1.0]))
     about = {
         "Motion": twisted.attrs.get("title", "a recording"),
-        "Box": SLAB_IN_WORDS,
-        **arrows_in_words(axis),
+        "Box": "generic, since a recording has no inertia: its longest edge need not be that of the body",
     }
-    return _motion(twisted, twisted, attitudes, about) | {
+    return _motion(twisted, twisted, attitudes, axis, about) | {
         "title": "",
         "name": "recorded motion",
         "watch": to_watch(None),
         "rotors": [],
-        "labels": _labels(axis),
         "events": [],
         "box": {"half": list(SLAB), "edges": np.eye(3).tolist(), "centre": [0.0, 0.0, 0.0]},
         "weight": None,
@@ -249,16 +243,23 @@ def _twisted(motion: Any) -> xarray.Dataset:
         ) from error
 
 
-def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, about: dict[str, str]) -> dict[str, Any]:
-    """Return what runs and recordings have in common; `attitudes` are triads, rows."""
+def _motion(
+    run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, axis: Array, about: dict[str, str]
+) -> dict[str, Any]:
+    """Return what runs and recordings have in common; `attitudes` are triads, rows, the third along the body `axis`."""
     time = twisted["time"].values
     if time.size < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     p = quaternions(attitudes)
     kept = _shown(np.arange(time.size))
     turn = turns_between(p[kept])
-    angles = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}
+    angles, labels = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}, ["d₁", "d₂", "d₃"]
+    if not np.array_equal(axis, [0, 0, 1]):
+        labels = ["t₁", "t₂", "n"]
+        words = f"n: the body axis {vector_text(axis)}; t₁, t₂: fixed in the body, perpendicular to n"
+        about = about | {"Arrows": words}
     return {
+        "labels": labels,
         "about": about | {"States": _states_in_words(kept.size, time.size, float(turn.max()), "system" in run.attrs)},
         "thinned": bool(kept.size < time.size or turn.max() > FAR),
         "start": float(time[0]),
@@ -293,10 +294,6 @@ def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:
     if run.sizes["time"] < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     return run, DirectorSystem.from_json(run.attrs["system"])
-
-
-def _labels(axis: Array) -> list[str]:
-    return ["d₁", "d₂", "d₃"] if np.array_equal(axis, [0, 0, 1]) else ["t₁", "t₂", "n"]
 
 
 def _box(system: DirectorSystem, weight: Weight | None, triad: Array) -> dict[str, Any]:
@@ -394,14 +391,6 @@ def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None
 # Descriptions of the body and the integrator of a run, from its attributes.
 
 
-SLAB_IN_WORDS = "generic, since a recording has no inertia: its longest edge need not be that of the body"
-
-
-def name_in_words(system: DirectorSystem) -> str:
-    """Return the name of the body."""
-    return BODIES[system.name].words if system.name in BODIES else system.name
-
-
 def body_in_words(system: DirectorSystem) -> str:
     """Return constraint, principal moments and dead forces."""
     moments = np.linalg.eigvalsh(system.convected_inertia)
@@ -425,13 +414,6 @@ def box_in_words(weight: Weight | None) -> str:
     if not weight.is_known:
         return "the inertia about the pivot; the line points to the centre of mass, at a distance that is not recorded"
     return "the inertia about the centre of mass, to which the line leads from the pivot"
-
-
-def arrows_in_words(axis: Array) -> dict[str, str]:
-    """Return what the arrows are where they are not the directors."""
-    if np.array_equal(axis, [0, 0, 1]):
-        return {}
-    return {"Arrows": f"n: the body axis {vector_text(axis)}; t₁, t₂: fixed in the body, perpendicular to n"}
 
 
 def to_watch(system: DirectorSystem | None, rotors: int = 0) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import re
 import textwrap
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -261,13 +262,18 @@ def _line(ax: Axes, points: Array, view: Array, near: bool, zorder: int, **look:
     ax.plot(np.where(hidden, np.nan, right), np.where(hidden, np.nan, up), zorder=zorder, **look)
 
 
-def _graticule(ax: Axes, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
-    angle = np.linspace(0, 2 * np.pi, 91)
-    c, s, o = np.cos(angle), np.sin(angle), np.zeros(91)
-    gap = [[np.nan] * 3]
+def graticule(latitudes: Sequence[float], count: int) -> tuple[list[Array], list[Array]]:
+    """Return six meridians, and the parallels at these latitudes in degrees, each (count, 3)."""
+    angle = np.linspace(0, 2 * np.pi, count)
+    c, s = np.cos(angle), np.sin(angle)
     meridians = [np.stack([np.cos(m) * c, np.sin(m) * c, s], axis=1) for m in np.arange(6) * np.pi / 6]
-    parallels = [np.stack([np.sqrt(1 - h * h) * c, np.sqrt(1 - h * h) * s, o + h], axis=1) for h in (-0.5, 0, 0.5)]
-    lines = np.vstack([part for points in (*meridians, *parallels) for part in (points, gap)])
+    heights = np.radians(latitudes)
+    return meridians, [np.stack([np.cos(h) * c, np.cos(h) * s, 0 * c + np.sin(h)], axis=1) for h in heights]
+
+
+def _graticule(ax: Axes, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    meridians, parallels = graticule((-30, 0, 30), 91)
+    lines = np.vstack([part for points in (*meridians, *parallels) for part in (points, [[np.nan] * 3])])
     _line(ax, lines, view, near, zorder, color=ink["grid"], lw=0.5, alpha=0.5 if near else 0.25)
 
 
@@ -314,10 +320,15 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
 
 
 def _wheel(ax: Axes, axis: Array, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    _band(ax, circle_about(axis, 91), WHEEL, view, near, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
+
+
+def circle_about(axis: Array, count: int = 241) -> Array:
+    """Return the great circle about a vector, (count, 3)."""
+    t = np.linspace(0, 2 * np.pi, count)[:, None]
     a = np.linalg.svd(axis[None])[2][1:]
-    angle = np.linspace(0, 2 * np.pi, 91)
-    along = np.cos(angle)[:, None] * a[0] + np.sin(angle)[:, None] * a[1]
-    _band(ax, along, WHEEL, view, near, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
+    points: Array = np.cos(t) * a[0] + np.sin(t) * a[1]
+    return points
 
 
 def _band(

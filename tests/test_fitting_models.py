@@ -141,7 +141,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, place
     assert len(lanes) > 1
     deviation = np.append([0.02] * 4, np.isin(range(4, 11), places) * 0.1)
     mean = np.array([0, 0, 0, 1, 0.1, 0.4, -0.2, 0.9, 1.1, 1.2, 0.004]) if places else IDEAL
-    problem = Shooting([stretch], Gyroscope(mean, deviation), 1e-2, "linear", lanes, model, TILT)
+    problem = Shooting([stretch], Gyroscope(mean, deviation), 1e-2, model, "linear", lanes, TILT)
     beside = {"centre": [0.1, -0.2, 0.97], "axis": [0.5, 0.2, 0.9], "factor": [1.01], "damping": [0.02, 0.03, 0.01]}
     more = np.concatenate([[], *(beside[name][: at.stop - at.start] for name, at in model.places.items())])
     starts = np.hstack([rates[[one.first for one in lanes]], rng.normal(size=(len(lanes), model.size - 3))])

@@ -221,7 +221,7 @@ class Task:
         tilt = max(map(noise_of_attitudes, attitudes), default=0.0)
         noise = self.noise(stretches, tilt)
         try:
-            found = estimate(Shooting(stretches, self.gyroscope, noise, self.loss, (), model, tilt), self.sigma > 0)
+            found = estimate(Shooting(stretches, self.gyroscope, noise, model, self.loss, (), tilt), self.sigma > 0)
         except RunawayError as error:
             raise NoMotionError(self.no_motion(stretches, None, model)) from error
         if is_hopeless(found):

@@ -222,7 +222,7 @@ class Search:
         """Return the fit of samples `a` to before `b`; None where no start leads to a motion."""
         stretch = Stretch(self.time[a:b], self.rates[a:b], speed_of(self.recording, slice(a, b)))
         try:
-            return estimate(Shooting([stretch], self.gyroscope, noise, model=self.model), True, starts, CALLS)
+            return estimate(Shooting([stretch], self.gyroscope, noise, self.model), True, starts, CALLS)
         except RunawayError:
             return None
 

@@ -318,7 +318,11 @@ def of_knots(time: Array, readings: Array, knots: Array) -> Speed:
 
 def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> list[Rates]:
     """Return recordings; `use` is "only" or "both" where attitudes of files and runs are fitted, read as told."""
-    found = [_reading(one, name, reading, use, attitudes) for one, name in _listed(recording)]
+    many = recording if isinstance(recording, list) else [recording]
+    if not many:
+        raise ValueError("recording is an empty list: name at least one file")
+    names = [f"recording {k + 1}" for k in range(len(many))] if len(many) > 1 else ["the recording"]
+    found = [_reading(one, name, reading, use, attitudes) for one, name in zip(many, names, strict=True)]
     kinds = {(one.has_gyroscope, one.quaternions is not None) for one in found}
     if len(kinds) > 1:
         raise ValueError("some of the recordings have attitudes or angular velocities that others lack: fit them apart")
@@ -383,14 +387,6 @@ def _attitudes(motion: Motion, quaternions: Array, name: str, notes: tuple[str, 
     turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
     rates = derived_rates(found.time, turned)
     return replace(found, rates=rates, quaternions=turned, has_gyroscope=False)
-
-
-def _listed(recording: Any) -> list[tuple[Any, str]]:
-    """Return recordings with names."""
-    many = recording if isinstance(recording, list) else [recording]
-    if not many:
-        raise ValueError("recording is an empty list: name at least one file")
-    return [(one, f"recording {k + 1}" if len(many) > 1 else "the recording") for k, one in enumerate(many)]
 
 
 def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | None) -> Rates:

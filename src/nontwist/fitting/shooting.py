@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .bodies import FREE_BODY, Model, entries, symmetric
+from .bodies import Model, entries, symmetric
 from .measuring import Gyroscope, Speed, finite_rows, gaps, triangle
 from .motions import Line, Motion, response
 
@@ -82,14 +82,14 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Shooting:
-    """What is fitted: stretches, the gyroscope, the noise, rad/s, the loss, lanes, and the model."""
+    """What is fitted: stretches, the gyroscope, the noise, rad/s, the model, the loss, and lanes."""
 
     stretches: Sequence[Stretch]
     gyroscope: Gyroscope
     noise: float
+    model: Model
     loss: Loss = "linear"
     lanes: Sequence[Lane] = ()
-    model: Model = FREE_BODY
     tilt: float = 0.0  # noise of attitudes, rad
 
     @cached_property

@@ -290,26 +290,23 @@ def walled(solution: Solution, by: Array, sign: float, wide: float) -> float:
     still = onto @ entries(model.inertia(np.zeros(6), more)[0] - J)
     begin = model.cholesky(J, more, INSIDE)
 
+    def cost(w: Array) -> float:
+        return float((w - asked) @ information @ (w - asked) / 2)
+
     def least(multiplier: float) -> tuple[float, float]:
         """Return the cost and the change of the moment where the cost and a part of that change are least."""
 
-        def at(x: Array) -> tuple[Array, Array]:
+        def value(x: Array) -> tuple[float, Array]:
             w = K @ x @ x + still
-            return w, information @ (w - asked) + multiplier * b
-
-        def value(x: Array) -> float:
-            w, _ = at(x)
-            return float((w - asked) @ information @ (w - asked) / 2 + multiplier * (b @ w))
-
-        def slope(x: Array) -> Array:
-            return np.asarray(2 * (K @ x).T @ at(x)[1])
+            return cost(w) + multiplier * float(b @ w), 2 * (K @ x).T @ (information @ (w - asked) + multiplier * b)
 
         def bend(x: Array) -> Array:
-            return np.asarray(2 * np.einsum("i,ipq->pq", at(x)[1], K) + 4 * (K @ x).T @ information @ (K @ x))
+            by_w = information @ (K @ x @ x + still - asked) + multiplier * b
+            return np.asarray(2 * np.einsum("i,ipq->pq", by_w, K) + 4 * (K @ x).T @ information @ (K @ x))
 
-        x = minimize(value, begin, jac=slope, hess=bend, method="trust-exact", options={"gtol": 1e-7}).x
-        w = at(x)[0]
-        return float((w - asked) @ information @ (w - asked) / 2), float(b @ w)
+        x = minimize(value, begin, jac=True, hess=bend, method="trust-exact", options={"gtol": 1e-7}).x
+        w = K @ x @ x + still
+        return cost(w), float(b @ w)
 
     lowest, _ = least(0.0)
 

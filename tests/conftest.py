@@ -15,8 +15,10 @@ from typer.testing import CliRunner
 
 from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
 from nontwist.cli import app
+from nontwist.errors import RunFileError
 from nontwist.kernels import machine_code
 from nontwist.models.bodies import BODIES as KINDS
+from nontwist.runfile import read_run_file
 
 typer.testing._get_command = cache(typer.testing._get_command)  # makes all commands anew, for every one that is called
 
@@ -116,6 +118,15 @@ def ended(code, *arguments, **environment):
     result = nontwist(*arguments, **environment)
     assert result.exit_code == code, result.output
     return result
+
+
+def problems_of(path, *overrides):
+    """Return what is wrong with a run file, a line for each key."""
+    with pytest.raises(RunFileError) as told:
+        read_run_file(path, overrides)
+    found = [str(problem) for problem in told.value.problems]
+    assert str(told.value).splitlines() == [f"{path}: {line}" for line in found]
+    return found
 
 
 @pytest.fixture

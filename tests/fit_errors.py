@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nontwist import sensors, simulate
+from nontwist import fit_inertia, sensors, simulate
 from nontwist.fitting.shooting import residuals, stacked
 from nontwist.fitting.telling import quantile
 
@@ -16,6 +16,10 @@ def recorded(body, seconds, start, *, sensor=None, **how):
     """Return what a gyroscope reads of a motion from this W: 200 times a second, with noise."""
     run = simulate(body, t_end=seconds, step=1 / 400, material_angular_velocity=start, **how)
     return sensors.gyroscope(run, **{"noise": 1.2e-4, "rate": 200} | (sensor or {}))
+
+
+def whole(recording, **how):
+    return fit_inertia(recording, interval="all", **how)
 
 
 def off_by(rng):

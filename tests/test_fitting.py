@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import ended
-from fit_errors import FREE, apart, csv, farthest, off, off_by, recorded, share_covered
+from fit_errors import FREE, apart, csv, farthest, off, off_by, recorded, share_covered, whole
 from nontwist.fitting.bodies import TRACELESS, Model, entries
 from nontwist.fitting.motions import Motion, RunawayError, response
 from nontwist.fitting.reports import _number as number_in_words
@@ -75,7 +75,7 @@ def test_errors_are_as_large_as_the_intervals_say():
     deviations = []
     for seed in range(8):
         inertia, recording = throw(seed, rate=(100, 400)[seed % 2], phone=seed % 3 == 0)
-        deviations.append(off(nt.fit_inertia(recording, interval="all"), inertia))
+        deviations.append(off(whole(recording), inertia))
     assert abs(np.array(deviations)).max() < 4
     assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.5
 
@@ -84,7 +84,7 @@ def test_errors_are_as_large_as_the_intervals_say():
 @pytest.mark.filterwarnings("ignore:the recording does not determine")
 def test_intervals_of_95_percent_cover_the_truth_in_95_percent():
     throws = (throw(seed, rate=100, phone=seed % 2 == 0) for seed in range(100, 220))
-    fits = ((nt.fit_inertia(recording, interval="all"), inertia) for inertia, recording in throws)
+    fits = ((whole(recording), inertia) for inertia, recording in throws)
     assert 0.91 < share_covered(fits) < 0.99  # three standard errors of a share of 120
 
 
@@ -94,14 +94,14 @@ def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body
         body = nt.standard(nt.inertia.of_cuboid(0.18, (0.147, 0.072, thickness)))
         sensor = {"noise": 5e-4, "bias": (0.01, 0, 0), "rate": 100, "seed": seed}
         recordings.append(recorded(body, 0.6, 7 * rng.normal(size=3), sensor=sensor))
-    together = nt.fit_inertia(recordings[:3], interval="all")
-    alone = [nt.fit_inertia(one, interval="all") for one in recordings[:3]]
+    together = whole(recordings[:3])
+    alone = [whole(one) for one in recordings[:3]]
     assert farthest(together, PHONE / np.trace(PHONE)) < 4
     assert together.identifiable[-1].standard_error < min(one.identifiable[-1].standard_error for one in alone)
     assert abs(together.cross_validation - 1).max() < 0.15
     assert alone[0].cross_validation.size == 0
     with pytest.warns(UserWarning, match=r"^the residuals are \S+ times what noise explains: "):
-        fit = nt.fit_inertia(recordings, interval="all")
+        fit = whole(recordings)
     assert fit.cross_validation[3] > 2 > fit.cross_validation[:3].max()
 
 
@@ -119,7 +119,7 @@ def test_uneven_times_gaps_and_bad_rows():
     y[7, 1] = np.nan
     order = np.random.default_rng(0).permutation(np.delete(np.arange(len(t)), np.arange(100, 140)))
     with warned("missing-rates", "unsorted-times", "gaps") as told:
-        fit = nt.fit_inertia((t[order], y[order]), interval="all")
+        fit = whole((t[order], y[order]))
     assert farthest(fit, inertia) < 4
     assert fit.parts[0].left_out == 1
     assert {one.within for one in told} == {"the recording"}
@@ -133,22 +133,22 @@ def test_a_robust_loss_bears_wrong_samples():
     inertia, recording = throw(6)
     t, y, true = recording.time.values, recording.gyroscope.values.copy(), np.linalg.eigvalsh(inertia)
     y[::29] += 0.3
-    robust = nt.fit_inertia((t, y), interval="all", loss="soft_l1", noise=2e-3)
+    robust = whole((t, y), loss="soft_l1", noise=2e-3)
     assert farthest(robust, inertia) < 5
     with pytest.warns(UserWarning, match=re.escape("times the noise off: an impact? --loss soft_l1 (loss=) counts")):
-        plain = nt.fit_inertia((t, y), interval="all")
+        plain = whole((t, y))
     wrong = [abs(fit.principal.moments - true).max() for fit in (plain, robust)]
     assert wrong[0] > 3 * wrong[1]
 
 
 def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
     sensor = {"noise": 4e-3, "rate": 100, "seed": 3}
-    fit = nt.fit_inertia(recorded(nt.standard(PHONE), 0.6, (2, 9, 3), sensor=sensor), interval="all")
+    fit = whole(recorded(nt.standard(PHONE), 0.6, (2, 9, 3), sensor=sensor))
     low, high = fit.principal.intervals[2]
     assert high == 0.5
     assert low < np.linalg.eigvalsh(PHONE)[2] / np.trace(PHONE) < high
     assert fit.table()["J3 / sum"].endswith(" to 0.50000)")
-    far = nt.fit_inertia(throw(1, phone=False)[1], interval="all")  # where the profile is the normal interval
+    far = whole(throw(1, phone=False)[1])  # where the profile is the normal interval
     profile = to_the_wall(far.solution, quantile(far.solution), far.covariance)
     np.testing.assert_allclose(profile, far.principal.intervals[2], atol=2e-5)
 
@@ -181,7 +181,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(here):
 
 def test_directions_are_named_by_principal_axes():
     """And have the errors of the inverse of all information."""
-    fit = nt.fit_inertia(throw(2)[1], interval="all")
+    fit = whole(throw(2)[1])
     found = fit.solution
     _, slope = stacked([*found.residuals.rates, *found.residuals.beside], found.problem.columns)
     A = np.concatenate([slope[:, :6] @ TRACELESS, slope[:, 6:]], axis=1)
@@ -238,21 +238,21 @@ test_bad_recordings_are_refused = refused_as(
         "slow": lambda: nt.fit_inertia(free_part(1 / 60)),
         "coarse": lambda: nt.fit_inertia(free_part(60)),
         "short": lambda: nt.fit_inertia(tuple(one[:11] for one in free_part())),
-        "saturated": lambda: nt.fit_inertia((free_part()[0], np.maximum(free_part()[1], -12.768)), interval="all"),
-        "a hand": lambda: nt.fit_inertia(hand()[:2], interval="all"),
-        "two bodies": lambda: nt.fit_inertia([throw(4)[1], throw(4, phone=False)[1]], interval="all"),
+        "saturated": lambda: whole((free_part()[0], np.maximum(free_part()[1], -12.768))),
+        "a hand": lambda: whole(hand()[:2]),
+        "two bodies": lambda: whole([throw(4)[1], throw(4, phone=False)[1]]),
         "not in it": lambda: nt.fit_inertia(hand()[:2], interval=(3, 4)),
         "empty interval": lambda: nt.fit_inertia(hand()[:2], interval=(1, 1)),
         "unknown interval": lambda: nt.fit_inertia(hand()[:2], interval="flight"),
         "no motion": lambda: nt.fit_inertia(wandering()),
-        "no body": lambda: nt.fit_inertia(not_a_body(), interval="all"),
+        "no body": lambda: whole(not_a_body()),
         "no recording": lambda: nt.fit_inertia([]),
         "a number": lambda: nt.fit_inertia(3),
         "shapes": lambda: nt.fit_inertia((np.arange(40), np.zeros((3, 3)))),
         "loss": lambda: nt.fit_inertia(throw()[1], loss="huber"),
         "bias": lambda: nt.fit_inertia(throw()[1], bias=0),
         "physical": lambda: nt.fit_inertia(throw()[1], physical=1),
-        "plot": lambda: nt.fit_inertia(throw(1)[1], interval="all").plot(1),
+        "plot": lambda: whole(throw(1)[1]).plot(1),
     }
 )
 
@@ -262,7 +262,7 @@ def test_twelve_samples_and_a_radian_are_enough():
 
 
 def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(here):
-    fit = nt.fit_inertia(not_a_body(), interval="all", physical=False)
+    fit = whole(not_a_body(), physical=False)
     assert farthest(fit, np.diag([0.2, 0.29, 0.51])) < 4
     assert fit.is_explained
     assert apart(fit) < 1e-6
@@ -271,7 +271,7 @@ def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(here):
     found = np.sort(np.linalg.eigvalsh(nt.Problem.read("water.toml").system.inertia))
     assert found / found.sum() == pytest.approx([0.2, 0.29, 0.51], abs=1e-3)
     recording = throw(1, phone=False)[1]
-    found = [nt.fit_inertia(recording, interval="all", physical=one).principal.moments for one in (True, False)]
+    found = [whole(recording, physical=one).principal.moments for one in (True, False)]
     np.testing.assert_allclose(*found, atol=1e-6)  # where bodies are, it makes no difference
 
 
@@ -302,7 +302,7 @@ def test_files_say_what_they_are(tmp_path):
     def written(header, time=time):
         return in_degrees(tmp_path / f"{len(header)}.csv", time, rates, header)
 
-    fit = nt.fit_inertia(written(HEADER), interval="all")
+    fit = whole(written(HEADER))
     assert fit.parts[0].notes == (
         "angular velocity: gyr_x (deg/s), gyr_y (deg/s), gyr_z (deg/s), deg/s",
         "time: column 'time (s)', s",
@@ -310,8 +310,8 @@ def test_files_say_what_they_are(tmp_path):
     bare, named = written("time (s),gx,gy,gz"), written("when,a,b,c")
     timeless = written("n,gx (deg/s),gy (deg/s),gz (deg/s)", 0 * time)
     for source, how in ((bare, {"unit": "°/s"}), (named, {"columns": ["when", "a", "b", "c"], "unit": "deg/s"})):
-        assert np.array_equal(nt.fit_inertia(source, interval="all", **how).inertia, fit.inertia)
-    assert abs(nt.fit_inertia(timeless, interval="all", rate=400).inertia - fit.inertia).max() < 1e-7
+        assert np.array_equal(whole(source, **how).inertia, fit.inertia)
+    assert abs(whole(timeless, rate=400).inertia - fit.inertia).max() < 1e-7
     for source, code, how in (
         (bare, "no-unit", {}),
         (bare, "unit", {"unit": "furlongs"}),
@@ -327,7 +327,7 @@ def test_runs_are_recordings(tmp_path):
     run = nt.simulate(nt.standard([1, 2, 2.5]), t_end=1, step=0.005, material_angular_velocity=(3, 8, 1))
     nt.save_run(run, tmp_path / "run.nc")
     for recording in (run, tmp_path / "run.nc"):
-        fit = nt.fit_inertia(recording, interval="all")
+        fit = whole(recording)
         assert abs(fit.principal.moments - np.array([1, 2, 2.5]) / 5.5).max() < 1e-5
 
 

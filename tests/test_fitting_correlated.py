@@ -5,8 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from fit_errors import recorded
-from nontwist import damping, fit_inertia, heavy_top, integrate, standard
+from fit_errors import recorded, whole
+from nontwist import damping, heavy_top, integrate, standard
 from nontwist.fitting import reports, telling
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
@@ -28,7 +28,7 @@ def fits(count, n=400, part=1 / 20):
         measured = run.material_angular_velocity + 0.03 * noise(rng, n, part * n)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            yield fit_inertia((t, measured), interval="all")
+            yield whole((t, measured))
 
 
 def covered(count):
@@ -70,7 +70,7 @@ def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
     sensor = {"noise": 1e-4, "rate": 400}
     recording = recorded(standard(MOMENTS), 2, (3, 8, 1), load=damping([drag] * 3), sensor=sensor)
     with pytest.warns(UserWarning, match="times what noise explains"):
-        fit = fit_inertia(recording, interval="all")
+        fit = whole(recording)
     assert fit.misfit > 10
 
 
@@ -82,7 +82,7 @@ def test_too_few_samples_count_for_intervals(monkeypatch):
     pendulum = integrate(heavy_top([0.02, 0.022, 0.004], 0.5, (0, 0, -0.15)), times=t, tolerance=1e-9, **begin)
     measured = pendulum.material_angular_velocity + 0.003 * noise(np.random.default_rng(3), len(t), 20)
     with pytest.warns(UserWarning, match="not white"):
-        swung = fit_inertia((t, measured), gravity={"mass": 0.5, "centre": (0, 0, -0.15)}, interval="all")
+        swung = whole((t, measured), gravity={"mass": 0.5, "centre": (0, 0, -0.15)})
     for fit in (free, swung):
         assert np.isnan(fit.principal.ratio_intervals).all()
         assert "without an interval" in str(fit)

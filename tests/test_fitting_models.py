@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import ended
-from fit_errors import CENTRE, FREE, HEADER, MASS, apart, csv, differences, farthest, off_by, recorded
+from fit_errors import CENTRE, FREE, HEADER, MASS, apart, csv, differences, farthest, off_by, recorded, whole
 from fit_errors import PIVOTED as J
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short, with_moments
@@ -203,7 +203,7 @@ def test_a_long_fast_swing_is_found_by_arcs_that_are_joined_two_by_two():
     sensor = {"noise": 3e-4, "rate": 200, "seed": 2}
     rotation = Rotation.random(rng=1)
     recording = recorded(nt.heavy_top(J, MASS, CENTRE), 4, (5.53, 2.22, -8.77), rotation=rotation, sensor=sensor)
-    fit = nt.fit_inertia(recording, interval="all", gravity=GRAVITIES["unknown"])
+    fit = whole(recording, gravity=GRAVITIES["unknown"])
     assert farthest(fit, J / MASS / FAR) < 4
 
 
@@ -527,7 +527,7 @@ def test_the_command(here):
 def test_a_rotor_of_constant_speed_whose_valley_is_long(noise):
     own = np.diag([0.00464, 0.00964, 0.013])
     recording = recorded(nt.standard(own), 3, (1, 2, -1.5), load=nt.rotor((0, 0, 1), 0.24), sensor={"noise": noise})
-    fit = nt.fit_inertia(recording, rotor={"axis": (0, 0, 2), "inertia": 4e-3, "speed": 60}, interval="all")
+    fit = whole(recording, rotor={"axis": (0, 0, 2), "inertia": 4e-3, "speed": 60})
     assert farthest(fit, own) < 4
     assert len(fit.parts[0].speed[0]) == 2
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import ended
-from fit_errors import CENTRE, HEADER, MASS, PIVOTED, apart, csv, farthest, off, off_by, share_covered
+from fit_errors import CENTRE, HEADER, MASS, PIVOTED, apart, csv, farthest, off, off_by, share_covered, whole
 from nontwist import fit_inertia, heavy_top, read_motion, rotation, sensors, simulate, standard
 from nontwist.fitting.measuring import continuous
 from nontwist.fitting.shooting import noise_of_attitudes
@@ -52,7 +52,7 @@ def test_errors_are_as_large_as_the_intervals_say():
     for seed in range(8):
         time, rates, read, body = flight(seed, rate=(100, 200)[seed // 2 % 2])
         recording = (time, read) if seed % 2 else (time, rates, read)
-        fit = fit_inertia(recording, interval="all")
+        fit = whole(recording)
         assert fit.is_white
         assert fit.misfit == pytest.approx(1, abs=0.25)
         assert fit.attitude_noise == pytest.approx(TILT, rel=0.2)
@@ -66,7 +66,7 @@ def test_errors_are_as_large_as_the_intervals_say():
 @pytest.mark.parametrize("both", [False, True])
 def test_intervals_of_95_percent_cover_the_truth_in_95_percent(both):
     flights = (flight(seed, rate=100) for seed in range(100, 220))
-    fits = ((fit_inertia((t, w, q) if both else (t, q), interval="all"), body) for t, w, q, body in flights)
+    fits = ((whole((t, w, q) if both else (t, q)), body) for t, w, q, body in flights)
     assert 0.91 < share_covered(fits) < 0.99  # three standard errors of a share of 120
 
 
@@ -74,7 +74,7 @@ def test_attitudes_tell_more_together_with_a_gyroscope():
     time, rates, read, _ = flight(4, tilt=1e-4)
     widths = {}
     for name, recording in (("gyroscope", (time, rates)), ("attitudes", (time, read)), ("both", (time, rates, read))):
-        fit = fit_inertia(recording, interval="all")
+        fit = whole(recording)
         widths[name] = fit.identifiable[-1].standard_error
         assert fit.has_gyroscope == (name != "attitudes")
         if name == "attitudes":
@@ -85,7 +85,7 @@ def test_attitudes_tell_more_together_with_a_gyroscope():
 
 def test_the_scale_of_the_gyroscope_is_in_the_attitudes():
     time, rates, read, _ = flight(4, tilt=1e-4)
-    fits = [fit_inertia((time, c * rates, read), interval="all", scale=0.3) for c in (1, 1.3)]
+    fits = [whole((time, c * rates, read), scale=0.3) for c in (1, 1.3)]
     assert fits[1].scale == pytest.approx(1.3 * fits[0].scale, rel=2e-3)
     np.testing.assert_allclose(fits[1].principal.moments, fits[0].principal.moments, atol=1e-3)
 
@@ -97,14 +97,14 @@ def test_missing_attitudes_count_for_nothing_and_others_stay_with_their_rows():
     csv(recording, TURNED, time[order], rates[order], q[order])
     recording.seek(0)
     with warned("unsorted-times"):
-        fit = fit_inertia(recording, interval="all", orientation="both")
+        fit = whole(recording, orientation="both")
     assert fit.solution.turned_by.shape == (np.isfinite(q[:, 0]).sum(), 3)
     assert len(fit.residual) == len(time)
     assert farthest(fit, body) < 4
     order = np.random.default_rng(0).permutation(len(time))
     with warned("unsorted-times"):
-        shuffled = fit_inertia((time[order], rates[order], read[order]), interval="all")
-    np.testing.assert_allclose(shuffled.inertia, fit_inertia((time, rates, read), interval="all").inertia, atol=1e-6)
+        shuffled = whole((time[order], rates[order], read[order]))
+    np.testing.assert_allclose(shuffled.inertia, whole((time, rates, read)).inertia, atol=1e-6)
 
 
 def test_the_noise_of_attitudes_is_about_that_of_the_recording():
@@ -128,14 +128,14 @@ def test_a_pivoted_body_by_its_attitudes():
 @pytest.mark.usefixtures("here")
 def test_all_forms_of_attitudes_are_read():
     time, rates, read, _ = flight(rate=100)
-    fits = {"only": fit_inertia((time, read), interval="all"), "both": fit_inertia((time, rates, read), interval="all")}
+    fits = {"only": whole((time, read)), "both": whole((time, rates, read))}
     path = csv("throw.csv", TURNED, time, rates, read.as_quat())
     inverse = csv("inverse.csv", TURNED, time, rates, read.inv().as_quat())
     for name, recording, how in (
         ("only", read_motion(path), {}),
         ("both", inverse, {"orientation": {"use": "both", "inverse": True}}),
     ):
-        found = fit_inertia(recording, interval="all", **how)
+        found = whole(recording, **how)
         np.testing.assert_allclose(found.inertia, fits[name].inertia, atol=1e-6)
     csv("angles.csv", "time (s),roll,pitch,yaw", time, read.as_euler("ZYX", degrees=True)[:, ::-1])
     for name, file, orientation, said in (
@@ -173,9 +173,9 @@ test_what_attitudes_cannot_tell_is_refused = refused_as(
         "a number": of_flight("tv", orientation=3),
         "an unknown key": of_flight("tv", orientation={"eular": "ZYX"}),
         "shapes": of_flight("tvs", interval="all"),
-        "mixed": lambda: fit_inertia([flight()[:2], flight()[::2]], interval="all"),
+        "mixed": lambda: whole([flight()[:2], flight()[::2]]),
         "none": lambda: fit_inertia(sensors.gyroscope(simulate(standard([3, 4, 5]), t_end=1)), orientation="both"),
-        "no motion": lambda: fit_inertia(wandering(), interval="all"),
+        "no motion": lambda: whole(wandering()),
         "inverted": of_flight("tvi", interval="all"),
     }
 )

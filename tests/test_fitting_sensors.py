@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from conftest import ended
-from fit_errors import CENTRE, HEADER, MASS, csv, farthest, off, off_by, recorded
+from fit_errors import CENTRE, HEADER, MASS, csv, farthest, off, off_by, recorded, whole
 from fit_errors import FREE as J
 from nontwist import fit_inertia, heavy_top, rotation, sensors, simulate, standard
 from refusals import refused_as
@@ -88,7 +88,7 @@ def test_attitudes_tell_all_errors():
     deviations = []
     for seed in range(1, 6):
         time, rates, read, body = flight(seed)
-        fit = fit_inertia((time, rates, read), interval="all", **FIT)
+        fit = whole((time, rates, read), **FIT)
         assert fit.is_white
         assert fit.is_explained
         deviations.append(np.concatenate([errors_off(fit), off(fit, body / np.trace(body)) / 2]))
@@ -100,14 +100,14 @@ def test_attitudes_tell_all_errors():
 def test_errors_that_are_not_fitted_are_seen():
     time, rates, read, _ = flight()
     with pytest.warns(UserWarning, match="times what noise explains|not white"):
-        fit_inertia((time, rates, read), interval="all")
+        whole((time, rates, read))
 
 
 @pytest.mark.parametrize("how", ["given", "a prior"])
 def test_errors_that_are_known_need_no_attitudes(how):
     time, rates, _, body = flight()
     given = ERRORS if how == "given" else {name: {"value": x, "error": 1e-3} for name, x in ERRORS.items()}
-    fit = fit_inertia((time, rates), interval="all", **given)
+    fit = whole((time, rates), **given)
     assert farthest(fit, body / np.trace(body)) < 4
     axes = fit.principal.axes
     assert abs(np.linalg.eigh(J)[1].T @ axes).max(axis=0) == pytest.approx(1, abs=2e-4)
@@ -128,7 +128,7 @@ def test_a_pendulum_tells_the_misalignment_across_its_centre():
 
 
 def of_flight(*which, **how):
-    return lambda: fit_inertia(tuple(flight()[k] for k in which or (0, 1)), interval="all", **how)
+    return lambda: whole(tuple(flight()[k] for k in which or (0, 1)), **how)
 
 
 test_what_a_recording_cannot_tell_is_refused = refused_as(
@@ -164,5 +164,5 @@ def test_scales_that_the_common_scale_could_take_up_have_no_interval(noise):
     rates = run.material_angular_velocity + noise * np.random.default_rng(1).normal(size=(len(run.time), 3))
     known = {"value": [1.01, 1, 1], "error": 0.01}
     with pytest.warns(UserWarning, match="does not determine"):
-        fit = fit_inertia(run.assign(material_angular_velocity=rates), interval="all", axis_scales=known)
+        fit = whole(run.assign(material_angular_velocity=rates), axis_scales=known)
     assert np.isnan(fit.axis_scales[1]).all()

@@ -19,7 +19,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from conftest import ended
+from conftest import ended, problems_of
 from nontwist import (
     DirectorSystem,
     compare,
@@ -39,7 +39,6 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis import OBSERVABLES, Observable
-from nontwist.errors import RunFileError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.base import Integrator
@@ -59,6 +58,7 @@ from refusals import says
 ROOT = Path(__file__).parents[1]
 with patch.dict(INTEGRATORS):
     MuntheKaas = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))["MuntheKaas"]
+BRICK = standard([3, 4, 5])
 RUN = """
 body = { kind = "skate", inertia = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]] }
 start = { angular_velocity = { body = [0, 1, 2] } }
@@ -99,12 +99,6 @@ def written(write):
     return write(RUN)
 
 
-def problems(path, *overrides):
-    with pytest.raises(RunFileError) as info:
-        read_run_file(path, overrides)
-    return [str(problem) for problem in info.value.problems]
-
-
 def keep(registry, *names):
     """Take all others out of a registry."""
     for name in {*registry} - {*names}:
@@ -121,10 +115,10 @@ def test_a_run_file_and_its_schema_take_them_and_name_them(written):
     how = {"t_end": 1, "step": 1 / 32, "material_angular_velocity": (0, 1, 2), "integrator": "munthe-kaas", "order": 1}
     assert np.array_equal(run.directors, simulate(BODIES["skate"].make(**BODIES["skate"].sample), **how).directors)
     assert abs(run.material_angular_velocity.values[:, 0]).max() < 1e-15
-    assert problems(written, 'body.kind="skat"') == [
+    assert problems_of(written, 'body.kind="skat"') == [
         f'body.kind: "skat" -> did you mean "skate"? {", ".join(KINDS)} or "skate"'
     ]
-    assert problems(written, "body.axis=[1, 0, 0]", "integrator.order=2") == [
+    assert problems_of(written, "body.axis=[1, 0, 0]", "integrator.order=2") == [
         'body.axis: [1.0, 0.0, 0.0] -> left out for kind = "skate"; "suslov" takes an axis',
         "integrator.order: 2 (munthe-kaas has the order 1, 4; got order = 2) -> one of 1, 4",
     ]
@@ -138,7 +132,7 @@ def test_a_run_file_and_its_schema_take_them_and_name_them(written):
 def test_kinds_that_are_not_registered_are_errors(written):
     INTEGRATORS.pop(MuntheKaas.name, None)  # of a copy in the package
     known = ", ".join(f'"{name}"' for name in INTEGRATORS)
-    assert problems(written) == [
+    assert problems_of(written) == [
         f'body.kind: "skate" -> {", ".join(KINDS[:3])} or {KINDS[3]}{YOUR_OWN}',
         f'integrator.name: "munthe-kaas" -> {known}{YOUR_OWN}',
     ]
@@ -251,9 +245,9 @@ class Brake(DirectorForces):
 def test_director_forces_of_ones_own_are_a_damping(scheme):
     """-c d3 × (w × d3) = -c (I - d3 ⊗ d3) w: a matrix of damping, which other code computes."""
     how = {"t_end": 2, "step": 0.01, "material_angular_velocity": (1, -2, 3), "integrator": scheme}
-    run = simulate(standard([3, 4, 5]), load=Brake(0.3), **how)
+    run = simulate(BRICK, load=Brake(0.3), **how)
     assert content(run)["about"]["Load"] == "brake: brake 0.3 N m s"
-    known = simulate(standard([3, 4, 5]), load=damping(np.diag([0.3, 0.3, 0.0])), **how)
+    known = simulate(BRICK, load=damping(np.diag([0.3, 0.3, 0.0])), **how)
     assert abs(run.directors - known.directors).max() < 1e-11
 
 
@@ -280,14 +274,14 @@ sweep.over = [{ key = "start.angular_velocity.body", kind = "list", values = [[1
 def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutation, write, tmp_path):
     """Of a body that turns about its first director, which is principal: θ = W1 t."""
     how = {"t_end": 1.5, "step": 0.05, "events": lambda t, state: nutation(state) - 1}
-    run = simulate(standard([3, 4, 5]), material_angular_velocity=(2, 0, 0), **how)
+    run = simulate(BRICK, material_angular_velocity=(2, 0, 0), **how)
     np.testing.assert_allclose(run.nutation, 2 * run.time, atol=1e-14)
     np.testing.assert_array_equal(run.rising, run.directors.sel(director=3, drop=True))
     assert run.t_events.values == pytest.approx([0.5], abs=1e-12)
     save_run(run, tmp_path / "run.nc")
     W = np.array([[1.0, 0, 0], [2.0, 0, 0]])
     how = {"t_end": 1.5, "step": 0.05, "store": 1, "variables": ["nutation"]}
-    many = simulate_ensemble(standard([3, 4, 5]), material_angular_velocity=W, **how)
+    many = simulate_ensemble(BRICK, material_angular_velocity=W, **how)
     np.testing.assert_array_equal(many.nutation[1], run.nutation)
     ends = sweep(write(SPUN), tmp_path / "many.zarr", workers=1)
     np.testing.assert_allclose(ends.nutation, [1.5, 3], atol=1e-14)
@@ -300,8 +294,8 @@ def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutatio
 WRONG_OBSERVABLES = {
     "of the package": lambda: OBSERVABLES.update(kinetic_energy=Observable(rising, "J", "energy", "K")),
     "not a name": lambda: OBSERVABLES.update({"nutation angle": Observable(rising, "rad", "angle", "θ")}),
-    "shape": lambda: simulate(standard([3, 4, 5]), t_end=1, step=0.5),
-    "misspelt": lambda: simulate(standard([3, 4, 5]), t_end=1, step=0.5),
+    "shape": lambda: simulate(BRICK, t_end=1, step=0.5),
+    "misspelt": lambda: simulate(BRICK, t_end=1, step=0.5),
 }
 
 
@@ -447,25 +441,27 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(heun, here, write):
     how = {"t_end": 1, "material_angular_velocity": (0, 1, 2), "load": sine((1, 2, 0), 0.7)}
     assert heun() == heun(order=3) == heun.variants()[0]
     for choice in ({"integrator": "heun"}, {"integrator": "heun", "order": 3}, {"integrator": heun()}):
-        run = simulate(standard([3, 4, 5]), step=1 / 32, **choice, **how)
+        run = simulate(BRICK, step=1 / 32, **choice, **how)
         assert json.loads(run.attrs["integrator"]) == {"name": "heun", "order": 3}
     with pytest.raises(ValueError, match=r"^heun has the order 3; got order = 2$"):
-        simulate(standard([3, 4, 5]), integrator="heun", order=2, **how)
-    run = simulate(standard([3, 4, 5]), tolerance=1e-6, integrator="heun", **how)
-    truth = simulate(standard([3, 4, 5]), tolerance=1e-10, **how)
+        simulate(BRICK, integrator="heun", order=2, **how)
+    run = simulate(BRICK, tolerance=1e-6, integrator="heun", **how)
+    truth = simulate(BRICK, tolerance=1e-10, **how)
     assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-6
     coarse = r"by 85\.9 degrees in it \(heun, order 3\); try step <= 0\.03, the integrator gauss, or tolerance = 1e-6$"
     with pytest.warns(UserWarning, match=coarse):
-        simulate(standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(15, 0, 0), integrator="heun")
-    data = compare(standard([3, 4, 5]), steps=[1 / 16, 1 / 32, 1 / 64], repeats=1, integrators=["heun", "gauss"], **how)
+        simulate(BRICK, t_end=1, step=0.1, material_angular_velocity=(15, 0, 0), integrator="heun")
+    data = compare(BRICK, steps=[1 / 16, 1 / 32, 1 / 64], repeats=1, integrators=["heun", "gauss"], **how)
     assert data.order.values.tolist() == [3, 8]
     assert data.attitude_order.sel(integrator="heun 3").values[1:] == pytest.approx(3, abs=0.1)
     text = RUN.replace('"munthe-kaas", order = 1', '"heun"').replace("skate", "standard")
     written = write(text)
     ordered, plain = (simulate(read_run_file(written, more).problem) for more in (["integrator.order=3"], []))
     assert ordered.equals(plain)
-    assert problems(written, "integrator.order=2") == ["integrator.order: 2 (heun has the order 3; got order = 2) -> 3"]
-    assert problems(written, "integrator.options.order=3") == [
+    assert problems_of(written, "integrator.order=2") == [
+        "integrator.order: 2 (heun has the order 3; got order = 2) -> 3"
+    ]
+    assert problems_of(written, "integrator.options.order=3") == [
         "integrator.options.order: unknown key -> left out: this table has no keys"
     ]
     result = ended(0, "precision", "run.toml", "--json")

@@ -44,6 +44,11 @@ def table(columns, sep=",", head="", decimal=".", digits="%.17g"):
     return io.StringIO(head + frame.to_csv(index=False, sep=sep, decimal=decimal, float_format=digits))
 
 
+def read(content, *columns, **how):
+    """What is read of text, or of columns by header."""
+    return read_motion(io.StringIO(content) if isinstance(content, str) else table(content), *columns, **how)
+
+
 def quaternion(names="qw qx qy qz", values=WXYZ):
     return dict(zip(names.split(), values.T, strict=True))
 
@@ -69,7 +74,7 @@ def test_every_order_of_angles(letters):
         (letters.upper(), "deg", "moving axes (intrinsic)"),
     ):
         columns = dict(zip("abc", (given if unit == "rad" else np.degrees(given)).T, strict=True))
-        found = read_motion(table(columns), ["a", "b", "c"], euler=word, angle_unit=unit)
+        found = read(columns, ["a", "b", "c"], euler=word, angle_unit=unit)
         same(found, Rotation.from_euler(word, given))
         assert f"Euler angles {word} about {about}, {unit}: a, b, c" in found.notes
 
@@ -92,7 +97,7 @@ def backwards(motion=R):
 @pytest.mark.parametrize("beside", [gyroscope, accelerometer])
 def test_what_is_inverted_is_read_so_and_said(beside):
     right, wrong = ({"time": T, **one, **beside()} for one in (quaternion(), backwards()))
-    same(found := read_motion(table(right)))
+    same(found := read(right))
     assert "checked: " in found.notes
     for columns, options, codes, expected in (
         (wrong, {}, ["reading-by-evidence"], R),
@@ -101,7 +106,7 @@ def test_what_is_inverted_is_read_so_and_said(beside):
         (right, {"inverse": True}, ["options-contradicted"], R.inv()),
     ):
         with warned(*codes):
-            same(read_motion(table(columns), **options), expected)
+            same(read(columns, **options), expected)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +131,7 @@ def test_a_gyroscope_that_agrees_with_no_reading_is_said(motion, measured, facto
     """Or with another unit of times; a body that turns by less than 0.3 rad contradicts nothing."""
     rates = {f"{name} (deg/s)": factor * one for name, one in gyroscope(measured).items()}
     with warned(*codes):
-        same(read_motion(table({"time (s)": T, **backwards(motion.inv()), **rates})), motion)
+        same(read({"time (s)": T, **backwards(motion.inv()), **rates}), motion)
 
 
 def test_of_many_rows_twenty_blocks_are_compared():
@@ -144,9 +149,9 @@ def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
     data = {**backwards(motion), **accelerometer(motion)}
     unconfirmed = "; direction: taken as sensor to earth, which nothing in the file confirms"
-    assert read_motion(table(data)).notes.endswith(unconfirmed)
+    assert read(data).notes.endswith(unconfirmed)
     for columns in (data, {**data, **gyroscope(motion)}):
-        assert "direction" not in read_motion(table(columns), inverse=True).notes
+        assert "direction" not in read(columns, inverse=True).notes
 
 
 def test_a_motion_that_comes_back_to_the_identity_loses_no_rows():
@@ -155,10 +160,10 @@ def test_a_motion_that_comes_back_to_the_identity_loses_no_rows():
     for degrees in (np.degrees(1 - np.cos(2 * np.pi * T)), walk):
         motion = Rotation.from_euler("z", degrees[:, None], degrees=True)
         for values in (quaternion(values=np.roll(motion.as_quat(), 1, axis=1)), matrix(motion)):
-            same(read_motion(table({"time": T, **values})), motion)
+            same(read({"time": T, **values}), motion)
     lost = WXYZ.copy()
     lost[[40, 41, 60]] = [1, 0, 0, 0]
-    found = read_motion(table({"time": T, **quaternion(values=lost)}))
+    found = read({"time": T, **quaternion(values=lost)})
     assert missing(found) == [40, 41, 60]
     assert "missing: 3 rows, whose identities stand for lost ones, the first is line 42" in found.notes
 
@@ -176,7 +181,7 @@ LATER = pandas.to_datetime("2026-12-31T23:59:59.5") + pandas.to_timedelta(T, uni
     ("%d/%m/%Y %H:%M:%S,%f", "day/month/year"), ("{0.month}/{0.day}/%Y %H:%M:%S.%f", "month/day/year"),
 ])  # fmt: skip
 def test_the_order_of_day_and_month_is_that_of_numbers_above_12(form, order):
-    found = read_motion(table({"Date": [d.strftime(form.format(d)) for d in LATER], **quaternion()}))
+    found = read({"Date": [d.strftime(form.format(d)) for d in LATER], **quaternion()})
     assert found.time.values - found.time.values[0] == pytest.approx(T, abs=1e-12)
     assert f"time: column 'Date', dates, {order}, as the numbers above 12 show; " in found.notes
     assert found.attrs["start"] == LATER[0].timestamp()
@@ -188,7 +193,7 @@ def test_the_order_of_day_and_month_is_that_of_numbers_above_12(form, order):
 ])  # fmt: skip
 def test_times_by_their_headers(header, times, note):
     """A clock of 12 hours passes noon."""
-    found = read_motion(table({header: times, **quaternion()}))
+    found = read({header: times, **quaternion()})
     assert found.time.values - found.time.values[0] == pytest.approx(T, abs=1e-12)
     assert f"time: column {header!r}, {note}; " in found.notes
 
@@ -199,23 +204,23 @@ def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
     mixed = ["13/01/2026 12:00:00", *["01/13/2026 12:00:01"] * (N - 1)]
     for given, why in ((dates, "neither is above 12"), (mixed, both)):
         columns = {"Date": given, **quaternion()}
-        assert f"time: not used: the column 'Date' holds '{given[0]}'" in read_motion(table(columns)).notes
+        assert f"time: not used: the column 'Date' holds '{given[0]}'" in read(columns).notes
         with refused("day-or-month", name="Date", value=given[0], why=why):
-            read_motion(table(columns), time_column="Date")
+            read(columns, time_column="Date")
 
 
 @pytest.mark.parametrize("wrong", ["13:00:00 PM", "0:00:00 AM", "12/31/2026 25:00:00", "2/31/2026 10:00:00"])
 def test_times_that_do_not_exist_are_refused(wrong):
     with refused("not-a-time", name="Date", value=wrong):
-        read_motion(table({"Date": [wrong] * N, **quaternion()}), time_column="Date")
+        read({"Date": [wrong] * N, **quaternion()}, time_column="Date")
 
 
 def test_messages_stay_short():
     with refused("no-orientation") as told:
-        read_motion(io.StringIO("<html><body>" + "x" * 50_000 + "</body></html>\n"))
+        read("<html><body>" + "x" * 50_000 + "</body></html>\n")
     assert len(str(told.value)) < 500
     with refused("no-orientation") as told:
-        read_motion(table({f"a{k}z": T[:2] for k in range(500)}))
+        read({f"a{k}z": T[:2] for k in range(500)})
     assert told.value.fields["names"].endswith(" and 440 more")
 
 
@@ -231,11 +236,11 @@ SAID = {
 @pytest.mark.parametrize("case", SAID)
 def test_columns_that_may_be_the_time_are_said_and_not_read(case):
     columns, note = SAID[case]
-    found = read_motion(table({**columns, **quaternion()}))
+    found = read({**columns, **quaternion()})
     assert note in found.notes
     assert "time" not in found.coords
     kept = np.delete(np.arange(N), [7, 8])
-    found = read_motion(table({"PacketCounter": kept, **quaternion(values=WXYZ[kept])}), rate=50)  # two were lost
+    found = read({"PacketCounter": kept, **quaternion(values=WXYZ[kept])}, rate=50)  # two were lost
     assert found.time.values == pytest.approx(kept / 50)
 
 
@@ -247,7 +252,7 @@ def test_bodies_may_end_in_letters_of_rotations(columns, forms):
     for form in forms:
         data = {"time": T, **quaternion("Fore_w Fore_x Fore_y Fore_z", Q)}
         data |= {form.format(x): column for x, column in columns.items()}
-        same(read_motion(table(data), body=re.split(r"[_ .q{]", form)[0]))
+        same(read(data, body=re.split(r"[_ .q{]", form)[0]))
 
 
 # formats
@@ -445,7 +450,7 @@ def test_motive_with_its_markers_and_lost_frames(labels):
     for k in range(N):
         cells = [""] * 12 if k == 4 else [repr(float(x)) for x in (*Q[k], 1, 2, 3, 1e-4, 1, 2, 3, 0.9)]
         lines.append(",".join([str(k), f"{T[k]:.6f}", *cells, "1", "2", "3"]))
-    found = read_motion(io.StringIO("\n".join(lines)))
+    found = read("\n".join(lines))
     kept = np.delete(np.arange(N), 4)
     assert missing(found) == [4]
     same(found[kept], R[kept])
@@ -465,10 +470,10 @@ def test_times_of_mvnx_are_those_of_its_indices(first, second, tmp_path):
 def test_decimal_marks_are_those_of_all_rows():
     """The first 250 rows have what may be thousands alone, or no mark; the last ones tell."""
     text = "t\tqw\tqx\tqy\tqz\n" + "".join(f"{k}\t1\t0\t0\t0\n" for k in range(250))
-    same(read_motion(io.StringIO(text + "250\t0,6\t0\t0\t0,8\n"))[-1:], Rotation.from_quat([[0, 0, 0.8, 0.6]]))
+    same(read(text + "250\t0,6\t0\t0\t0,8\n")[-1:], Rotation.from_quat([[0, 0, 0.8, 0.6]]))
     text = "t\tqw\tqx\tqy\tqz\n" + "".join(f"{k},000\t1\t0\t0\t0\n" for k in range(1, 250))
     with refused("not-a-time", value="1,000"):
-        read_motion(io.StringIO(text + "250,000\t0.6\t0\t0\t0.8\n"))
+        read(text + "250,000\t0.6\t0\t0\t0.8\n")
 
 
 @pytest.mark.parametrize("suffix", READERS)
@@ -509,11 +514,11 @@ def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra
 
 def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
     columns = {"epoc (ms)": 1_683_188_000_000 + 20 * np.arange(N), "timestamp (+0200)": "2023-05-04T10.11.12"}
-    found = read_motion(table({**columns, **quaternion()}))
+    found = read({**columns, **quaternion()})
     assert np.allclose(found.time, T)
     assert "time: not used: the column 'timestamp (+0200)' holds '2023-05-04T10.11.12'" in found.attrs["notes"]
     assert "=" not in found.attrs["notes"]  # commands have other words for options
-    found = read_motion(table({"time": "tick", **quaternion()}), rate=50)
+    found = read({"time": "tick", **quaternion()}, rate=50)
     assert np.allclose(found.time, T)
     assert "time: not used: the column 'time' holds 'tick'" in found.attrs["notes"]
 
@@ -521,7 +526,7 @@ def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
 def test_roll_is_found_among_desired_rolls():
     euler = dict(zip(("Yaw", "Pitch", "Roll"), R.as_euler("ZYX").T, strict=True))
     other = {f"Des{name}": 0 * T for name in euler}
-    same(read_motion(table({**other, **euler}), euler="ZYX", angle_unit="rad"))
+    same(read({**other, **euler}, euler="ZYX", angle_unit="rad"))
 
 
 def test_comments_between_rows_are_left_out_and_said(tmp_path):
@@ -589,12 +594,12 @@ def test_pages_of_matlab_7_3_and_what_another_process_returns_of_others(tmp_path
 
 def test_a_unit_that_a_header_contradicts_is_refused():
     columns = {"t [ms]": [0, 10, 20], **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), [30.0] * 3)}
-    found = read_motion(table(columns), euler="xyz", angle_unit="deg", time_unit="ms")
+    found = read(columns, euler="xyz", angle_unit="deg", time_unit="ms")
     assert found.time[-1] == pytest.approx(0.02)
     with refused("angle-unit-stated", three="roll_deg, pitch_deg, yaw_deg", stated="deg", unit="rad"):
-        read_motion(table(columns), euler="xyz", angle_unit="rad")
+        read(columns, euler="xyz", angle_unit="rad")
     with refused("time-unit-stated", name="t [ms]", stated="ms", unit="s"):
-        read_motion(table(columns), euler="xyz", time_unit="s")
+        read(columns, euler="xyz", time_unit="s")
 
 
 # messages name the line of a file of text, as an editor numbers it
@@ -618,14 +623,14 @@ ABOVE = {"": "", "comments": "# a\n# b, c, d\n\n", "a preamble": "Device;x\n\nRa
 @pytest.mark.parametrize("normalize", [False, True])
 def test_a_damaged_row_is_missing_and_never_converted(normalize):
     text = "time,qw,qx,qy,qz\n" + "\n".join([*ROWS[:40], "0.80,1.3,0.2,0.4,0", *ROWS[41:]])
-    found = read_motion(io.StringIO(text), normalize=normalize)
+    found = read(text, normalize=normalize)
     assert "missing: 1 row, which are not valid quaternions, the first is line 42" in found.notes
     assert missing(found) == [40]
     others = np.delete(np.arange(N), 40)
     same(found[others], R[others])
     text = "time,qw,qx,qy,qz\n" + "".join(f"{k},2,{k},0,0\n" for k in range(9))  # of many lengths
     with refused("not-rotations", what="quaternions", low=2):
-        read_motion(io.StringIO(text), normalize=normalize)
+        read(text, normalize=normalize)
 
 
 @pytest.mark.parametrize("first", ["0.0,nan,,,", "2026-03-01T12:00:00,nan,,,", "0.0,,,,"])
@@ -633,7 +638,7 @@ def test_a_first_row_that_is_missing_is_no_header(first):
     text = "\n".join(["time,qw,qx,qy,qz", first, first, *ROWS[2:]])
     if first.startswith("2026"):
         text = re.sub(r"\n(\d)\.", r"\n2026-03-01T12:00:0\1.", text)
-    found = read_motion(io.StringIO(text))
+    found = read(text)
     assert (len(found), missing(found)) == (N, [0, 1])
     same(found[2:], R[2:])
 
@@ -641,7 +646,7 @@ def test_a_first_row_that_is_missing_is_no_header(first):
 def test_why_no_samples_are_left_is_said():
     text = "time,qw,qx,qy,qz\n0,nan,0,0,0\n0.02,,,,\n0.04,0,0,0,0\n"
     with refused("too-few-samples", left=0, count=3) as told:
-        twist(read_motion(io.StringIO(text)))
+        twist(read(text))
     assert told.value.fields["why"].startswith(": dropped 3 rows")
 
 
@@ -714,7 +719,7 @@ def test_lines_are_those_of_an_editor(text, told, tmp_path):
 def test_lines_belong_to_the_samples(tmp_path):
     """Those of a selection keep theirs; arrays, and tables without lines, have rows, counted from 0."""
     text = "# a\n\ntime,qw,qx,qy,qz\n" + "\n".join(ROWS[:40]) + "\n\n" + "\n".join(ROWS[40:])
-    motion = read_motion(io.StringIO(text))
+    motion = read(text)
     lines = text.split("\n")
     assert [lines[k - 1] for k in motion.line.values] == ROWS
     part = motion.sel(time=slice(0.5, 1.5))
@@ -733,7 +738,7 @@ def test_lines_belong_to_the_samples(tmp_path):
 
 def test_two_files_of_other_lines_are_named_by_rows():
     """Both have the same times: a row is missing in both, whichever has no number there."""
-    one = read_motion(table({"time": T, **quaternion()}))
+    one = read({"time": T, **quaternion()})
     values = np.where(np.arange(N)[:, None] == 5, np.nan, WXYZ)
     for head, place in (("", "line 7"), ("# a\n", "row 5")):
         other = read_motion(table({"time": T, **quaternion(values=values)}, head=head))
@@ -820,9 +825,9 @@ def test_duplicates_in_a_part_alone_are_not_rounded_times():
     """A logger that hung for half the recording; a file that is in there twice is no file to sort."""
     t = np.arange(2000) / 100
     values = quaternion(values=np.tile(WXYZ[:40], (50, 1)))
-    hung = read_motion(table({"time": np.where(t < 10, t, 10.0), **values}))
+    hung = read({"time": np.where(t < 10, t, 10.0), **values})
     agrees(told_of(twist, hung), "duplicate-times", {"rows": "999 rows", "place": "line 1003"})
-    twice = read_motion(table({"time": np.tile(t[:1000], 2), **values}))
+    twice = read({"time": np.tile(t[:1000], 2), **values})
     with refused("clock-goes-back", back=9.99, place="line 1002"):
         twist(twice)
 
@@ -832,11 +837,11 @@ def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_pat
     assert np.allclose(read_motion(tmp_path / "a.npz", scalar_first=False, rate=50).time, T, rtol=1e-12)
     columns = {"time": T.astype(object), **quaternion()}
     columns["time"][3] = "x"
-    found = read_motion(table(columns), rate=50)
+    found = read(columns, rate=50)
     assert np.allclose(found.time, T, rtol=1e-12)
     assert "time: the column 'time' is ignored, as a rate is given; time: 50 samples" in found.attrs["notes"]
     with refused("rate-and-time", name="time"):
-        read_motion(table(columns), rate=50, time_column="time")
+        read(columns, rate=50, time_column="time")
 
 
 @pytest.mark.parametrize("letters", ["XYZ", "ZYX"])

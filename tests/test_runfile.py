@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from conftest import ended
+from conftest import ended, problems_of
 from nontwist import (
     DirectorSystem,
     Load,
@@ -35,10 +35,9 @@ from nontwist.paper.tables import invariants_table
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import MAKERS, Body
 from nontwist.runfile.document import Integrator, Output, Time, checked, forecast
-from nontwist.runfile.folder import Folder
+from nontwist.runfile.files import Folder, document, toml_text
 from nontwist.runfile.loads import Tables
 from nontwist.runfile.tables import Start
-from nontwist.runfile.toml_data import document, toml_text
 from refusals import said, says
 from runfile_documents import documents
 
@@ -54,13 +53,7 @@ def read(write, text, *overrides):
 
 
 def lines(write, text, *overrides):
-    """Return the lines of the error that a run file ends in, without the name of the file."""
-    path = write(text)
-    with pytest.raises(RunFileError) as caught:
-        read_run_file(path, overrides)
-    found = str(caught.value).splitlines()
-    assert all(line.startswith(f"{path}: ") for line in found)
-    return [line.removeprefix(f"{path}: ") for line in found]
+    return problems_of(write(text), *overrides)
 
 
 ONE_LINE = {

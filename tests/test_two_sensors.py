@@ -359,27 +359,29 @@ def angles():
     return open_run("o.nc").twist_angle
 
 
-def facts(result):
-    return json.loads(result.stdout)
+@pytest.fixture
+def facts(command):
+    """What the command says in JSON."""
+    return lambda *arguments: json.loads(command(*arguments, "--json").stdout)
 
 
-def test_the_command_aligns_clocks_by_shakes(command):
+def test_the_command_aligns_clocks_by_shakes(facts):
     """Of dates, the first of which is at 0 s."""
     t, fore, s, arm, _ = shaken(1, -300e-6)
     one, other = written("fore.csv", fore, dates(t)), written("upper.csv", arm, dates(s))
-    shakes = ("--shake", "1,4", "--shake", "46,49", "--clocks", "drift", "--json")
-    told = ALIGNED.search(facts(command(one, "--relative-to", other, *shakes))["alignment"])
+    shakes = ("--shake", "1,4", "--shake", "46,49", "--clocks", "drift")
+    told = ALIGNED.search(facts(one, "--relative-to", other, *shakes)["alignment"])
     assert float(told[1]) == pytest.approx(-LATE, abs=2e-4)
     assert float(told[2]) == pytest.approx(-300, abs=15)
 
 
-def test_the_command_with_two_files(command):
+def test_the_command_with_two_files(command, facts):
     t, fore, s, arm, expected, shift = recordings(20, (100, 61.7), 0.0, 10.0, MOUNTED)
     one, other = written("fore.csv", fore, t), written("upper.csv", arm, s)
     as_they_are = "clock of relative_to: times as they are, by which it begins 10 s after the other (correlation "
-    assert facts(command(one, "--relative-to", other, "--json"))["alignment"].startswith(as_they_are)
+    assert facts(one, "--relative-to", other)["alignment"].startswith(as_they_are)
     shifted = (one, "--relative-to", other, "--clocks", "shift")
-    found = facts(command(*shifted, "--json"))
+    found = facts(*shifted)
     told = re.search(r"shifted by (\S+) s \(correlation of the angular speeds (\S+)\)", found["alignment"])
     assert float(told[1]) == pytest.approx(shift, abs=1e-3)
     assert float(told[2]) > 0.95
@@ -390,7 +392,7 @@ def test_the_command_with_two_files(command):
 
 
 @pytest.mark.parametrize(("first", "late"), [(1234.5, 0.0), (0.0, 0.5), (0.0, 0.004)])
-def test_times_on_one_axis_are_taken_as_they_are(command, first, late):
+def test_times_on_one_axis_are_taken_as_they_are(command, facts, first, late):
     """Of two files, also where the joint moves as much as the arm, and the speeds match better by another shift."""
     t = np.arange(0, 6, 0.01)
     arm, later = (
@@ -400,9 +402,9 @@ def test_times_on_one_axis_are_taken_as_they_are(command, first, late):
     psi, covered = 50 * np.sin(1.1 * t), t >= late - 0.005  # half an interval
     bent = np.stack([np.zeros_like(t), 30 * np.sin(2 * t), psi], axis=1)  # along a great circle: its twist is ψ
     one = written("fore.csv", arm * Rotation.from_euler("XYZ", bent, degrees=True), first + t)
-    run = (one, "--relative-to", written("upper.csv", later, first + t + late), "--json")
+    run = (one, "--relative-to", written("upper.csv", later, first + t + late))
     for clocks in ((), ("--clocks", "shared")):
-        assert "shifted by" not in facts(command(*run, *clocks)).get("alignment", "")
+        assert "shifted by" not in facts(*run, *clocks).get("alignment", "")
         assert angles().values == pytest.approx(np.radians(psi - psi[covered][0])[covered], abs=1e-5)
     asked = command(*run, "--clocks", "shift", code=3).stderr
     assert "the clocks cannot be aligned" in asked
@@ -419,15 +421,15 @@ def test_the_command_with_two_sensors_in_one_file(command):
         assert angles().values == pytest.approx(expected - expected[0], abs=1e-5)
 
 
-def test_euler_angles_of_two_sensors_in_one_file_are_named_by_their_bodies(command):
+def test_euler_angles_of_two_sensors_in_one_file_are_named_by_their_bodies(facts):
     t = np.arange(0, 5, 0.01)
     arm = Rotation.from_euler("ZYX", np.stack([0.3 * np.sin(t), 0.5 * np.cos(2 * t), 0.2 * t], axis=1))
     table = {"time": t}
     for name, motion in (("fore", arm * Rotation.from_euler("z", 0.7 * np.sin(t)[:, None])), ("upper", arm)):
         table |= dict(zip([f"{name}_Euler_{x}" for x in "XYZ"], motion.as_euler("XYZ", degrees=True).T, strict=True))
     pandas.DataFrame(table).to_csv("both.csv", index=False)
-    options = ["--euler", "XYZ", "--angle-unit", "deg", "--body", "fore", "--relative-body", "upper", "--json"]
-    found = facts(command("both.csv", *options))
+    options = ["--euler", "XYZ", "--angle-unit", "deg", "--body", "fore", "--relative-body", "upper"]
+    found = facts("both.csv", *options)
     assert found["twist_angle"] == pytest.approx(0.7 * np.sin(t[-1]), abs=1e-9)
 
 
@@ -481,19 +483,19 @@ def test_a_shift_by_less_than_a_sample_of_each_is_not_said(late, is_said):
     assert not is_said or told[0].fields["shift"] == pytest.approx(-late)
 
 
-def test_the_second_file_has_options_of_its_own(command):
+def test_the_second_file_has_options_of_its_own(command, facts):
     t = np.arange(0, 20, 0.02)
     motion = Rotation.from_euler("ZYX", np.stack([np.sin(t), 0.5 * np.sin(2.3 * t), 0.3 * t], axis=1))
     one, turned = written("one.csv", motion, t), motion * Rotation.from_rotvec([0.3, 0.2, 0.1])
     two = written("two.csv", turned.inv(), np.arange(t.size) * 20, "q0 q1 q2 q3")
-    shared = ("--clocks", "shared", "--json")
+    shared = ("--clocks", "shared")
     wrong = command(one, "--relative-to", two, *shared, code=3).stderr
     assert "two.csv: the column 'time' does not state its unit" in wrong
     assert "--time-unit is" in wrong
     assert 'for this file alone: --relative-options "..."' in wrong
     own = "--inverse --scalar-first --time-unit ms"
-    found = facts(command(one, "--relative-to", two, "--relative-options", own, *shared))
-    swapped = facts(command(two, *own.split(), "--relative-to", one, "--relative-options", "", *shared))
+    found = facts(one, "--relative-to", two, "--relative-options", own, *shared)
+    swapped = facts(two, *own.split(), "--relative-to", one, "--relative-options", "", *shared)
     assert max(abs(found["twist_angle"]), abs(swapped["twist_angle"])) < 1e-12
     assert "inverted" not in found["read"]
     assert "scalar first (as given)" in found["relative_to"]

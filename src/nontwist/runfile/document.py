@@ -40,12 +40,11 @@ from ..models.spin import as_spin
 from ..models.system import DirectorSystem
 from ..units import RATE, in_datasets
 from .body import Body, SpinTable
-from .folder import Folder
+from .files import LARGEST, Fault, Folder, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
 from .section import Faults, Section, entry, path_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
-from .toml_data import LARGEST, Fault, document, overridden, parsed, shown, toml_text
 
 
 def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Problem, Prepared] | None:
@@ -159,20 +158,11 @@ def _integrator(integrator: Integrator, faults: Faults) -> dict[str, Any]:
     return {"integrator": kind(**options) if order is not None or integrator.options else kind.name}
 
 
-STAND_INS = {"store": 1}  # of keys of [time] that are wrong; others are left out
-
-
 def _locate(time: Time, system: DirectorSystem | None, given: dict[str, Any], faults: Faults) -> None:
-    """Find the keys of [time] that make no plan; where one is wrong, those that are wrong without it as well."""
+    """Find the first key of [time] that makes no plan."""
     how = {name: given[name] for name in ("integrator", "times", *Time.model_fields) if name in given}
-    for _ in Time.model_fields:
-        with faults.of("time", time, "t_end"):
-            planned(system or standard(np.ones(3)), **how)
-            return
-        name = faults[-1].key.removeprefix("time.")
-        if name in ("t_end", "t_start"):
-            return
-        how[name] = STAND_INS.get(name)
+    with faults.of("time", time, "t_end"):
+        planned(system or standard(np.ones(3)), **how)
 
 
 MOST_LOADS, MOST_EVENTS = 1000, 100

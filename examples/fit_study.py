@@ -182,7 +182,7 @@ def truth(case: Case) -> tuple[Any, Any]:
         values = np.interp(speed.knots, *case.speed)
     stretch = Stretch(time, rates, speed, attitudes, attitudes is None or len(case.recording) == 3)
     gyroscope, lanes, unit = plain_gyroscope(BIAS, SCALE), whole([stretch]), case.model.unit
-    problem = Shooting([stretch], gyroscope, case.noise, "linear", lanes, case.model, case.tilt)
+    problem = Shooting([stretch], gyroscope, case.noise, case.model, "linear", lanes, case.tilt)
     errors = np.array([*case.bias, case.scale])
     at = Unknowns(case.inertia / unit, case.more, errors, case.start[None], values)
     covariance = np.linalg.pinv(Solution(problem, at, 0.0, residuals(problem, at)).information, hermitian=True)

@@ -14,9 +14,8 @@ from conftest import ended
 from fit_errors import FREE, apart, csv, farthest, off, off_by, recorded, share_covered, whole
 from nontwist.fitting.bodies import TRACELESS, Model, entries
 from nontwist.fitting.motions import Motion, RunawayError, response
-from nontwist.fitting.readings import correlation, noise_of, require_turning
 from nontwist.fitting.reports import _number as number_in_words
-from nontwist.fitting.shooting import stacked
+from nontwist.fitting.shooting import correlation, noise_of, require_turning, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.recordings.headers import ACCELEROMETER, GYROSCOPE, rate_unit
 from nontwist.recordings.headers import sensors as three_axes

@@ -17,7 +17,7 @@ from fit_errors import CENTRE, FREE, HEADER, MASS, apart, csv, differences, fart
 from fit_errors import PIVOTED as J
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import short, with_moments
-from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed, constant
+from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed
 from nontwist.fitting.motions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
 from nontwist.fitting.telling import covariance, quantile, walled
@@ -133,7 +133,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, place
     time, rates, speeds = (one[::14] for one in spun())
     speed = None
     if model.wheel:
-        speed = constant(time, 40.0) if model.wheel.inertia == 1e-3 else as_speed(time, speeds)
+        speed = as_speed(time, np.full(len(time), 40.0) if model.wheel.inertia == 1e-3 else speeds)
     begun = np.tile([0.1, 0.2, -0.4, 0.7], (len(time), 1)) if model.oriented else None
     stretch = Stretch(time, rates, speed, begun, attitudes != "only")
     lanes = short(model, [stretch])
@@ -141,7 +141,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, place
     assert len(lanes) > 1
     deviation = np.append([0.02] * 4, np.isin(range(4, 11), places) * 0.1)
     mean = np.array([0, 0, 0, 1, 0.1, 0.4, -0.2, 0.9, 1.1, 1.2, 0.004]) if places else IDEAL
-    problem = Shooting([stretch], Gyroscope(mean, deviation), 1e-2, "linear", lanes, model, TILT)
+    problem = Shooting([stretch], Gyroscope(mean, deviation), 1e-2, model, "linear", lanes, TILT)
     beside = {"centre": [0.1, -0.2, 0.97], "axis": [0.5, 0.2, 0.9], "factor": [1.01], "damping": [0.02, 0.03, 0.01]}
     more = np.concatenate([[], *(beside[name][: at.stop - at.start] for name, at in model.places.items())])
     starts = np.hstack([rates[[one.first for one in lanes]], rng.normal(size=(len(lanes), model.size - 3))])
@@ -300,6 +300,9 @@ def test_damping_is_fitted_or_given():
     assert (abs(found - C) < np.diff(intervals)[:, 0]).all()
     assert np.diff(intervals).max() < 1e-4
     assert np.array_equal(given.damping[0], C)
+    still = nt.fit_inertia(swing(1), gravity=GRAVITIES["centre"], damping="one")
+    assert still.damping[0].max() < 0  # by noise: no problem has such a damping
+    assert not still.problem().load.terms
 
 
 @cache

@@ -12,7 +12,7 @@ from conftest import ended
 from fit_errors import CENTRE, HEADER, MASS, PIVOTED, apart, csv, farthest, off, off_by, share_covered, whole
 from nontwist import fit_inertia, heavy_top, read_motion, rotation, sensors, simulate, standard
 from nontwist.fitting.measuring import continuous
-from nontwist.fitting.readings import noise_of_attitudes
+from nontwist.fitting.shooting import noise_of_attitudes
 from nontwist.runfile import read_run_file
 from refusals import refused_as, warned
 

@@ -9,7 +9,7 @@ import nontwist as nt
 from nontwist import Problem, exact, integrate, rotations, sine, sphere, standard, wheel
 from nontwist.curves import nontwisting_frame, ribbon_twist, writhe
 from nontwist.errors import RunFileError
-from nontwist.runfile import folder
+from nontwist.runfile import files
 
 ROOT = Path(__file__).parent.parent
 BEGIN = """
@@ -75,8 +75,8 @@ def test_smaller_numbers_count_as_zero(tmp_path):
 
 @pytest.mark.parametrize("beyond", [0, 1])
 def test_of_tables(beyond, tmp_path, monkeypatch):
-    assert folder.LARGEST == 200_000_000
-    monkeypatch.setattr(folder, "LARGEST", 20_000)
+    assert files.LARGEST_TABLE == 200_000_000
+    monkeypatch.setattr(files, "LARGEST_TABLE", 20_000)
     (tmp_path / "table.csv").write_bytes(bytes(20_000 + beyond))  # no table; but that is seen later
     path = tmp_path / "run.toml"
     table = "[[load]]\nkind = 'csv'\nframe = 'body'\nfile = 'table.csv'\ncolumns = ['t', 'x', 'y', 'z']\n"

@@ -20,8 +20,8 @@ from llvmlite import binding
 import nontwist
 from conftest import BODIES
 from nontwist import Load, integrate, sine, standard
-from nontwist.engine.outputs import CALL, IN_BLOCK
 from nontwist.engine.records import BLOCK
+from nontwist.engine.workspace import CALL, IN_BLOCK
 from nontwist.integrators import INTEGRATORS, IVP
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code

@@ -35,10 +35,9 @@ from nontwist.paper.tables import invariants_table
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import MAKERS, Body
 from nontwist.runfile.document import Integrator, Output, Time, checked, forecast
-from nontwist.runfile.folder import Folder
+from nontwist.runfile.files import Folder, document, toml_text
 from nontwist.runfile.loads import Tables
 from nontwist.runfile.tables import Start
-from nontwist.runfile.toml_data import document, toml_text
 from refusals import said, says
 from runfile_documents import documents
 

@@ -11,7 +11,7 @@ from conftest import thinned
 from nontwist.driver.grid import kinks, stretches_of
 from nontwist.driver.planning import planned
 from nontwist.driver.single_run import integrated
-from nontwist.driver.starts import start_of_one
+from nontwist.driver.starts import starts
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
 from nontwist.integrators.problem import stretched
@@ -58,7 +58,7 @@ def ends(run):
 def started(name, order, store, velocities=((1.3, -0.7, 2.1),)):
     """A plan, starts, and a grid of stretches."""
     plan = planned(BODY, LOAD, name, order, 0, 2, None, None, store)
-    begin = start_of_one(BODY, None, None, None, (1, 1, 1), None, False)
+    begin = starts(BODY, material_angular_velocity=(1, 1, 1))
     velocities = np.array(velocities)
     begin = begin._replace(velocity=velocities, quaternion=np.repeat(begin.quaternion, len(velocities), axis=0))
     return plan, begin, stretches_of(LOAD, 0, 2, 0.05)

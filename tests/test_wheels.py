@@ -13,7 +13,7 @@ import nontwist as nt
 from conftest import thinned
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile.document import checked
-from nontwist.runfile.folder import Folder
+from nontwist.runfile.files import Folder
 from refusals import refused_as
 
 RPM = 2 * np.pi / 60

@@ -85,14 +85,8 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
 
     for place in (
         "paper.tables.simulate",
-        "comparison.compare",
-        "validation.validate",
-        "viewer.view",
-        "io.results.open_run",
-        "recordings.reading.read_motion",
-        "sweeps.sweep_member",
+        *("compare", "validate", "view", "open_run", "read_motion", "sweep_member", "simulate"),
         "sweeps.reading.draw",
-        "driver.runs.simulate",
     ):
         monkeypatch.setattr(f"nontwist.{place}", worked)
     for name in WRITERS.keys() - PYTHON - {"example"}:

@@ -18,15 +18,15 @@ from .driver.closed_loop import stepper as stepper
 from .driver.derivatives import gradient as gradient
 from .driver.derivatives import sensitivities as sensitivities
 from .driver.effort import least_effort as least_effort
+from .driver.ensembles import propagator as propagator
 from .driver.ensembles import simulate_ensemble as simulate_ensemble
 from .driver.exponents import lyapunov as lyapunov
 from .driver.exponents import lyapunov_ensemble as lyapunov_ensemble
 from .driver.named_events import axis_crosses as axis_crosses
 from .driver.named_events import spin_below as spin_below
 from .driver.problem import Problem as Problem
-from .driver.propagation import propagator as propagator
-from .driver.resampling import resample as resample
 from .driver.runs import integrate as integrate
+from .driver.runs import resample as resample
 from .driver.runs import simulate as simulate
 from .driver.steering import steer as steer
 from .fitting import fit_inertia as fit_inertia

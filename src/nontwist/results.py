@@ -3,7 +3,7 @@
 from .analysis.trajectory import Trajectory
 from .driver.closed_loop import Stepper, StepperState
 from .driver.effort import LeastEffort
-from .driver.propagation import Propagator
+from .driver.ensembles import Propagator
 from .driver.starts import BodyState
 from .driver.steering import Steering
 from .fitting.result import Fit

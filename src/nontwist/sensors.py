@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from .analysis.datasets import RUN, as_dataset
 from .analysis.variables import assembled, coordinates
-from .driver.resampling import resample
+from .driver.runs import resample
 from .geometry.arrays import as_array, as_number, as_positive
 from .geometry.rotations import exp
 from .geometry.values import as_whole

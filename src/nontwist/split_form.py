@@ -1,6 +1,6 @@
 """The split form of the equations: a part in the tangent plane at the director of the axis, and a part along it."""
 
-from .models.split_form import energy, momentum, rates, velocity
+from .models.equations import energy, momentum, rates, velocity
 from .models.system import split_inertia
 
 __all__ = ["energy", "momentum", "rates", "split_inertia", "velocity"]

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from nontwist.runfile.folder import columns_of
+from nontwist.runfile.files import columns_of
 
 from . import test_truth as of
 from .makers import GYR, N, T, text, vector

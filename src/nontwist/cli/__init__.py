@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+import nontwist
+
 from . import (
     check_commands,
     recording_commands,
@@ -32,8 +34,6 @@ app = typer.Typer(
 
 def _version(show: bool) -> None:
     if show:
-        import nontwist
-
         typer.echo(f"nontwist {nontwist.__version__}")
         raise typer.Exit
 

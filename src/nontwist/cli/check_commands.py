@@ -14,8 +14,11 @@ from warnings import catch_warnings, simplefilter
 
 import typer
 
+import nontwist
+
 from ..errors import RunFileError
 from ..geometry.values import number_text
+from ..io.whole import require_free, written
 from ..validation import GROUPS
 from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
@@ -80,7 +83,6 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
-    from ..integrators import INTEGRATORS
 
     given = list(overrides or ())
     if target is not None:
@@ -88,7 +90,7 @@ def precision_command(
     whole = read_all([file], [*given, "sweep="])[file].prepared
     prepared = whole.on_grid
     if prepared.plan.scheme.any_times:
-        known = ", ".join(f'"{name}"' for name, scheme in INTEGRATORS.items() if scheme.orders)
+        known = ", ".join(f'"{name}"' for name, scheme in nontwist.integrators.INTEGRATORS.items() if scheme.orders)
         name = prepared.plan.scheme.name
         raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
     if target is not None:
@@ -109,7 +111,7 @@ def precision_command(
 
 def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
     """Return overrides for a run to an error: without an order of the file, or another step or tolerance."""
-    from ..runfile.toml_data import document, split_override
+    from ..runfile.files import document, split_override
 
     integrator = document(str(file), file.read_bytes()).get("integrator")
     found = ["integrator.order="] if isinstance(integrator, dict) and "order" in integrator else []
@@ -121,7 +123,7 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
     from ..comparison.reference import shortest_times
-    from ..runfile.toml_data import document
+    from ..runfile.files import document
 
     prepared = whole.on_grid
     with on_file(file):
@@ -177,7 +179,8 @@ def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
     x = [run["directors"].values.reshape(run.sizes["time"], -1)[1:] for run in runs]
     coarse, fine = (np.linalg.norm(a - b, axis=1) for a, b in pairwise(x))
     clear = np.minimum(coarse, fine) > NOISE
-    orders = np.log2(quotient.values, where=clear, out=np.full(len(fine), np.nan))
+    quotients = np.where(clear, quotient.values, np.nan)
+    orders = np.log2(quotients)
     median = float(np.median(orders[clear])) if clear.any() else None
     at = np.unique(np.rint(np.linspace(0, len(fine), 6)).astype(int)[1:] - 1)
     return {
@@ -188,8 +191,8 @@ def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
         "error_at_end": float(coarse[-1] / np.sqrt(2) / (1 - 2.0**-order)),
         "times": quotient["time"].values[at].tolist(),
         "differences": fine[at].tolist(),
-        "second_quotients": [float(q) if c else None for q, c in zip(quotient.values[at], clear[at], strict=True)],
-        "observed_orders": [float(n) if c else None for n, c in zip(orders[at], clear[at], strict=True)],
+        "second_quotients": quotients[at].tolist(),
+        "observed_orders": orders[at].tolist(),
     }
 
 
@@ -198,8 +201,8 @@ def print_precision(numbers: dict[str, Any]) -> None:
     columns = {
         "t (s)": [f"{t:g}" for t in numbers["times"]],
         "ξ(h/2) - ξ(h/4)": [f"{difference:.1e}" for difference in numbers["differences"]],
-        "Q_II": ["–" if value is None else f"{value:.6f}" for value in numbers["second_quotients"]],
-        "observed order": ["–" if value is None else f"{value:.6f}" for value in numbers["observed_orders"]],
+        "Q_II": [f"{value:.6f}".replace("nan", "–") for value in numbers["second_quotients"]],
+        "observed order": [f"{value:.6f}".replace("nan", "–") for value in numbers["observed_orders"]],
     }
     title = f"{numbers['file']}: steps h = {numbers['step']:.6g} s, h/2, h/4"
     print_table(title, columns, right=tuple(columns))
@@ -244,8 +247,6 @@ def compare_command(
 
     Ignores the tables [integrator] and [[event]] of FILE, and all of [time] except its span.
     """
-    from .. import comparison, plot
-    from ..comparison import compare
     from ..plot.journals import require_places
 
     refuse((against != "seconds" and figure is None, "--against", "applies to --figure only; add --figure PATH"))
@@ -255,14 +256,14 @@ def compare_command(
         require_places(figure, force=force)
     with on_file(file):
         bar = not quiet and sys.stderr.isatty()
-        found = compare(problem, integrators=chosen, steps=steps, progress=bar)
+        found = nontwist.compare(problem, integrators=chosen, steps=steps, progress=bar)
     is_read = in_words(
         {"file": str(file), "reference": found.attrs["reference"], "runs": _rows_of(found)}, as_json, quiet
     )
     if is_read:
         if every:
-            print_fitting(comparison.table(found))
-        print_fitting(comparison.summary(found))
+            print_fitting(nontwist.comparison.table(found))
+        print_fitting(nontwist.comparison.summary(found))
     if (found["status"] != 0).all():
         refused = bool((found["status"] < 0).all())
         raise CommandError(
@@ -271,7 +272,7 @@ def compare_command(
     if is_read:
         say_next(("precision", file), ("run", file), sets=overrides)
     if figure is not None:
-        plot.save(plot.work_precision(found, against=against), figure, force=force)
+        nontwist.plot.save(nontwist.plot.work_precision(found, against=against), figure, force=force)
         say_written([figure])
 
 
@@ -315,11 +316,9 @@ def reproduce_command(
     """
     from rich.console import Console
 
-    from ..paper import reproduce
-
     require_folder(out)
     with Console(stderr=True).status("starting") as status:
-        result = reproduce(
+        result = nontwist.reproduce(
             out,
             case or (1, 2, 3),
             quick=quick,
@@ -362,16 +361,8 @@ def _print_table(table: PaperTable) -> None:
 WORKERS = min(2, os.cpu_count() or 1)
 
 
-def _known(groups: list[str] | None) -> list[str] | None:
-    if unknown := [name for name in groups or () if name not in GROUPS]:
-        raise typer.BadParameter(f"{unknown[0]!r} is not one of {', '.join(GROUPS)}")
-    return groups
-
-
 def validate_command(
-    group: Annotated[
-        list[str] | None, Opt(f"One of {', '.join(GROUPS)}. Repeatable.", "NAME", default="all", check=_known)
-    ] = None,
+    group: Annotated[list[str] | None, Opt(f"One of {', '.join(GROUPS)}. Repeatable.", "NAME", default="all")] = None,
     as_json: Annotated[bool, Opt("Print JSON with every digit instead of tables.", option="--json")] = False,
     page: Annotated[
         Path | None, Opt("Write a summary to this file (.md), and all checks beside it (.json).", "PATH")
@@ -384,9 +375,7 @@ def validate_command(
     """
     from rich.console import Console
 
-    from ..io.whole import require_free, written
-    from ..validation import validate
-
+    refuse(*((name not in GROUPS, "--group", f"{name!r} is not one of {', '.join(GROUPS)}") for name in group or ()))
     if page is not None:
         require_suffix(page, ".md", option="--page")
         files = page, page.with_suffix(".json")
@@ -394,7 +383,7 @@ def validate_command(
             require_free(file, force=force)
     errors = Console(stderr=True)
     with errors.status("starting") as status:
-        result = validate(group or None, workers=WORKERS, progress=status.update)
+        result = nontwist.validate(group or None, workers=WORKERS, progress=status.update)
     if page is not None:
         for file, text in zip(files, (result.to_markdown(files[1].name), result.to_json() + "\n"), strict=True):
             with written(file, force=force) as stream:

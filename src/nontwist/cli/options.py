@@ -140,7 +140,7 @@ def _import(modules: list[str] | None) -> list[str] | None:
 
 def _checked(overrides: list[str] | None) -> list[str] | None:
     for override in overrides or ():
-        from ..runfile.toml_data import split_override
+        from ..runfile.files import split_override
 
         try:
             split_override(override)
@@ -318,13 +318,13 @@ def refuse(*cases: tuple[object, str, str]) -> None:
             raise BadParameter(why, param_hint=option)
 
 
-def numbers_of(text: str, wanted: str, option: str | None = None, count: int = 2) -> Any:
-    """Return numbers that are separated by commas; a BadParameter where these are not so many."""
+def numbers_of(text: str, wanted: str, option: str | None = None) -> Any:
+    """Return two numbers that are separated by a comma; a BadParameter where these are others."""
     try:
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != count:
+    if len(numbers) != 2:
         raise BadParameter(f"{text!r} is not {wanted}", param_hint=option)
     return numbers
 

@@ -29,7 +29,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-import nontwist as package
+import nontwist
 
 from ..errors import SimulationError, SweepError
 from .printing import for_terminals, imported, printed_warnings, say, words
@@ -103,10 +103,9 @@ class Commands(TyperGroup):
         try:
             return super().resolve_command(ctx, args)
         except Exception as error:
-            if word in COMMON:
-                error.message = f"No such command {word!r}. Did you mean {COMMON[word]!r}?"  # type: ignore[attr-defined]
-            elif word in dir(package) and word.isidentifier() and not word.startswith("_"):
-                error.message = f"No such command {word!r}. In Python: nontwist.{word}"  # type: ignore[attr-defined]
+            if word in COMMON or word in dir(nontwist):
+                advice = f"Did you mean {COMMON[word]!r}?" if word in COMMON else f"In Python: nontwist.{word}"
+                error.message = f"No such command {word!r}. {advice}"  # type: ignore[attr-defined]
             raise
 
     def main(self, *args: Any, **kwargs: Any) -> Any:

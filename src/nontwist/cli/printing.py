@@ -152,12 +152,10 @@ def print_fitting(table: Table) -> None:
     from rich.measure import Measurement
 
     console, dropped = stdout(), []
-    while Measurement.get(console, console.options.update(width=10**4), table).maximum > console.width:
-        columns = table.columns[2:]
-        if not columns:
-            break
-        drifts = [one for one in columns if str(one.header).startswith(("drift", "twist"))]
-        one = (drifts or columns)[-1]
+    wide = console.options.update(width=10**4)
+    while len(table.columns) > 2 and Measurement.get(console, wide, table).maximum > console.width:
+        drifts = [one for one in table.columns[2:] if str(one.header).startswith(("drift", "twist"))]
+        one = (drifts or table.columns)[-1]
         dropped.append(" ".join(str(one.header).split()))
         table.columns.remove(one)
         for k, column in enumerate(table.columns):

@@ -12,7 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+import nontwist
+
 from ..errors import SENTENCES, InputError, ShellOptions
+from ..geometry.values import error_place, error_text, number_text, text_to_place
+from ..io.whole import require_free, written
 from .options import (
     DecimalComma,
     Force,
@@ -50,12 +54,6 @@ def parse_axis(text: str) -> Any:
         raise typer.BadParameter(f"{text!r} is neither x, y, z nor three numbers like 0.1,0.2,0.97") from error
 
 
-def _two_or_four(order: int) -> int:
-    if order not in (2, 4):
-        raise typer.BadParameter(f"{order} is neither 2 nor 4")
-    return order
-
-
 DATA = argument(
     "DATA", "Recording: CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS or NetCDF; - for CSV on standard input."
 )
@@ -72,7 +70,7 @@ SHAKE = Opt(
 )
 ALIGN = Opt("Correct the mounting: at rest, the axes of both bodies are parallel to those of space.")
 STATIC = Opt("Interval at rest (s).", "T0,T1", default="the second in which all turn least")
-ORDER = Opt("4 for a smooth path, 2 for great circles between samples.", "2|4", check=_two_or_four)
+ORDER = Opt("4 for a smooth path, 2 for great circles between samples.", "2|4")
 RESULTS = Opt("Results to write: NAME.nc, NAME.pdf, NAME.png.", "NAME", default="DATA-twist here")
 
 
@@ -108,14 +106,13 @@ def twist_command(
     joint, relative to a second sensor. Writes NetCDF and a figure; prints a summary, or with --json its numbers in SI
     units. Exits with status 3 if the data cannot be used.
     """
-    from ..io.whole import require_free
-    from ..recordings.reading import read_motion
-    from ..recordings.twisting import twist
-
     require_readable(Path(data), "a recording")
     second = relative_to or (data if relative_columns or relative_body else None)
     none = "there is no second sensor: --relative-to FILE"
-    refuse((decimal_comma and not csv, "--decimal-comma", "applies to CSV only; add --csv"))
+    refuse(
+        (order not in (2, 4), "--order", f"{order} is neither 2 nor 4"),
+        (decimal_comma and not csv, "--decimal-comma", "applies to CSV only; add --csv"),
+    )
     target = _named(out) if out is not None else Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
@@ -125,7 +122,7 @@ def twist_command(
         refuse((is_read, "--out", f"{place} is the recording itself; choose another name"))
     require_free(*places.values(), force=force)
     with about(f"cannot read {data}", OSError), about(data, ValueError):
-        motion = read_motion(sys.stdin if data == "-" else data, **reading)
+        motion = nontwist.read_motion(sys.stdin if data == "-" else data, **reading)
     lone = relative_options is not None and relative_to is None
     refuse(
         (lone, "--relative-options", "there is no second file: --relative-to FILE"),
@@ -139,9 +136,9 @@ def twist_command(
         own = dict(reading) if relative_options is None else read_otherwise(ctx, second, relative_options)
         own |= {"columns": names_of(relative_columns), "body": relative_body}
         with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second):
-            other = read_motion(second, **own)
+            other = nontwist.read_motion(second, **own)
     with about(data, ValueError):
-        result = twist(
+        result = nontwist.twist(
             motion,
             axis=axis,
             axis_frame=axis_frame,
@@ -209,10 +206,9 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
 
 def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
-    from ..io.results import in_degrees, save_run, write_csv
-    from ..io.whole import written
+    from ..io.results import in_degrees, write_csv
 
-    save_run(result, places[".nc"], force=force)
+    nontwist.save_run(result, places[".nc"], force=force)
     if ".csv" in places:
         curves = result.drop_vars("frame")
         with written(places[".csv"], force=force) as file:
@@ -220,8 +216,7 @@ def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decim
             write_csv(in_degrees(curves) if degrees else curves, text, decimal_comma=decimal_comma)
             text.detach()
     if ".pdf" in places:
-        from .. import plot
-
+        plot = nontwist.plot
         left, right = plot.new_axes(columns=2, height=2.6, panels=2)
         plot.path(result, left)
         drawn = plot.twist_angle(result, right, swing=True, degrees=degrees)
@@ -232,7 +227,6 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     """Print the numbers of a result in words."""
     import numpy as np
 
-    from ..geometry.values import error_place, error_text, number_text, text_to_place
     from ..recordings.motions import GAP
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
@@ -278,18 +272,12 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
         samples += f"{number_text(most, '.4g')} s)"
     rows["samples"] = samples
     rows["largest turn between samples"] = angle(_told(found["largest_turn_between_samples"]), ".4g")
-    notes = {
-        label: re.split(r"; (?=\w+: )", result.attrs[name])
-        for label, name in (("read as", "read"), ("relative to", "relative_to"), ("alignment", "alignment"))
-        if result.attrs.get(name)
-    }
-    both = [
-        one for one in notes.get("read as", ()) if one.startswith("direction: ") and one in notes.get("relative to", ())
-    ]
-    for label, lines in notes.items():
-        rows[label] = "\n".join(one for one in lines if one not in both)
-        if both and label == "relative to":
-            rows["both sensors"] = "\n".join(both)
+    texts = (result.attrs.get(name, "") for name in ("read", "relative_to", "alignment"))
+    read, other, alignment = (re.split(r"; (?=\w+: )", text) for text in texts)
+    both = [one for one in read if one.startswith("direction: ") and one in other]
+    own, others = ([one for one in lines if one not in both] for lines in (read, other))
+    notes = {"read as": own, "relative to": others, "both sensors": both, "alignment": alignment}
+    rows |= {label: "\n".join(lines) for label, lines in notes.items() if any(lines)}
     if is_noisy:
         told = ", of the drift of a clock two" if " ppm" in result.attrs["alignment"] else ""
         of_noise = f"of noise, independent from sample to sample, one standard deviation{told}"
@@ -392,9 +380,6 @@ def fit_command(
     be used, do not determine every number (the undetermined ones are then named), or are not explained by noise and
     model.
     """
-    from .. import plot
-    from ..fitting import fit_inertia
-    from ..io.whole import require_free
     from ..plot.journals import require_places
 
     refuse(
@@ -414,12 +399,12 @@ def fit_command(
     acting = {name: settings(text, name) for name, text in zip(SETTINGS, words, strict=True)}
     how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **reading, **acting}
     how["physical"] = not unphysical
-    fit = fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
+    fit = nontwist.fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
     if in_words({"files": data, **fit.numbers()}, as_json, quiet):
         print_rows(f"inertia of {', '.join(data)}", fit.table())
     made = []
     if figure is not None:
-        plot.save(fit.plot(), figure, force=force)
+        nontwist.plot.save(fit.plot(), figure, force=force)
         made.append(figure)
     done = fit.is_explained and not fit.untold
     if out is not None and done:

@@ -10,14 +10,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
-from ..geometry.values import number_text
+import nontwist
+
+from ..errors import ResultFileError
+from ..geometry.values import nearest, number_text
+from ..io.whole import require_free, written
 from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
 from .outcomes import require_readable
 from .printing import in_words, print_rows, print_variables, printed_warnings, say_next, say_written
-from .run_commands import invariants_kept, rows_of_run, steps_of, times_of_events
+from .run_commands import body_rows, invariants_kept, rows_of_run, steps_of, times_of_events
 
 if TYPE_CHECKING:
     import xarray
+
+    from ..models.system import DirectorSystem
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps", "status", "message", "versions"}
 TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame", "mass"}
@@ -42,8 +48,10 @@ def info_command(result: Result, as_json: Json = False) -> None:
     Reads the whole file and verifies its checksum. Exits with status 3 if it does not contain a run, or has been
     changed.
     """
-    if in_words(found := _facts(_opened(result), result), as_json):
-        _print(found)
+    run = _opened(result)
+    body = nontwist.DirectorSystem.from_json(run.attrs["system"]) if "system" in run.attrs else None
+    if in_words(found := _facts(run, result, body), as_json):
+        _print(found, body)
 
 
 def export_command(
@@ -65,7 +73,6 @@ def export_command(
     """
     from ..geometry.attitudes import require_sequence
     from ..io.results import in_degrees, with_euler, write_csv, write_json, write_npz
-    from ..io.whole import require_free, written
 
     if out is not None:
         require_suffix(out, *((".csv", ".npz", ".json") if to is None else (f".{to}",)))
@@ -109,11 +116,8 @@ def export_command(
 
 def _opened(path: Path) -> xarray.Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
-    from ..errors import ResultFileError
-    from ..io.results import open_run
-
     require_readable(path)
-    run = open_run(path)
+    run = nontwist.open_run(path)
     if "time" not in run.indexes:
         raise ResultFileError(f"{path} does not contain a run: it has no coordinate time with its states along it")
     return run
@@ -138,7 +142,6 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
 
     For CSV, variables of events come without states, whose lines are others.
     """
-    from ..geometry.values import nearest
     from ..io.results import EVENTS, STATES
 
     if names is None:
@@ -157,11 +160,10 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
     return run[chosen].assign_coords({name: run[name] for name in always})
 
 
-def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
+def _facts(run: xarray.Dataset, path: Path, body: DirectorSystem | None) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import STATES
     from ..io.results import record
-    from ..models.system import DirectorSystem
 
     attributes, time = record(run), run["time"].values
     facts: dict[str, Any] = {
@@ -186,30 +188,32 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
         facts["event_times"] = times_of_events(run)
     if "twist_angle" in run and len(time):
         facts["total_twist"] = float(run["twist_angle"].values[-1])
-    if "system" in run.attrs:
-        body = DirectorSystem.from_json(run.attrs["system"])
+    if body is not None:
         facts["convected_inertia"] = body.convected_inertia.tolist()
         if {*STATES} <= {*run.data_vars}:  # not of a choice of variables, as `run[["kinetic_energy"]]`
             facts |= invariants_kept(run)
     return facts
 
 
-def _print(facts: dict[str, Any]) -> None:
-    print_rows(facts.get("title", facts["file"]), _rows(facts))
+def _print(facts: dict[str, Any], body: DirectorSystem | None) -> None:
+    print_rows(facts.get("title", facts["file"]), _rows(facts, body))
     sizes = [zip(one["dimensions"], one["shape"], strict=True) for one in facts["variables"].values()]
     dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
     print_variables(facts["variables"], ("dimensions",), dimensions=dimensions)
     say_next(("view", facts["file"]), ("export", facts["file"], "--out", "NAME.csv"))
 
 
-def _rows(facts: dict[str, Any]) -> dict[str, str]:
+def _rows(facts: dict[str, Any], body: DirectorSystem | None) -> dict[str, str]:
     """Return the facts in words."""
+    from ..analysis.joining import loads_in_words
+
     rows = {"file": f"{facts['file']}, {number_text(facts['bytes'] / 1e6, '.3g')} MB, checksum verified"}
-    if "system" in facts:
-        rows |= _body_rows(facts)
+    if body is not None:
+        rows |= body_rows(body, (facts["mass"], facts["centre_of_mass"]) if "mass" in facts else None)
+        rows["load"] = "\n".join(loads_in_words(facts.get("joined", [facts])))
     if facts["time"]:
         time = facts["time"]
-        first, last = (_exact(time[end]) if "system" in facts else f"{time[end]:.12g}" for end in ("first", "last"))
+        first, last = (f"{time[end]:.12g}" if body is None else _exact(time[end]) for end in ("first", "last"))
         rows["time"] = f"{first} s to {last} s, {time['states']} stored states"
     if "total_twist" in facts:
         rows["total twist"] = _words("total_twist", facts["total_twist"])
@@ -230,28 +234,6 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
 def _exact(number: float) -> str:
     """Return a number with all its digits, for `time.t_start` of a run that continues."""
     return repr(number).removesuffix(".0")
-
-
-def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
-    import numpy as np
-
-    from ..analysis.joining import loads_in_words
-
-    system = facts["system"]
-    inertia, force = np.array(facts["convected_inertia"]), np.array(system["dead_force"])
-    rows = {"body": f"{system['name']}; principal moments {_vector(np.linalg.eigvalsh(inertia))} kg m²"}
-    if system["axis"] is not None:
-        rows["body"] += f"; no twist about {_vector(system['axis'])}"
-    if force.any():
-        rows["dead forces"] = "; ".join(f"d{k + 1}: {_vector(f)} N m" for k, f in enumerate(force) if f.any())
-    if "mass" in facts:
-        rows["mass"] = f"{facts['mass']:.6g} kg, with its centre at {_vector(facts['centre_of_mass'])} m"
-    rows["load"] = "\n".join(loads_in_words(facts.get("joined", [facts])))
-    return rows
-
-
-def _vector(values: Any) -> str:
-    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 def _words(name: str, value: str | float) -> str:

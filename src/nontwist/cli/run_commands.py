@@ -5,17 +5,21 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from importlib.resources import files
+from itertools import combinations
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import nontwist
+
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
-from ..geometry.values import number_text
+from ..geometry.values import nearest, number_text
+from ..io.whole import require_free, written
 from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
 from .printing import in_words, print_rows, say, say_next, say_written, shown_unit
@@ -31,6 +35,7 @@ RESULTS = Opt("Result file (.nc), or folder for results.", "PATH", default="outp
 COPY = Opt("File (.toml) or folder to copy to; - for standard output.", "PATH", default="NAME.toml here")
 ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes
 MOST_TIMES = 5  # of an event, in a table
+TOLD = ("title", "status", "message", "integrator", "step", "tolerance", "error_estimate", "warning")
 FIGURES = ("momenta", "energy", "path")
 
 
@@ -51,22 +56,21 @@ def run_command(
     """
     from ..driver.notices import sigterm_interrupts
     from ..io.results import reserved
-    from ..io.whole import require_free
 
     run_files = read_all(files, overrides)
     targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
-    drawn: dict[Path, tuple[str, ...]] = {
-        path: FIGURES if figures else tuple(one.output.figures) for path, one in run_files.items()
-    }
-    _require_names(targets)
+    drawn: dict[Path, Any] = {path: FIGURES if figures else one.output.figures for path, one in run_files.items()}
+    for one, other in combinations(targets, 2):
+        if targets[one].absolute() == targets[other].absolute():
+            message = f"{one} and {other} would both write {targets[other]}; give each an output.path of its own"
+            raise CommandError(message, IO)
     figure_files = [place for path in files for name in drawn[path] for place in _figure_files(targets[path], name)]
     require_free(*figure_files, force=force)
     complete = True
     with ExitStack() as held, sigterm_interrupts():
         writes = {path: held.enter_context(reserved(target, force=force)) for path, target in targets.items()}
         for path, run_file in run_files.items():
-            how: dict[str, Any] = {"figures": drawn[path], "force": force, "as_json": as_json, "quiet": quiet}
-            complete &= _run(run_file, path, targets[path], writes[path], **how)
+            complete &= _run(run_file, path, targets[path], writes[path], drawn[path], force, as_json, quiet)
     if not complete:
         raise typer.Exit(SOLVER)
 
@@ -113,36 +117,23 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
     return out
 
 
-def _require_names(targets: dict[Path, Path]) -> None:
-    """Refuse two results of one name."""
-    owner: dict[Path, Path] = {}
-    for path, target in targets.items():
-        other = owner.setdefault(target.absolute(), path)
-        if other != path:
-            message = f"{other} and {path} would both write {target}; give each an output.path of its own"
-            raise CommandError(message, IO)
-
-
 def _run(
     run_file: RunFile,
     path: Path,
     target: Path,
-    write: Callable[[xarray.Dataset], None],
-    *,
-    figures: tuple[str, ...],
+    write: Any,
+    figures: Sequence[str],
     force: bool,
     as_json: bool,
     quiet: bool,
 ) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
-    from ..driver.runs import simulate
-
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
     with on_file(path):
         try:
-            run = simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
+            run = nontwist.simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
         except (SimulationError, SimulationInterrupt) as error:
             stopped, run = error, error.partial.to_dataset().assign_attrs(run_file.record())
     seconds = perf_counter() - started
@@ -173,8 +164,7 @@ def _figure_files(target: Path, name: str) -> list[Path]:
 
 
 def _draw(run: xarray.Dataset, target: Path, name: str, force: bool) -> list[Path]:
-    from .. import plot
-
+    plot = nontwist.plot
     if name == "momenta":
         left, right = plot.new_axes(columns=2, panels=2)
         plot.momenta(run, left, frame="space")
@@ -189,10 +179,16 @@ def _draw(run: xarray.Dataset, target: Path, name: str, force: bool) -> list[Pat
 # `nontwist example` and `nontwist schema`: how a run file is written.
 
 
+def examples() -> dict[str, str]:
+    """Return the run files that come with the package, by their names."""
+    folder: Any = files("nontwist.runfile").joinpath("examples")
+    places = sorted(folder.glob("*.toml"))
+    return {place.stem: place.read_text(encoding="utf-8") for place in places}
+
+
 def example_names() -> list[str]:
     """Return the names of the run files that come with the package."""
-    folder = files("nontwist.runfile").joinpath("examples")
-    return sorted(place.name.removesuffix(".toml") for place in folder.iterdir() if place.name.endswith(".toml"))
+    return [*examples()]
 
 
 def example_command(
@@ -203,12 +199,10 @@ def example_command(
     force: Force = False,
 ) -> None:
     """List the bundled run files, or copy one to start from."""
-    from ..geometry.values import nearest
-    from ..io.whole import written
-
-    texts = {name: _text(name) for name in example_names()}
+    texts = examples()
     if name is None:
-        return _list(texts)
+        print_rows("Examples", {name: text.splitlines()[0].removeprefix("# ") for name, text in texts.items()})
+        return say_next(("example", "NAME"))
     if name not in texts:
         raise typer.BadParameter(f"there is no example {name!r}; {nearest(name, texts)}")
     if out is not None and str(out) == "-":
@@ -230,15 +224,6 @@ def schema_command() -> None:
     typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 
 
-def _text(name: str) -> str:
-    return files("nontwist.runfile").joinpath("examples", f"{name}.toml").read_text(encoding="utf-8")
-
-
-def _list(texts: dict[str, str]) -> None:
-    print_rows("Examples", {name: text.splitlines()[0].removeprefix("# ") for name, text in texts.items()})
-    say_next(("example", "NAME"))
-
-
 # What is said of a run, before it and after it.
 
 
@@ -246,24 +231,30 @@ def scheme_words(scheme: Mapping[str, Any]) -> str:
     """Return an integrator in words: its name, its order, and its options that are not the usual ones."""
     from dataclasses import fields
 
-    from ..integrators import INTEGRATORS
-
-    known = fields(INTEGRATORS[scheme["name"]]) if scheme["name"] in INTEGRATORS else ()
+    kind: Any = nontwist.integrators.INTEGRATORS.get(scheme["name"])
+    known = () if kind is None else fields(kind)
     usual = {field.name: field.default for field in known if field.name != "order"}
     own = [f"{name} {value}" for name, value in scheme.items() if name != "name" and usual.get(name) != value]
     return ", ".join([scheme["name"], *own])
 
 
-def _body_words(run_file: RunFile) -> str:
-    """Return kind, principal moments and weight of a body."""
+def body_rows(system: Any, weight: tuple[float, Any] | None) -> dict[str, str]:
+    """Return a body in words; `weight`: its mass and centre of mass, where these are known."""
     import numpy as np
 
-    from ..geometry.values import vector_text
+    rows = {"body": f"{system.name}; principal moments {_vector(np.linalg.eigvalsh(system.convected_inertia))} kg m²"}
+    if system.axis is not None:
+        rows["body"] += f"; no twist about {_vector(system.axis)}"
+    if system.dead_force.any():
+        forces = enumerate(system.dead_force, 1)
+        rows["dead forces"] = "; ".join(f"d{k}: {_vector(force)} N m" for k, force in forces if force.any())
+    if weight is not None:
+        rows["mass"] = f"{weight[0]:.6g} kg, with its centre at {_vector(weight[1])} m"
+    return rows
 
-    moments = np.linalg.eigvalsh(run_file.problem.system.convected_inertia)
-    weight = run_file.body.weight(run_file._folder)
-    heavy = "" if weight is None else f"; {weight[0]:.4g} kg, centre of mass {vector_text(weight[1])} m"
-    return f"{run_file.body.kind}, principal moments {', '.join(f'{J:.4g}' for J in moments)} kg m²{heavy}"
+
+def _vector(values: Any) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
@@ -273,11 +264,9 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     from ..driver.notices import amount, duration
 
     scheme = run_file.prepared.scheme
-    rows = {
-        "body": _body_words(run_file),
-        "loads": ", ".join(forecast.loads) or "none",
-        "integrator": scheme_words({"name": scheme.name, **asdict(scheme)}),
-    }
+    rows = body_rows(run_file.problem.system, run_file.body.weight(run_file._folder))
+    rows["loads"] = ", ".join(forecast.loads) or "none"
+    rows["integrator"] = scheme_words({"name": scheme.name, **asdict(scheme)})
     span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
     automatic = " (automatic)" if run_file.time.step is None else ""
     if scheme.any_times:
@@ -312,26 +301,14 @@ def steps_of(run: xarray.Dataset) -> int:
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.trajectory import stretches_from
+    from ..io.results import record
 
     time, iterations = run["time"].values, run.get("newton_iterations")
-    grid = stretches_from(run.attrs.get("stretches"))
-    numbers: dict[str, Any] = {
-        "title": run.attrs["title"],
-        "status": int(run.attrs["status"]),
-        "message": run.attrs["message"],
-        "integrator": json.loads(run.attrs["integrator"]),
-        "steps": steps_of(run),
-        "step": float(run.attrs["step"]),
-        "t_start": float(time[0]),
-        "t_end": float(time[-1]),
-        "states": len(time),
-        "newton_iterations": int(iterations.values.max()) if iterations is not None and iterations.size else None,
-    }
-    if grid is not None:
+    numbers = {name: value for name, value in record(run).items() if name in TOLD}
+    numbers |= {"steps": steps_of(run), "t_start": float(time[0]), "t_end": float(time[-1]), "states": len(time)}
+    numbers["newton_iterations"] = None if iterations is None or not iterations.size else int(iterations.values.max())
+    if (grid := stretches_from(run.attrs.get("stretches"))) is not None:
         numbers["stretches"] = len(grid.sizes)
-    numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate") if "tolerance" in run.attrs}
-    if "warning" in run.attrs:
-        numbers["warning"] = run.attrs["warning"]
     if "t_events" in run:
         numbers["events"] = times_of_events(run)
     return numbers | invariants_kept(run)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 import sys
-from collections import Counter
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import nontwist
+
 from ..geometry.values import number_text
+from ..io.whole import require_free, written
 from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
 from .outcomes import DIFFERS, on_file
 from .printing import in_words, print_rows, print_table, print_variables, say, say_next, say_written
@@ -20,7 +22,6 @@ from .run_commands import read_one
 if TYPE_CHECKING:
     from ..runfile import RunFile
     from ..sweeps.sweeping import Plan
-    from ..sweeps.workers import Progress
 
 # What the commands on sweeps print.
 
@@ -52,15 +53,14 @@ def _over(data: dict[str, Any]) -> str:
 
 def sweep_facts(store: Path) -> dict[str, Any]:
     """Return what a store holds, as plain data."""
-    from ..sweeps import open_sweep
     from ..sweeps.store import open_store
 
     kept = open_store(store)
-    data = open_sweep(store, verify=bool(kept.blocks.seal))
+    data = nontwist.open_sweep(store, verify=bool(kept.blocks.seal))
     marked = kept.done()
     sweep = kept.members.sweep
     reasons = {int(i): reason for done in marked.values() for i, reason in done.reasons.items()}
-    swept = [one.key for one in sweep.over]
+    hidden = {"status", *(one.key for one in sweep.over)}
     return {
         "store": str(store),
         "title": data.attrs["title"],
@@ -75,7 +75,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "samples": sweep.samples,
         "sampling": sweep.sampling if sweep.drawn else None,
         "seed": sweep.seed,
-        "variables": {str(name): _variable(data[name]) for name in data.data_vars if name not in (*swept, "status")},
+        "variables": {str(name): _variable(one) for name, one in data.data_vars.items() if name not in hidden},
         "failures": _kinds(reasons),
     }
 
@@ -88,14 +88,11 @@ def _variable(values: Any) -> dict[str, Any]:
 
 def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
     """Return failures that differ in numbers alone as one: how many, the first member, its reason."""
-    first: dict[str, int] = {}
-    kind_of = {i: NUMBER.sub("#", reason) for i, reason in sorted(reasons.items())}
-    for i, kind in kind_of.items():
-        first.setdefault(kind, i)
-    return [
-        {"members": count, "first": first[kind], "reason": reasons[first[kind]]}
-        for kind, count in Counter(kind_of.values()).most_common(SHOWN)
-    ]
+    kinds: dict[str, list[int]] = {}
+    for i, reason in sorted(reasons.items()):
+        kinds.setdefault(NUMBER.sub("#", reason), []).append(i)
+    most = sorted(kinds.values(), key=len, reverse=True)[:SHOWN]
+    return [{"members": len(one), "first": one[0], "reason": reasons[one[0]]} for one in most]
 
 
 def print_sweep(facts: dict[str, Any]) -> None:
@@ -130,7 +127,6 @@ def _telling(dimensions: dict[str, int]) -> str:
     return name + (".3" if name == "quaternion" else ".2.2" * (dimensions[name] == 3))
 
 
-EVERY = 10.0  # s between lines of progress where stderr is no terminal
 Store = Annotated[Path, argument("STORE", "The store of a sweep (a folder).")]
 WORKERS = Opt("Number of threads, or of processes with --dask local.", "N", default="all processors", least=1)
 BLOCK = Opt("Members per block.", "N", default="at most 10 s and 64 MiB, as measured", least=1)
@@ -159,7 +155,7 @@ def sweep_command(
     """
     from ..driver.notices import cores, sigterm_interrupts
     from ..sweeps.members import Members
-    from ..sweeps.sweeping import plan, sweep
+    from ..sweeps.sweeping import plan
 
     store = Path(f"{file.stem}.zarr") if out is None else out
     if looks_like_a_file(store):
@@ -174,10 +170,9 @@ def sweep_command(
             given = [word for name, one in options.items() if one is not None for word in (name, one)]
             say_next(("sweep", file, *given), sets=overrides)
         return
-    begin = perf_counter()
-    report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
+    begin, bar = perf_counter(), not quiet and sys.stderr.isatty()
     with sigterm_interrupts(), on_file(file):
-        many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
+        many = nontwist.sweep(run_file, store, workers=workers, dask=dask, block=block, progress=bar)
     seconds, failed = perf_counter() - begin, int((many["status"] != 0).sum())
     numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
     if in_words(numbers | {"seconds": seconds}, as_json, quiet):
@@ -237,43 +232,23 @@ def show_command(
     Components are named by their number: body.axis.0, material_angular_velocity.2. For a vector, --plot draws its
     length. The last state of --member equals that in the store, bit for bit.
     """
+    from ..plot.journals import require_places
+    from ..sweeps.reading import draw
+
     wrong = bool(plotted) != plot or (plotted and len(plotted) not in (2, 3))
     refuse((wrong, "--plot", "give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY"))
     if plotted:
-        _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png"), force)
+        figure = figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png")
+        require_places(figure, force=force)
+        nontwist.plot.save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
+        say_written([figure])
     elif member is not None:
         _rerun(store, member, out or Path(f"{member}.nc"), force)
     elif in_words(facts := sweep_facts(store), as_json):
         print_sweep(facts)
 
 
-def _progress_lines() -> Any:
-    """Return what prints the progress line by line, now and then."""
-    from ..sweeps.workers import words
-
-    last = [perf_counter()]
-
-    def report(now: Progress) -> None:
-        if perf_counter() - last[0] > EVERY:
-            last[0] = perf_counter()
-            say(f"{now.done} of {now.members} members, {words(now)}")
-
-    return report
-
-
-def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
-    from ..plot.journals import require_places, save
-    from ..sweeps.reading import draw
-
-    require_places(figure, force=force)
-    save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
-    say_written([figure])
-
-
 def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
-    from ..io.results import save_run
-    from ..io.whole import require_free, written
-    from ..sweeps import sweep_member
     from ..sweeps.reading import member_file
     from ..sweeps.store import open_store
 
@@ -285,5 +260,5 @@ def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
         with written(out, force=force) as file:
             file.write(text.encode())
     else:
-        save_run(sweep_member(store, member), out, force=force)
+        nontwist.save_run(nontwist.sweep_member(store, member), out, force=force)
     say_written([out], (command, out))

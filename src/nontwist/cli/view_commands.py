@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import nontwist
+
 from ..errors import SimulationError
+from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
@@ -100,8 +103,6 @@ def view_command(
     same scene, without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with
     status 5 if a file cannot be read or written, or exists already.
     """
-    from ..io.whole import require_free
-    from ..viewer import view
     from ..viewer.films import NO_FFMPEG, save_film, save_still
 
     if out is not None:
@@ -119,17 +120,12 @@ def view_command(
         (at is not None and png is None, "--at", "applies to --png only; add --png PATH"),
     )
     moving = [path for path in (gif, mp4) if path is not None]
-    for option, value, where in (
-        ("--dark", dark or None, films),
-        ("--width", width, films),
-        ("--camera", camera, films),
-        ("--seconds", seconds, moving),
-        ("--fps", fps, moving),
-    ):
-        kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
-        other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
-        is_lost = value is not None and not where
-        refuse((is_lost, option, f"applies to {kinds} only; add one of them{other_way}"))
+    by_page = "; add one of them. The page follows the system, and has a button"
+    refuse((dark and not films, "--dark", f"applies to --gif, --mp4 and --png only{by_page}"))
+    for option, value in {"--width": width, "--camera": camera, "--seconds": seconds, "--fps": fps}.items():
+        is_still = option in ("--width", "--camera")
+        kinds, found = ("--gif, --mp4 and --png", films) if is_still else ("--gif and --mp4", moving)
+        refuse((value is not None and not found, option, f"applies to {kinds} only; add one of them"))
     names = None
     if labels is not None:  # one run alone may have a comma in its label
         names = [labels] if other is None else [label.strip() for label in labels.split(",")]
@@ -141,11 +137,11 @@ def view_command(
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
     given = given_again(ctx, specs(ReadOptions))
-    if given and all(map(_is_result, inputs)):
-        refuse((True, given[0], f"applies to recordings only; {run} is a result"))
+    for option in given[:1]:
+        refuse((all(map(_is_result, inputs)), option, f"applies to recordings only; {run} is a result"))
     require_free(*films, *([] if target is None else [target]), force=force)
     runs = [_read(path, reading, slice(first, last), given) for path in inputs]
-    page = view(*runs, title=title, labels=names) if target is not None else None
+    page = nontwist.view(*runs, title=title, labels=names) if target is not None else None
     look: dict[str, Any] = {"width": width, "labels": names, "title": title, "camera": camera, "dark": dark}
     for path in moving:
         save_film(runs, path, seconds=seconds, rate=fps, force=force, **look)
@@ -166,18 +162,14 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
 
     A recording is read as `how` says, which was typed as `given`.
     """
-    from ..io.results import open_run
-    from ..recordings.reading import read_motion
-    from ..recordings.twisting import twist
-
     require_readable(path)
     if _is_result(path):
-        run = open_run(path)
+        run = nontwist.open_run(path)
         with about(str(path), ValueError):
             return _smooth_part(path, run, span)
     with about(str(path), ValueError):
-        motion = read_motion(path, **how)
-        found = twist(_part(motion, span))
+        motion = nontwist.read_motion(path, **how)
+        found = nontwist.twist(_part(motion, span))
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
     again = shlex.join(["nontwist", "twist", str(path), *given, "--axis", "AXIS"])
     say(f"to choose the axis: {again}, then nontwist view of its result")
@@ -224,10 +216,9 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
 
 def largest_turn(run: xarray.Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
-    from ..recordings.motions import rotation
+    from ..viewer.content import turns_between
 
-    attitudes = rotation(run)
-    return float((attitudes[:-1].inv() * attitudes[1:]).magnitude().max()) if run.sizes["time"] > 1 else 0.0
+    return float(turns_between(run["quaternion"].values).max(initial=0.0))
 
 
 def smooth(
@@ -239,8 +230,6 @@ def smooth(
     """
     import numpy as np
 
-    from ..driver.resampling import resample
-
     time = run["time"].values
     first, last = (time[0], time[-1]) if span is None else np.clip(span, time[0], time[-1])
     part = run.sel(time=slice(first, last))
@@ -250,7 +239,7 @@ def smooth(
     count, own = min(np.ceil((last - first) * speed / FAR), most), np.unique([first, *part["time"].values, last])
     parts = np.ceil(np.diff(own) * (count / (last - first)))  # of each interval between stored states
     ends = np.append(0.0, np.cumsum(parts))
-    found = resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
+    found = nontwist.resample(run, np.interp(np.arange(ends[-1] + 1), ends, own), load)
     return found.assign({name: one for name, one in run.items() if name not in found and "time" not in one.dims})
 
 

@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from ..analysis.invariants import Invariant, invariants, quantities, scales
+from ..analysis.invariants import Invariant, invariants
 from ..driver.grid import fits, inside, kinks, with_spin_kinks
 from ..driver.notices import progress_bar
-from ..driver.problem import OfComparison, Problem, posed, takes
+from ..driver.problem import OfComparison, Problem, posed, start_of, takes
 from ..geometry.arrays import Array
 from ..geometry.values import as_whole
 from ..integrators import Integrator, Status
@@ -49,6 +49,7 @@ from .reference import (
     reference,
     shared_intervals,
     shortest_times,
+    texts_of,
 )
 
 if TYPE_CHECKING:
@@ -125,16 +126,15 @@ def compare(
     schemes = chosen(integrators)
     repeats = as_whole(repeats, "repeats", 1)
     problem = posed("compare", system, keywords, OfComparison, aside=BESIDE)
-    body, load, t_end = as_system(problem.system), as_load(problem.load), problem.t_end
-    arguments = {name: getattr(problem, name) for name in OfComparison.__annotations__ if name != "t_end"}
-    arguments["load"] = load
+    problem = problem.replace(**dict.fromkeys(BESIDE))  # type: ignore[arg-type]
+    body, load, begin = as_system(problem.system), as_load(problem.load), start_of(problem)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        automatic = automatic_run(body, arguments, t_end)
-    known = {str(warning.message) for warning in caught}
+        automatic = automatic_run(problem, begin)
+    known = texts_of(caught)
     t0, t1 = (float(t) for t in automatic.time)
-    pace = with_spin_kinks(load, stacked(body))
-    found = grids(steps, t0, t1, automatic.step or t1 - t0, pace)
+    pace, case = with_spin_kinks(load, stacked(body)), Case(problem, begin, automatic.step or t1 - t0)
+    found = grids(steps, t0, t1, case.automatic, pace)
     numbers = {h: grid.steps for h, grid in found.items()}
     shared = shared_intervals(list(numbers.values()))
     coarsest = next(iter(found.values()))
@@ -145,9 +145,8 @@ def compare(
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        exact = reference(body, arguments, automatic, at)
-    sizes = scales(quantities(exact.run.to_dataset()), body)
-    case = Case(body, arguments, t1, exact, shared, invariants(body, load.description), sizes, known)
+        exact = reference(case, at)
+    kept = invariants(body, load.description)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
     outcomes = {}
@@ -155,13 +154,13 @@ def compare(
         for k, (name, h) in enumerate(jobs):
             if report:
                 report(k / len(jobs))
-            outcomes[name, h] = compared(case, schemes[name], found[h])
+            outcomes[name, h] = compared(case, exact, kept, schemes[name], found[h], known)
     if integrators is None:
         schemes = {name: s for name, s in schemes.items() if outcomes[name, first].status != REFUSED}
     for key, seconds in shortest_times({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
         outcomes[key].numbers["run_time"] = seconds
     table = {(name, h): outcomes[name, h if (name, h) in outcomes else first] for name in schemes for h in numbers}
-    data = comparison_dataset(schemes, numbers, table, exact, case.invariants, sizes)
+    data = comparison_dataset(schemes, numbers, table, exact, kept)
     return data.assign_attrs(meets_kinks=int(meets_kinks))
 
 
@@ -203,7 +202,6 @@ def comparison_dataset(
     outcomes: Mapping[tuple[str, float], Outcome],
     reference: Reference,
     invariants: Mapping[str, Invariant],
-    scales: Mapping[str, float],
 ) -> xarray.Dataset:
     """Return the dataset that `nontwist.compare` describes; `outcomes` by label and step."""
     import xarray
@@ -211,7 +209,7 @@ def comparison_dataset(
     def array(name: str) -> Array:
         return np.array([[outcomes[i, h].numbers.get(name, np.nan) for h in counts] for i in schemes])
 
-    steps, run = np.array(list(counts)), reference.run
+    steps, run, scales = np.array(list(counts)), reference.run, reference.scales
     momentum = scales["kg m2 s-1"]
     variables: dict[str, Any] = {}
     for name, bar, size, growth in (

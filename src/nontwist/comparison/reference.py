@@ -25,25 +25,23 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ..analysis.invariants import Invariant, drift, quantities, twist_defect
+from ..analysis.invariants import Invariant, drift, quantities, scales, twist_defect
 from ..analysis.trajectory import Trajectory
 from ..driver import completion
 from ..driver.grid import count_steps, kinks, stretches_of, with_spin_kinks
 from ..driver.notices import COARSE_STEP
-from ..driver.planning import planned, resolve_integrator
-from ..driver.runs import integrate
+from ..driver.planning import resolve_integrator
+from ..driver.problem import Problem, plan_of
 from ..driver.single_run import run_of, trajectory
-from ..driver.starts import start_of_one
+from ..driver.starts import Starts
 from ..driver.tolerance import CHANGE, EPS, LARGER, moved
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, short_repr
 from ..integrators import INTEGRATORS, Continuous, Exact, Gauss, Integrator, LieMidpoint, SimulationError
 from ..integrators.problem import Stretches, stretched
-from ..loads import Load
+from ..loads import Load, as_load
 from ..models.stack import stacked
-from ..models.system import DirectorSystem
 
 # Which integrators and which steps are compared, and the times that all runs share.
 
@@ -157,16 +155,28 @@ REFUSED, LONG, SHORT = -1, 0.3, 0.01
 
 
 class Case(NamedTuple):
-    """The problem, its reference solution and its invariants."""
+    """The problem, without integrator, steps and stored times, its checked start, and the longest step for 0.05 rad."""
 
-    system: DirectorSystem
-    arguments: dict[str, Any]  # of `integrate`, without integrator and times
-    t_end: float
-    reference: Reference
-    shared: int  # intervals
-    invariants: dict[str, Invariant]
-    scales: dict[str, float]  # by unit
-    known_warnings: set[str]  # already issued
+    problem: Problem
+    begin: Starts
+    automatic: float  # s
+
+    def run(self, scheme: Integrator, times: Array) -> Trajectory:
+        """Return the run with output at times."""
+        return run_of(plan_of(self.problem, self.begin, integrator=scheme, times=times, t_end=None), self.begin)
+
+    def run_on(self, grid: Stretches, store: Any, scheme: Integrator) -> Trajectory:
+        """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
+        plan = plan_of(self.problem, self.begin, integrator=scheme, t_end=grid.borders[-1], store="end")
+        if not isinstance(store, np.ndarray):
+            return run_of(plan._replace(grid=grid, store=store), self.begin)
+        problem = replace(plan.problem(self.begin, grid, store), intervals=True)
+        return trajectory(plan, problem, completion.march(scheme, problem))
+
+    @property
+    def moved(self) -> Case:
+        """The same with the start and the load changed by `CHANGE`."""
+        return self._replace(begin=moved(self.begin))
 
 
 class Outcome(NamedTuple):
@@ -178,43 +188,43 @@ class Outcome(NamedTuple):
     call: Callable[[], Trajectory]
 
 
-def compared(case: Case, scheme: Integrator, grid: Stretches) -> Outcome:
-    """Run once and compare with the reference; this also compiles what the timed calls need."""
-    call, exact = partial(_run, case, scheme, grid, False), case.reference.run
+def compared(
+    case: Case, true: Reference, kept: dict[str, Invariant], scheme: Integrator, grid: Stretches, known: set[str]
+) -> Outcome:
+    """Run once and compare with the reference; this also compiles what the timed calls need.
+
+    `kept` are the invariants, and `known` what warnings have said already.
+    """
+    exact, shared = true.run, len(true.run.time) - 1
+    if scheme.any_times:
+        run_to, call = partial(case.run, scheme, exact.time), partial(case.run, scheme, exact.time[-1:])
+    else:
+        store = grid.steps // stored_intervals(grid.steps, shared)
+        run_to, call = partial(case.run_on, grid, store, scheme), partial(case.run_on, grid, "end", scheme)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            run = _run(case, scheme, grid, True)
+            run = run_to()
         except ValueError as error:
             return Outcome({}, REFUSED, str(error), call)
         except SimulationError as error:
             return Outcome({}, int(error.status), str(error), call)
-    stride = (len(run.time) - 1) // case.shared
-    attitude, momentum = attitude_distance(run, exact, stride), momentum_distance(run, exact, stride)
+    stride = (len(run.time) - 1) // shared
+    attitude, momentum = distances(run, exact, stride)
     found = {"attitude_error": attitude[-1], "momentum_error": momentum[-1]}
     found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
     data = run.to_dataset()
     x = quantities(data)
-    found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
+    found |= {name: drift(one, x, true.scales[one.units]) for name, one in kept.items()}
     if (defect := twist_defect(data)) is not None:
         found["twist_defect"] = defect
-    issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - case.known_warnings)
+    issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - known)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
 
 
 def texts_of(caught: list[warnings.WarningMessage]) -> set[str]:
     """Return what warnings say."""
     return {str(warning.message) for warning in caught}
-
-
-def _run(case: Case, scheme: Integrator, grid: Stretches, keep_states: bool) -> Trajectory:
-    """Run to the end; store the states at the shared times and between them, or the last one only."""
-    times = case.reference.run.time
-    if scheme.any_times:
-        return integrate(case.system, times=times if keep_states else times[-1:], integrator=scheme, **case.arguments)
-    N = grid.steps
-    store: Any = N // stored_intervals(N, case.shared) if keep_states else "end"
-    return run_on(case.system, grid, store, scheme, case.arguments)
 
 
 def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:
@@ -237,7 +247,6 @@ def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> 
 
 
 SAME = 1e-12  # of the span, of times that are one
-STARTS = "start", "rotation", "scalar_first", "material_angular_velocity", "angular_velocity", "project"
 LATER = EPS / 2 * LARGER  # of times
 
 
@@ -249,65 +258,43 @@ class Reference(NamedTuple):
     momentum_error: float
     name: str
     growth: tuple[float, float]  # of attitude and momentum, under a change of the start, relative to that; at least 1
+    scales: dict[str, float]  # the sizes of quantities, by unit
 
 
-def automatic_run(system: DirectorSystem, arguments: dict[str, Any], t_end: float | None) -> Trajectory:
+def automatic_run(problem: Problem, begin: Starts) -> Trajectory:
     """Return a run to the end at the automatic step, of 0.05 rad, by an integrator of order 2 that takes the load."""
-    load, t_start = arguments["load"], arguments["t_start"]
-    if not load.memories:
-        return integrate(system, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
-    begin = start_of_one(system, **{name: arguments[name] for name in STARTS}, t_start=t_start)
-    plan = planned(system, load, Gauss(order=2), None, t_start, t_end, None, None, "end", begin.time)
-    return run_of(plan._replace(grid=plan.automatic(begin)), begin)
+    scheme = Gauss(order=2) if as_load(problem.load).memories else LieMidpoint()
+    plan = plan_of(problem, begin, integrator=scheme, store="end")
+    return run_of(plan._replace(grid=plan.automatic(begin)) if plan.is_controlled else plan, begin)
 
 
-def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    """Return the reference at increasing times, from the start to the end.
-
-    Parameters
-    ----------
-    system : DirectorSystem
-    arguments : dict
-        Those of `integrate`, without the integrator and the times.
-    automatic : Trajectory
-        A run at the automatic step, to the end.
-    times : (k,) array, s
-    """
+def reference(case: Case, times: Array) -> Reference:
+    """Return the reference at increasing times, from the start to the end."""
     try:
-        run = integrate(system, times=times, integrator=Exact(), **arguments)
+        run = case.run(Exact(), times)
     except ValueError:
-        return _stepped(system, arguments, automatic, times)
-    moves = bars(run, integrate(system, times=times, integrator=Exact(), **_moved(system, arguments)))
+        return _stepped(case, times)
+    moves = bars(run, case.moved.run(Exact(), times))
     attitude, momentum = moves
     return _reference(run, (attitude / LARGER, momentum / LARGER), moves, "exact")
 
 
-def _moved(system: DirectorSystem, arguments: dict[str, Any]) -> dict[str, Any]:
-    """Return arguments with the start and the load changed by `CHANGE`."""
-    given, t_start = {name: arguments[name] for name in STARTS}, arguments["t_start"]
-    begin = moved(start_of_one(system, **given, t_start=t_start))
-    start = {"rotation": Rotation.from_quat(begin.quaternion[0]), "material_angular_velocity": begin.velocity[0]}
-    start |= {"project": True, "t_start": t_start if begin.time is None else begin.time}
-    return arguments | dict.fromkeys(STARTS) | start | {"load": (1 + CHANGE) * arguments["load"]}
-
-
-def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    jumps = kinks(with_spin_kinks(arguments["load"], stacked(system)), times[0], times[-1])
+def _stepped(case: Case, times: Array) -> Reference:
+    load = as_load(case.problem.load)
+    jumps = kinks(with_spin_kinks(load, stacked(case.problem.system)), times[0], times[-1])
     apart = abs(jumps[:, None] - times).min(axis=1) > SAME * (times[-1] - times[0])  # 0.3 and 3 × 0.1 are one time
     borders = np.union1d(times, jumps[apart])
-    least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))
+    least = np.ceil(4 * np.diff(borders) / case.automatic)
     pair = [stretched(borders, n * least) for n in (1, 2)]
     late = stretched(times[0] + (borders - times[0]) * (1 + LATER), least)
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]
-    coarse, run = (run_on(system, *each, Gauss(order=8), arguments) for each in zip(pair, stored, strict=True))
-    moves = bars(coarse, run_on(system, pair[0], stored[0], Gauss(order=8), _moved(system, arguments)))
-    lags = bars(coarse, run_on(system, late, stored[0], Gauss(order=8), arguments))
+    coarse, run = (case.run_on(*each, Gauss(order=8)) for each in zip(pair, stored, strict=True))
+    moves = bars(coarse, case.moved.run_on(pair[0], stored[0], Gauss(order=8)))
+    lags = bars(coarse, case.run_on(late, stored[0], Gauss(order=8)))
     name, beside = "gauss 8 at h/8, beside h/4", [run, run]
-    if not (arguments["load"].is_dry or arguments["load"].memories):
+    if not (load.is_dry or load.memories):
         name += " and continuous DOP853"
-        beside = [
-            integrate(system, times=times, integrator=Continuous(rtol=rtol), **arguments) for rtol in (1e-12, 1e-13)
-        ]
+        beside = [case.run(Continuous(rtol=rtol), times) for rtol in (1e-12, 1e-13)]
     loose, independent = beside
     gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)
     attitude, momentum = (
@@ -317,24 +304,12 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     return _reference(run, (attitude, momentum), moves, name)
 
 
-def run_on(
-    system: DirectorSystem, grid: Stretches, store: Any, scheme: Integrator, arguments: dict[str, Any]
-) -> Trajectory:
-    """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
-    load, t_start, given = arguments["load"], arguments["t_start"], {name: arguments[name] for name in STARTS}
-    begin = start_of_one(system, **given, t_start=t_start)
-    plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, "end", begin.time)
-    if not isinstance(store, np.ndarray):
-        return run_of(plan._replace(grid=grid, store=store), begin)
-    problem = replace(plan.problem(begin, grid, store), intervals=True)
-    return trajectory(plan, problem, completion.march(scheme, problem))
-
-
 def _reference(run: Trajectory, bar: tuple[float, float], moves: tuple[float, float], name: str) -> Reference:
     """Return the reference; `moves`: how far a change of the start by `CHANGE` moves attitude and momentum."""
     largest = float(np.linalg.norm(material_momentum(run), axis=1).max())
     growth = max(1.0, moves[0] / CHANGE), max(1.0, moves[1] / (CHANGE * largest or 1.0))
-    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name, growth)
+    sizes = scales(quantities(run.to_dataset()), run.system)
+    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name, growth, sizes)
 
 
 def error_bar(own: float, gap: float, gap_of_other: float) -> float:
@@ -344,22 +319,18 @@ def error_bar(own: float, gap: float, gap_of_other: float) -> float:
 
 def bars(a: Trajectory, b: Trajectory) -> tuple[float, float]:
     """Return the largest distances of attitude and material momentum between two runs at the same times."""
-    return float(attitude_distance(a, b).max()), float(momentum_distance(a, b).max())
+    attitude, momentum = distances(a, b)
+    return float(attitude.max()), float(momentum.max())
 
 
-def attitude_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
-    """Return ‖Λ_a - Λ_b‖_F / √2 = 2 sin(θ/2) at the times of b, θ the angle between the attitudes, rad.
+def distances(a: Trajectory, b: Trajectory, stride: int = 1) -> tuple[Array, Array]:
+    """Return ‖Λ_a - Λ_b‖_F / √2 = 2 sin(θ/2), θ the angle between the attitudes, rad, and |Π_a - Π_b|, kg m² s⁻¹.
 
-    Every `stride`-th time of a is one of b.
+    They are those at the times of b; every `stride`-th time of a is one of b.
     """
-    distance: Array = np.linalg.norm(a.directors[::stride] - b.directors, axis=(1, 2)) / np.sqrt(2)
-    return distance
-
-
-def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
-    """Return |Π_a - Π_b| at the times of b, kg m² s⁻¹."""
-    distance: Array = np.linalg.norm(material_momentum(a)[::stride] - material_momentum(b), axis=1)
-    return distance
+    attitude: Array = np.linalg.norm(a.directors[::stride] - b.directors, axis=(1, 2)) / np.sqrt(2)
+    momentum: Array = np.linalg.norm(material_momentum(a)[::stride] - material_momentum(b), axis=1)
+    return attitude, momentum
 
 
 def material_momentum(run: Trajectory) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import as_dataset
 from ..analysis.invariants import in_words
 from ..geometry.arrays import Array, as_positive
+from .comparing import VARIABLES
 from .reference import short
 
 if TYPE_CHECKING:
@@ -23,18 +24,7 @@ CONSERVED, NONE = 1e-13, "–"
 
 
 TEXTS = ("integrator", "message", "invariant", "invariant_symbol", "family")
-NUMBERS = (
-    "step",
-    "status",
-    "takes_steps",
-    *(
-        f"{of}_{what}"
-        for of in ("attitude", "momentum")
-        for what in ("error_max", "order", "below_bar", "reference_error")
-    ),
-    "drift",
-    "run_time",
-)
+NUMBERS = ("step", "takes_steps", *(name for name in VARIABLES if name not in ("message", "twist_defect")))
 
 
 def as_comparison(data: Any) -> Any:
@@ -42,21 +32,18 @@ def as_comparison(data: Any) -> Any:
     return as_dataset(data, "a comparison of nontwist.compare", NUMBERS, ("title", "shared_times", "reference"), TEXTS)
 
 
-def empty_table(title: str, comparison: xarray.Dataset) -> Table:
-    """Return a table without rows; many columns have no padding between them."""
+def empty_table(title: str, first: str, headings: Sequence[str], comparison: xarray.Dataset) -> Table:
+    """Return a table without rows, its last columns those of invariants; many have no padding between them."""
     from rich import box
     from rich.table import Table
 
-    gap = int(len(invariant_headings(comparison)) < 4)
-    return Table(
-        title=title,
-        title_justify="left",
-        caption_justify="left",
-        caption_style="",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, gap, 0, 0),
-    )
+    kept = invariant_headings(comparison)
+    left: Any = {"title_justify": "left", "caption_justify": "left", "caption_style": ""}
+    table = Table(title=title, **left, box=box.SIMPLE_HEAD, show_edge=False, padding=(0, int(len(kept) < 4), 0, 0))
+    table.add_column(first, no_wrap=True)
+    for heading in (*headings, *kept):
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
 
 
 def invariant_headings(comparison: xarray.Dataset) -> list[str]:
@@ -162,11 +149,9 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     """
     as_comparison(comparison)
     targets = as_positive(targets, "targets", (None,), "rad").tolist()
-    table = empty_table(f"{comparison.attrs['title']}: integrators compared", comparison)
-    table.add_column("integrator", no_wrap=True)
     to = [*(f"ms to\n{short(target)}" for target in targets), f"step\nfor\n{short(min(targets))}"]
-    for heading in ("order\nΛ", "order\nΠ", *to, *invariant_headings(comparison)):
-        table.add_column(heading, justify="right", no_wrap=True)
+    title = f"{comparison.attrs['title']}: integrators compared"
+    table = empty_table(title, "integrator", ["order\nΛ", "order\nΠ", *to], comparison)
     times = {target: times_to(comparison, target) for target in targets}
     steps = times_to(comparison, min(targets), "step")
     notes: list[str] = []
@@ -275,10 +260,9 @@ def table(comparison: xarray.Dataset) -> Table:
     ['gauss 8', '0.1', '0.05', 'exact']
     """
     as_comparison(comparison)
-    table = empty_table(comparison.attrs["title"], comparison)
-    table.add_column("integrator,\nstep (s)", no_wrap=True)
-    for heading in ("error Λ\nrad", "n", "error Π\nkg m² s⁻¹", "n", *invariant_headings(comparison), "ms"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ["error Λ\nrad", "n", "error Π\nkg m² s⁻¹", "n"]
+    table = empty_table(comparison.attrs["title"], "integrator,\nstep (s)", headings, comparison)
+    table.add_column("ms", justify="right", no_wrap=True)
     notes: list[str] = []
     for name in comparison["integrator"].values:
         group, stepping = comparison.sel(integrator=name), bool(comparison["takes_steps"].sel(integrator=name))

@@ -33,7 +33,7 @@ from .notices import failure_message, say, warn_of_cost
 from .planning import fitting, internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
 from .single_run import whole_of
-from .starts import AT_REST, BodyState, start_of_one
+from .starts import AT_REST, BodyState, starts
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -43,7 +43,8 @@ class MarchedStep:
     """The step of a body under dry friction, or with wheels that have friction: a run of one step."""
 
     def __init__(self, system: DirectorSystem, load: Load, step: float, scheme: Compiled) -> None:
-        self.step, self.scheme, self._failed = step, scheme, Failure(Status.OK, 0, nan, nan)
+        self.step, self.scheme = step, scheme
+        self._failure: Failure | None = None
         self.stack = IVP(stacked(system), np.eye(4)[3:], np.zeros((1, 3)), load, 0.0, step, 1, ENDS, intervals=True)
         fitting(load, scheme, self.stack.systems)
         if (reason := refusal(scheme, self.stack)) is not None:
@@ -76,14 +77,15 @@ class MarchedStep:
         begin: dict[str, Any] = {"quaternion": np.array([numbers[:4]]), "velocity": np.array([numbers[4:7]])}
         begin |= {"internal": np.array([z]) if z else None, "t_start": t, "t_end": t + h}
         outcome = completion.march(self.scheme, replace(self.stack, load=load, **begin))
-        self._failed = (outcome.failure() or Failure(Status.OK, 0, nan, nan))._replace(step=number)
+        self._failure = (found := outcome.failure()) and found._replace(step=number)
         end, means = outcome.states.part(0, -1), outcome.intervals
         assert means is not None
         z = [] if end.internal is None else end.internal.tolist()
         ends = tuple(tuple(z[COMMANDED * k :][:3]) for k in range(len(own)))
         mu = float(means.multipliers[0, 0, -1]) if self.stack.systems.axis is not None else 0.0
         work, rest = float(means.load_work[0, 0]), z[COMMANDED * len(own) :]
-        return self._numbers(end.quaternion, end.velocity, mu, work, rest, self._failed.status), ends
+        status = self._failure.status if self._failure else Status.OK
+        return self._numbers(end.quaternion, end.velocity, mu, work, rest, status), ends
 
     @staticmethod
     def _numbers(p: Array, W: Array, mu: float, work: float, z: list[float], status: float) -> Numbers:
@@ -91,7 +93,7 @@ class MarchedStep:
 
     def failure(self, number: int) -> Failure | None:
         """Return why the step just taken failed, None where it did not."""
-        return self._failed if self._failed.status else None
+        return self._failure
 
 
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -356,9 +358,8 @@ class Stepper:
         InputWarning
             `start` is of another inertia: W is kept.
         """
-        begin = start_of_one(
-            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, time
-        )
+        W = material_angular_velocity
+        begin = starts(self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time)
         t = as_number(time, "time") if time is not None else begin.time or 0.0
         h, resolution = self.step_size, float(np.spacing(abs(t)))
         if h < NODES_APART * resolution:
@@ -366,8 +367,8 @@ class Stepper:
                 f"time = {t:.12g} s is resolved to {resolution:.2g} s, which is too coarse for steps of {h:g} s; "
                 "count times from a start at 0"
             )
-        systems, p, W, N = stacked(self.system), *begin[:3]
-        problem = IVP(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
+        systems, p, V, N = stacked(self.system), *begin[:3]
+        problem = IVP(systems, p, V, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         internal = internal_states(systems, self.load, begin, t)
         numbers = self._single.begin(replace(problem, internal=internal))
         wheels = [] if internal is None else [internal[0, k:][: one.count] for one, k in wheel_columns(self.load)]

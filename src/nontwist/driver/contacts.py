@@ -38,7 +38,7 @@ the rows of G being the axes a of friction of the body, and -n of that in bearin
 A wheel that stands is a part of the body, ``h = I n·W``; one that slips has the constant torque -λ, which takes c |Ω|.
 An impulse p changes W by -Q Gᵀ p, and h of bearings by -p: the total momentum does not feel those in bearings.
 
-`rubbing` has how a body slides, sticks and rests, `jumps` how other loads are named that jump with the state.
+`rubbing` has how a body slides, sticks and rests, `completion` how other loads are named that jump with the state.
 """
 
 from __future__ import annotations

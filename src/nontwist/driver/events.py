@@ -2,7 +2,7 @@
 
 The functions are evaluated at all nodes of the run, and so often inside each step that the body turns by at most about
 a quarter of a radian from one time to the next. The states there, and all that follow, are those of the run itself
-(`integrators.dense`, `engine.outputs`), so an event at t is where ``event(t, state(t))`` changes its sign, and
+(`integrators.dense`, `engine.workspace`), so an event at t is where ``event(t, state(t))`` changes its sign, and
 ``times=[t]`` gives its state. Between two times of opposite sign the root is that of the polynomial through values of
 the function, where it has one; otherwise it is found by Brent's method, to 1e-12 h + 4 eps |t|.
 

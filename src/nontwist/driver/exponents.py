@@ -24,8 +24,7 @@ from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
 from .derivatives import differentiable, solved_with
-from .ensembles import with_messages
-from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid
+from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid, with_messages
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
 from .starts import Starts
@@ -173,8 +172,8 @@ def lyapunov_ensemble(
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     scheme, grid = plan.scheme, plan.grid
     if plan.is_controlled:
-        scheme, problem, *_ = controlled(plan, begin, workers)
-        grid = problem.grid
+        found = controlled(plan, begin, workers)[0]
+        scheme, grid = found.scheme, found.problem.grid
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
     plan = plan._replace(scheme=scheme)

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.arrays import Array, as_array, as_number, increasing
 from ..geometry.values import as_whole, counted, short_repr
 from ..integrators import Integrator
-from ..integrators.costs import ONE, damping_rate, largest_velocity
 from ..integrators.problem import FIT, Stretches, stretched
 from ..io.whole import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
@@ -23,7 +22,7 @@ TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000  # steps of the automatic step
 MOST_STEPS = 10**11
 REACH = 100_000  # step counts around the requested one that are tried for breakpoints on the grid
-BLOCK, TRIES = 250_000, 10_000_000  # pairs of counts and fractions that are tried at a time, and in all
+BLOCK = 250_000  # pairs of counts and fractions that are tried at a time
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 HIGHER = 5  # times longer are the steps that resolve a load with an order above 2
 NODES_APART = 16  # units in the last place of a time that a step must have
@@ -98,14 +97,10 @@ def rest_of(before: Stretches | None, load: Load, t_start: float, t_end: float) 
     """Return what a run that was stopped has left of its grid, None where it has not, or kinks of `load` are off it."""
     if before is None or before.steps == 0 or before.borders[-1] != t_end:
         return None
-    if abs(_start_of(before) - t_start) > 4 * float(np.spacing(max(abs(t_start), abs(t_end)))):
+    first = before.borders[0] - before.numbers[0] * before.sizes[0]  # time of the node number 0
+    if abs(first - t_start) > 4 * float(np.spacing(max(abs(t_start), abs(t_end)))):
         return None
     return before if set(kinks(load, t_start, t_end).tolist()) <= set(before.borders) else None
-
-
-def _start_of(grid: Stretches) -> float:
-    """Return the time of the node number 0."""
-    return grid.borders[0] - grid.numbers[0] * grid.sizes[0]
 
 
 def with_spin_kinks(load: Load, systems: SystemStack) -> Load:
@@ -259,15 +254,13 @@ def fits(x: Array, N: int) -> bool:
 def fitting_count(x: Array, N: int, candidates: range) -> int | None:
     """Return the count nearest `N` among `candidates` whose grid holds all fractions `x` of the span.
 
-    None where there is none, or none is found among `TRIES` pairs of a count and a fraction: each fraction removes
-    counts, so that few counts are compared with many fractions.
+    None where there is none. Counts that hold m fractions are multiples of more than m: few are left to compare with
+    many fractions.
     """
-    left, first, tried = np.array(candidates, dtype=np.float64), 0, 0
+    left, first = np.array(candidates, dtype=np.float64), 0
     while first < len(x) and left.size:
         some = x[first : first + max(1, BLOCK // left.size), None]
-        first, tried = first + len(some), tried + len(some) * left.size
-        if tried > TRIES:
-            return None
+        first += len(some)
         left = left[(abs(some * left - np.rint(some * left)) <= FIT * left).all(axis=0)]
     return int(left[np.argmin(abs(left - N))]) if left.size else None
 
@@ -300,41 +293,6 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
                 f"{t_end:.12g} s"
             )
     return [message for message in messages if message]
-
-
-def automatic_grid(
-    systems: SystemStack,
-    W: Array,
-    load: Load,
-    t_start: float,
-    t_end: float,
-    scale: Array = ONE,
-    is_bound: bool = False,
-    *,
-    is_a_stable: bool = False,
-    longest: float | None = None,
-) -> Stretches:
-    """Return a grid for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
-
-    The run then knows how long they may be, `longest`. Modes that decay faster are resolved while they last, or, unless
-    the integrator is A-stable, all the time.
-
-    Raises
-    ------
-    ValueError
-        Too many steps; a bound is required, and the load is a function of the state, which has none.
-    """
-    if is_bound and load.called.terms:
-        raise ValueError("a load that is a function of the state has no bound: give step=")
-    if longest is None:
-        fastest = largest_velocity(systems, W, load, t_start, t_end, scale, is_bound)
-        longest = min((t_end - t_start) / FEWEST, TURN / fastest if fastest else np.inf)
-    rate = damping_rate(systems, load, scale)
-    if not longest * rate > 1:
-        return stretches_of(load, t_start, t_end, longest)
-    if is_a_stable:
-        return stretches_of(load, t_start, t_end, longest, decay=rate, part=TURN)
-    return stretches_of(load, t_start, t_end, 1 / rate, decay=rate)
 
 
 def _too_many(steps: float, decay: float) -> str:

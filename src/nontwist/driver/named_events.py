@@ -2,56 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_axis, as_number
+from ..geometry.arrays import Array, as_axis, as_number
 from .starts import BodyState
 
 
 class NamedEvent:
-    """An event function with a name, made by `axis_crosses` or `spin_below`; its kind and keys in run files."""
+    """An event function with a name, made by `axis_crosses` or `spin_below`; kind and keys are those in run files."""
 
-    kind = ""
-    fields: tuple[str, ...] = ()
-
-    def __init__(self, name: str, terminal: bool | int, direction: float) -> None:
-        self.__name__, self.terminal, self.direction = name, terminal, direction
+    def __init__(
+        self, kind: str, value: Callable[..., float], keys: dict[str, Any], name: str, terminal: bool | int, side: float
+    ) -> None:
+        self.kind, self.keys, self._value = kind, keys, value
+        self.__name__, self.terminal, self.direction = name, terminal, side
 
     def __call__(self, t: float, state: BodyState) -> float:
         """Return the value whose zeros are the events."""
-        raise NotImplementedError
+        return self._value(state, **self.keys)
 
     def __repr__(self) -> str:
         return f"<event {self.__name__}>"
 
 
-class _AxisCrosses(NamedEvent):
-    kind, fields = "axis-crosses", ("axis", "normal", "cosine")
-
-    def __init__(self, axis: Any, normal: Any, cosine: float, *rest: Any) -> None:
-        super().__init__(*rest)
-        self.axis, self.normal, self.cosine = axis, normal, cosine
-
-    def __call__(self, t: float, state: BodyState) -> float:
-        return float(self.normal @ (self.axis @ state.directors)) - self.cosine
+def _height(state: BodyState, axis: Array, normal: Array, cosine: float) -> float:
+    return float(normal @ (axis @ state.directors)) - cosine
 
 
-class _SpinBelow(NamedEvent):
-    kind, fields = "spin-below", ("value", "axis")
-
-    def __init__(self, value: float, axis: Any, *rest: Any) -> None:
-        super().__init__(*rest)
-        self.value, self.axis = value, axis
-
-    def __call__(self, t: float, state: BodyState) -> float:
-        x, y, z = state.material_angular_velocity
-        if self.axis is None:
-            return sqrt(x * x + y * y + z * z) - self.value
-        a, b, c = self.axis
-        return float(abs(a * x + b * y + c * z)) - self.value
+def _excess(state: BodyState, value: float, axis: tuple[float, float, float] | None) -> float:
+    x, y, z = state.material_angular_velocity
+    if axis is None:
+        return sqrt(x * x + y * y + z * z) - value
+    a, b, c = axis
+    return float(abs(a * x + b * y + c * z)) - value
 
 
 def axis_crosses(
@@ -100,7 +87,8 @@ def axis_crosses(
     x = as_number(cosine, "cosine")
     if not -1 < x < 1:
         raise ValueError(f"cosine must be between -1 and 1, got {x:g}")
-    return _AxisCrosses(_unit(axis, "axis"), _unit(normal, "normal"), x, name, terminal, direction)
+    keys = {"axis": _unit(axis, "axis"), "normal": _unit(normal, "normal"), "cosine": x}
+    return NamedEvent("axis-crosses", _height, keys, name, terminal, direction)
 
 
 def spin_below(
@@ -146,8 +134,8 @@ def spin_below(
     x = as_number(value, "value")
     if not x > 0:
         raise ValueError(f"value must be positive, got {x:g}")
-    along = None if axis is None else tuple(_unit(axis, "axis").tolist())
-    return _SpinBelow(x, along, name, terminal, direction)
+    keys = {"value": x, "axis": None if axis is None else tuple(_unit(axis, "axis").tolist())}
+    return NamedEvent("spin-below", _excess, keys, name, terminal, direction)
 
 
 def _unit(value: ArrayLike, name: str) -> Any:

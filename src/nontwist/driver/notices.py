@@ -15,11 +15,14 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..errors import warn
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
-from ..integrators.base import Failure
+from ..integrators.base import Failure, Outcome
 from ..integrators.costs import Cost
 from ..integrators.problem import Stretches
 from ..loads import Load
@@ -28,6 +31,9 @@ from ..models.stack import SystemStack
 from . import grid
 from .contacts import refusal
 from .grid import load_messages
+
+if TYPE_CHECKING:
+    import xarray
 
 LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
 STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
@@ -168,6 +174,25 @@ def failure_message(problem: IVP, failure: Failure) -> str:
     return f"{where}: {cause}; try step <= {remedy:g}"
 
 
+def messages(problem: IVP, outcome: Outcome) -> dict[int, str]:
+    """Return the messages of failed members, as `simulate` raises them."""
+    failed = np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist()
+    return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
+
+
+def with_messages(many: xarray.Dataset, problem: IVP, outcome: Outcome) -> xarray.Dataset:
+    """Return an ensemble with the messages of failed members, and warn of them."""
+    failed = messages(problem, outcome)
+    if not failed:
+        return many.assign_attrs(message="done")
+    first = next(iter(failed))
+    summary = f"{len(failed)} of {len(problem)} members have failed, the first is {first}: {failed[first]}"
+    warn(summary)
+    texts = [failed.get(i, "") for i in range(len(problem))]
+    many["message"] = ("member", np.array(texts, dtype=object), {"long_name": "why the run of the member ended"})
+    return many.assign_attrs(message=summary)
+
+
 def say(messages: Sequence[str | None]) -> bool:
     """Warn of each message that there is, at the line of the caller of the package; return whether there is none."""
     said = [message for message in messages if message]
@@ -181,8 +206,6 @@ def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: S
 
     Return whether there are none.
     """
-    if not load.terms and systems.spin is None:
-        return True
     return say(load_messages(load, systems, t0, t1, grid))
 
 

@@ -406,7 +406,7 @@ class Parameters:
             rates, factor = term.scale * forces_rates(term, nodes.times), 1.0
         else:
             rates, factor = moment_rates(term, nodes.times), self._scale
-        yield _nodal(_input_of(term), Slopes(*_rows(rates * later[:, None])), first, nodes, factor)
+        yield _nodal(_input_of(term), Slopes.of((rates * later[:, None])[..., None]), first, nodes, factor)
 
     def _later_rotor(self, term: Rotor | Wheel, first: int, nodes: StepNodes) -> Iterator[Entries]:
         """Yield what it does to the momentum of a rotor or a wheel, and to its rate."""
@@ -418,14 +418,14 @@ class Parameters:
         else:
             chords, momenta = [chord(term.times, term.values, t) for t in ends], [term.momentum(t) for t in ends]
         moved = [
-            Slopes(*_rows((term.scale * rate * by)[:, None] * n))
+            Slopes.of(((term.scale * rate * by)[:, None] * n)[..., None])
             for rate, by in zip(chords, (at[:-1], at[1:]), strict=True)
         ]
         yield from _rotor(moved[0], moved[1], first, nodes, self._scale)
         change = term.scale * (momenta[1] - momenta[0])
         change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
-        row, component, _, value = _rows(change)
-        yield Entries("rate", component, first + 0 * component, self._scale * value, nodes.first + row)
+        row, component, parameter, value = Slopes.of(change[..., None])
+        yield Entries("rate", component, first + parameter, self._scale * value, nodes.first + row)
 
 
 def principal_axes(J: Array) -> Array:
@@ -465,11 +465,6 @@ def _at_middles(effect: Effect, nodes: StepNodes) -> Iterator[Entries]:
     (one,) = effect.entries(nodes)
     for j in range(len(nodes.middles)):
         yield one._replace(component=3 * j + one.component)
-
-
-def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
-    row, component = np.indices(rows.shape).reshape(2, -1)
-    return row, component, 0 * row, rows.ravel()
 
 
 def _nodal(name: str, slopes: Slopes, first: int, nodes: StepNodes, factor: float = 1.0) -> Entries:

@@ -23,13 +23,16 @@ from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import (
+    FEWEST,
+    TURN,
     as_store,
-    automatic_grid,
     checked_output_times,
     count_steps,
     joined,
     kinks,
+    stored_count,
     stored_steps,
+    stretches_of,
     with_spin_kinks,
 )
 from .starts import Starts
@@ -55,7 +58,6 @@ class Plan(NamedTuple):
         "steps"  # what gives states near enough for figures: steps are short
     )
     means: bool = True  # whether means over the stored intervals are computed, most of what a run holds
-    estimates: Load | None = None  # the load from which steps are estimated, where it is known
 
     @property
     def goal(self) -> float:
@@ -88,6 +90,10 @@ class Plan(NamedTuple):
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.output_times is not None and self.scheme.any_times
 
+    def states(self, grid: Stretches) -> int:
+        """Return how many states are stored of a run on a grid; a ValueError where they do not fit into memory."""
+        return stored_count(grid.steps, self.store) if self.output_times is None else len(self.output_times)
+
     def linearised(self, begin: Starts) -> Plan:
         """Return the plan from which steps are estimated: with the damping that functions of the state are at a start.
 
@@ -95,8 +101,6 @@ class Plan(NamedTuple):
         called at the stages of given steps alone.
         """
         load = self.load
-        if self.estimates is not None:
-            return self._replace(load=self.estimates, estimates=None)
         if self.scheme.any_times or not load.called.terms or (self.grid is not None and not load.is_compiled):
             return self
         called, slowest = load.called, 1 / (self.t_end - self.t_start)
@@ -106,10 +110,6 @@ class Plan(NamedTuple):
         points = [*((self.t_start, *state) for state in states), *((t, *states[0]) for t in later)]
         found = [damping_at(called, *point, slowest) for point in points]
         return self._replace(load=load + damping(max(found, key=np.linalg.norm)))
-
-    def estimated(self, begin: Starts) -> Plan:
-        """Return the plan, with what steps are estimated from."""
-        return self._replace(estimates=self.linearised(begin).load)
 
     def remark(self, begin: Starts, problem: IVP) -> str | None:
         """Return what the integrator says about the steps of a problem, or None."""
@@ -132,10 +132,28 @@ class Plan(NamedTuple):
         return float(largest_velocity(self.systems, begin.velocity, load, *ends, begin.load_scale, is_bound))
 
     def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
-        """Return a grid for at most 0.05 rad a step, as `automatic_grid`."""
-        load = self.grid_load if is_bound else self.linearised(begin).grid_load
-        known = (self.systems, begin.velocity, load, self.t_start, self.t_end, begin.load_scale, is_bound)
-        return automatic_grid(*known, is_a_stable=self.scheme.is_a_stable, longest=longest)
+        """Return a grid for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
+
+        The run then knows how long they may be, `longest`. Modes that decay faster are resolved while they last, or,
+        unless the integrator is A-stable, all the time.
+
+        Raises
+        ------
+        ValueError
+            Too many steps; a bound is required, and the load is a function of the state, which has none.
+        """
+        if is_bound and self.load.called.terms:
+            raise ValueError("a load that is a function of the state has no bound: give step=")
+        load = (self if is_bound else self.linearised(begin)).grid_load
+        if longest is None:
+            fastest = self.fastest(begin, is_bound)
+            longest = min((self.t_end - self.t_start) / FEWEST, TURN / fastest if fastest else np.inf)
+        rate, span = damping_rate(self.systems, load, begin.load_scale), (self.t_start, self.t_end)
+        if not longest * rate > 1:
+            return stretches_of(load, *span, longest)
+        if self.scheme.is_a_stable:
+            return stretches_of(load, *span, longest, decay=rate, part=TURN)
+        return stretches_of(load, *span, 1 / rate, decay=rate)
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
@@ -206,18 +224,8 @@ def planned(
     load = as_load(load)
     if load.terms:
         load = fitting(load, scheme, systems)
-    return Plan(
-        scheme,
-        systems,
-        load,
-        t0,
-        t1,
-        store,
-        grid,
-        output_times,
-        tolerance,
-        candidates(scheme, is_open) if grid is None else (scheme,),
-    )
+    schemes = candidates(scheme, is_open) if grid is None else (scheme,)
+    return Plan(scheme, systems, load, t0, t1, store, grid, output_times, tolerance, schemes)
 
 
 def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:

@@ -18,7 +18,7 @@ from ..spec import with_keywords
 from .events import as_events
 from .planning import Plan, planned
 from .single_run import Prepared
-from .starts import Starts, start_of_one, starts
+from .starts import Starts, starts
 
 if TYPE_CHECKING:
     from .single_run import Forecast
@@ -342,18 +342,18 @@ def prepared(problem: Problem) -> Prepared:
     if "load_scale" in problem.given:
         raise ValueError("load_scale is that of an ensemble; multiply the load of one run: load=2 * load")
     begin = start_of(problem)
-    return Prepared(plan_of(problem, begin), begin, as_events(problem.events))
+    return Prepared(plan_of(problem, begin)._replace(shows="between"), begin, as_events(problem.events))
 
 
 def start_of(problem: Problem) -> Starts:
     """Return the checked start of one run; errors as `simulate`."""
-    return start_of_one(as_system(problem.system), t_start=problem.t_start, **part_of(problem, OfStart))
+    return starts(as_system(problem.system), t_start=problem.t_start, **part_of(problem, OfStart))
 
 
 def starts_of(problem: Problem) -> Starts:
     """Return the checked starts of many runs; errors as `simulate_ensemble`."""
     how = {"t_start": problem.t_start, "load_scale": problem.load_scale, **part_of(problem, OfStart)}
-    return starts(stacked(problem.system), **how)
+    return starts(problem.system, **how, many=True)
 
 
 def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan:

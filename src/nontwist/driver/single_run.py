@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from math import sqrt
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,10 +52,10 @@ class PreparedPlan:
     def __init__(self, plan: Plan, grid: Stretches) -> None:
         problem = replace(plan.problem(AT_REST, grid), intervals=True)
         self._march, self._terms, body = plan.scheme.prepared(problem), plan.load.description, plan.systems[0]
-        # Damping and linear potentials are scaled when they are laid out.
+        # Damping and linear potentials are scaled when they are laid out: another factor needs another preparation.
         linear = any(term.dead_force is not None for term in plan.load.potentials)
-        self._damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
-        self.whole = whole_of(plan, grid)
+        self.is_damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
+        self.whole, self.is_quiet = whole_of(plan, grid), False  # whether there is nothing to say of its costs
         self.unremarkable = unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
@@ -73,13 +73,7 @@ class PreparedPlan:
         nodes, is_plain = grid.steps * plan.scheme.nodes, plan.scheme.can_prepare(plan.load)
         if not is_plain or nodes > stack_march.NODES or plan.load.wheels or plan.systems.spin is not None:
             return False  # with wheels or a spin, the march begins with another velocity than the start
-        outputs = stored_count(grid.steps, plan.store) if plan.output_times is None else len(plan.output_times)
-        return max(nodes if plan.load.terms else 1, outputs) <= (most or stack_march.NODES)
-
-    @property
-    def is_damped(self) -> bool:
-        """Whether a factor of the load needs another preparation."""
-        return self._damped
+        return max(nodes if plan.load.terms else 1, plan.states(grid)) <= (most or stack_march.NODES)
 
     def states(self, p: Any, W: Any, scale: float) -> States | None:
         """Return the states of `run`, in memory that the next call of this thread overwrites; None as there."""
@@ -89,7 +83,7 @@ class PreparedPlan:
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
-        if scale != 1 and self._damped:
+        if scale != 1 and self.is_damped:
             return None
         found, squares, fastest = self._march(p, W, scale)
         if not squares < self._safe:
@@ -112,40 +106,30 @@ def held_by(load: Load) -> Load | None:
     return Load(load.potentials) if load.potentials else None
 
 
-class Known:
-    """What is known of a plan with a grid from runs before: that nothing is to be said of it, and its preparation.
-
-    Preparing pays off from the second run on.
-    """
-
-    def __init__(self) -> None:
-        self.is_quiet, self.has_run = False, False
-        self.prepared: PreparedPlan | None = None
-
-
 @lru_cache(maxsize=16)
-def _cached(plan: Plan, grid: Stretches) -> Known:
-    return Known()
+def _cached(plan: Plan, grid: Stretches) -> PreparedPlan:
+    require_resolution(plan.t_start, plan.t_end, grid)
+    return PreparedPlan(plan, grid)
 
 
-def known(plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()) -> Known:
-    """Return what is known of a plan: cached where the run is so plain and small, else nothing yet."""
+def known(
+    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
+) -> PreparedPlan | None:
+    """Return the prepared plan of a run that is so plain and small that it is kept; None for others."""
     is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.output_times is None
     is_small = is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
-    return _cached(plan, grid) if is_small else Known()
+    return _cached(plan, grid) if is_small else None
 
 
 def run_of(
     plan: Plan,
     begin: Starts,
     progress: bool = False,
-    estimate: Stretches | None = None,
     events: tuple[Event, ...] = (),
 ) -> Trajectory:
     """Return the run of a plan from a start, with the step of the plan or one that is chosen for the start.
 
-    The steps are those of the run without output times and events. `estimate` is the grid to try first where the plan
-    has none, if it is known already.
+    The steps are those of the run without output times and events.
 
     Raises
     ------
@@ -153,7 +137,13 @@ def run_of(
         As `nontwist.simulate`.
     """
     if plan.grid is None and (events or (plan.output_times is not None and not plan.is_controlled)):
-        steps = _chosen(plan, begin, estimate)
+        shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
+        try:
+            steps = run_of(plan._replace(output_times=None, shows=shows), begin)
+        except SimulationError as error:
+            if error.partial is None:
+                raise
+            steps = error.partial  # as far as it comes
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
         if plan.output_times is None and plan.is_between:
@@ -162,15 +152,16 @@ def run_of(
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
-        cached = known(plan, begin, plan.grid, progress, events)
-        cached.is_quiet = cached.is_quiet or check_cost(plan, begin, plan.grid)
-        run = integrated(plan, begin, plan.grid, progress, events, cached)
-        return with_warning(plan, run, cached.prepared)
+        prepared = known(plan, begin, plan.grid, progress, events)
+        if not (prepared and prepared.is_quiet):
+            is_quiet = check_cost(plan, begin, plan.grid)
+            if prepared:
+                prepared.is_quiet = is_quiet
+        return with_warning(plan, integrated(plan, begin, plan.grid, progress, events, prepared), prepared)
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.grid_load, plan.t_start, plan.t_end
-    grid = rest_of(begin.grid, load, t0, t1) or estimate
-    grid = grid or plan.automatic(begin)
+    grid = rest_of(begin.grid, load, t0, t1) or plan.automatic(begin)
     check_cost(plan, begin, grid)
     while True:
         try:
@@ -211,7 +202,6 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
     """Return the run of a plan with a tolerance; where it has output times, its steps are those without them."""
-    plan = plan.estimated(begin)
     has_times, own = plan.is_between or plan.output_times is not None, plan
     if has_times:
         has_series = plan.scheme.has_series(plan.systems, plan.load)
@@ -219,7 +209,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     first, states = first_of(plan, begin)
     check_cost(own._replace(scheme=first.scheme), begin, finer(first.grid), states)
     with progress_bar(1, "runs") if progress else nullcontext() as report:
-        found = controlled(own, begin, first=first, intervals=plan.means, progress=report)
+        found, goal, estimate = controlled(own, begin, first=first, intervals=plan.means, progress=report)
     own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
     if has_times and outcome.failures[0, 0] != Status.INTERRUPTED:
@@ -229,7 +219,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
         problem = own._replace(output_times=times).problem(begin, problem.grid)
         outcome = completion.march(found.scheme, replace(problem, intervals=plan.means, marched=nodes))
     run = trajectory(own, problem, outcome)
-    return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
+    return replace(run, tolerance=goal, error_estimate=estimate)
 
 
 def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:
@@ -252,18 +242,6 @@ def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> A
     return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).stored_times
 
 
-def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:
-    """Return the run whose steps are those of a plan with output times or events, as far as it comes."""
-    try:
-        shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
-        return run_of(plan._replace(output_times=None, shows=shows), begin, estimate=estimate)
-    except SimulationError as error:
-        if error.partial is None:
-            raise
-        run: Trajectory = error.partial
-        return run
-
-
 def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = None) -> bool:
     """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints.
 
@@ -271,10 +249,8 @@ def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = 
     """
     scheme, load = plan.scheme, plan.load
     is_quiet = not (load.terms and scheme.is_compiled) or warn_of_cost(load)
-    if states is None:
-        states = len(plan.output_times) if plan.output_times is not None else stored_count(grid.steps, plan.store)
     whole = plan.problem(begin, grid, np.array([0, grid.steps]))
-    is_quiet &= announce(notices.run_cost(scheme, whole, states), scheme, whole)
+    is_quiet &= announce(notices.run_cost(scheme, whole, states or plan.states(grid)), scheme, whole)
     if not plan.off_grid and plan.grid is not None:
         is_quiet &= warn_of_grid(load, plan.systems, plan.t_start, plan.t_end, grid)
     return is_quiet & say([plan.remark(begin, whole)])
@@ -286,27 +262,19 @@ def integrated(
     grid: Stretches,
     progress: bool = False,
     events: tuple[Event, ...] = (),
-    cached: Known | None = None,
+    prepared: PreparedPlan | None = None,
 ) -> Trajectory:
     """Return the run on a grid."""
     if events:
         problem = replace(plan.problem(begin, grid), intervals=True)
         found = march_to_events(plan.scheme, problem, events)
         return trajectory(plan, replace(problem, output_times=found.times), found.outcome, found)
-    if cached and cached.has_run:
-        if cached.prepared is None:
-            require_resolution(plan.t_start, plan.t_end, grid)
-            cached.prepared = PreparedPlan(plan, grid)
-        run = cached.prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
+    if prepared:
+        run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
-    elif cached:
-        cached.has_run = True
-    problem = replace(plan.problem(begin, grid), intervals=plan.means)
-    if not progress:
-        return trajectory(plan, problem, completion.march(plan.scheme, problem))
-    with progress_bar(grid.steps) as report:
-        problem = replace(problem, progress=report)
+    with progress_bar(grid.steps) if progress else nullcontext() as report:
+        problem = replace(plan.problem(begin, grid), intervals=plan.means, progress=report)
         return trajectory(plan, problem, completion.march(plan.scheme, problem))
 
 
@@ -352,20 +320,18 @@ class Prepared:
     plan: Plan
     begin: Starts
     events: tuple[Event, ...] = ()
-    shows: Literal["steps", "between"] = "between"  # what a run stores, as `Plan.shows`
 
     @cached_property
     def grid(self) -> Stretches:
         """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
-        plan = self.plan
-        if plan.is_controlled:
+        if self.plan.is_controlled:
             return finer(self.first[0].grid)
-        return plan.grid or plan.automatic(self.begin)
+        return self.plan.grid or self.plan.automatic(self.begin)
 
     @cached_property
     def first(self) -> tuple[First, int]:
         """What a run to a tolerance begins with, and how many states it stores."""
-        return first_of(self.plan._replace(shows=self.shows), self.begin)
+        return first_of(self.plan, self.begin)
 
     @property
     def scheme(self) -> Integrator:
@@ -375,16 +341,12 @@ class Prepared:
     @cached_property
     def states(self) -> int:
         """How many states are stored; a ValueError where they do not fit into memory."""
-        if self.plan.output_times is not None:
-            return len(self.plan.output_times)
-        if self.plan.is_controlled:
-            return self.first[1]
-        return stored_count(self.grid.steps, self.plan.store)
+        return self.first[1] if self.plan.is_controlled else self.plan.states(self.grid)
 
     @property
     def on_grid(self) -> Prepared:
         """The same with output at its nodes, and without events."""
-        return Prepared(self.plan._replace(output_times=None), self.begin, shows="steps")
+        return Prepared(self.plan._replace(output_times=None, shows="steps"), self.begin)
 
     def refined(self, run: Trajectory, n: int) -> Prepared:
         """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""
@@ -404,7 +366,7 @@ class Prepared:
 
     def run(self, progress: bool = False) -> Trajectory:
         """Integrate it; errors as `nontwist.simulate`."""
-        return run_of(self.plan._replace(shows=self.shows), self.begin, progress, self.grid, self.events)
+        return run_of(self.plan, self.begin, progress, self.events)
 
 
 # What a run will be like, forecast before it runs: steps, size, time, turn a step, and the phase error to expect.

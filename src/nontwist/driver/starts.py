@@ -113,7 +113,6 @@ SENTENCES["start-other-inertia"] = (
     "attitude and angular velocity are kept, and the momentum jumps; to start another body, give its rotation and "
     "angular velocity"
 )
-BOTH = "give material_angular_velocity= or angular_velocity=, not both"
 
 
 class Starts(NamedTuple):
@@ -133,43 +132,8 @@ class Starts(NamedTuple):
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 
 
-def start_of_one(
-    system: DirectorSystem,
-    start: Any = None,
-    rotation: Any = None,
-    scalar_first: bool | None = None,
-    material_angular_velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    project: bool = False,
-    t_start: float | None = None,
-) -> Starts:
-    """Return the checked start of one run; parameters as in `nontwist.simulate`.
-
-    Raises
-    ------
-    ValueError
-        Contradictory or malformed input, or spin about the constrained axis.
-    """
-    if start is not None and rotation is not None:
-        raise ValueError("give start= or rotation=, not both")
-    if material_angular_velocity is not None and angular_velocity is not None:
-        raise ValueError(BOTH)
-    given = material_angular_velocity is not None or angular_velocity is not None
-    systems, carried = stacked(system), None if start is None else last_state(start)
-    if carried is not None and given:
-        raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
-    if carried is not None:
-        return _projected(carried, systems, _new_axis(start, systems), project, t_start)
-    p, W = last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
-    if angular_velocity is not None:
-        W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
-    elif material_angular_velocity is not None:
-        W = np.array([vector(material_angular_velocity, "material_angular_velocity")], dtype=np.float64)
-    return _projected(Starts(p, W), systems, systems.axis, project, t_start)
-
-
 def starts(
-    systems: SystemStack,
+    system: DirectorSystem | SystemStack,
     start: Any = None,
     rotation: Any = None,
     scalar_first: bool | None = None,
@@ -178,35 +142,42 @@ def starts(
     load_scale: ArrayLike = 1.0,
     project: bool = False,
     t_start: float | None = None,
+    many: bool = False,
 ) -> Starts:
-    """Return the checked starts of an ensemble; parameters as in `nontwist.simulate_ensemble`.
+    """Return checked starts; parameters as in `nontwist.simulate`, of `many` as in `nontwist.simulate_ensemble`.
 
     Raises
     ------
     ValueError
         Contradictory or malformed input, member axes that do not fit together, or spin about a constrained axis.
     """
+    if start is not None and rotation is not None:
+        raise ValueError("give start= or rotation=, not both")
     if material_angular_velocity is not None and angular_velocity is not None:
-        raise ValueError(BOTH)
-    given = material_angular_velocity is not None or angular_velocity is not None
-    if start is not None and (rotation is not None or given):
-        raise ValueError("start= brings attitudes and velocities; leave rotation= and the angular velocity out")
-    begin, name = Starts(_quaternions(rotation, scalar_first), np.zeros((1, 3))), "rotation"
+        raise ValueError("give material_angular_velocity= or angular_velocity=, not both")
+    name, given = "material_angular_velocity", material_angular_velocity
+    if angular_velocity is not None:
+        name, given = "angular_velocity", angular_velocity
+    systems, begin = stacked(system), None
     if start is not None:
-        begin, name = _of_run(start), "start"
-    velocity_name = "angular_velocity" if angular_velocity is not None else "material_angular_velocity"
-    if given:
-        W = _vectors(angular_velocity if angular_velocity is not None else material_angular_velocity, velocity_name)
-        begin = begin._replace(velocity=W)
+        begin = _of_run(start) if many else last_state(start)
+    if begin is None:
+        attitude = rotation if start is None else start
+        p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first)
+        begin, axis = Starts(p, np.zeros((1, 3)) if given is None else _vectors(given, name, many)), systems.axis
+    elif given is not None:
+        raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+    else:
+        axis = _new_axis(start, systems)
     factors = as_array(load_scale, "load_scale", (...,))
     if factors.ndim > 1:
         raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
-    scale = factors.reshape(-1)
-    p, W, N = begin[:3]
-    m = _common({"system": len(systems), name: len(p), velocity_name: len(W), "load_scale": len(scale)})
+    (p, W, N), scale = begin[:3], factors.reshape(-1)
+    attitudes_name = "rotation" if start is None else "start"
+    m = _common({"system": len(systems), attitudes_name: len(p), name: len(W), "load_scale": len(scale)})
     if angular_velocity is not None:
-        W = _in_body(p, W)
-    axis = systems.axis if start is None else _new_axis(start, systems)
+        R = attitudes(p)
+        W = R[:, 0] * W[:, :1] + R[:, 1] * W[:, 1:2] + R[:, 2] * W[:, 2:]
     begin = _projected(begin._replace(velocity=W), systems, axis, project, t_start)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
@@ -223,7 +194,7 @@ def as_rotation(value: Any, scalar_first: bool | None = None) -> Any:
 def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
     """Return the quaternion of an attitude, of a motion the last, (1, 4)."""
     if rotation is None:
-        return np.array([[0.0, 0.0, 0.0, 1.0]])
+        return AT_REST.quaternion
     R = as_rotation(rotation, scalar_first=scalar_first)
     p: Array = (R if R.single else R[-1]).as_quat()[None]
     return p
@@ -231,23 +202,17 @@ def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
 
 def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:
     if rotation is None:
-        return np.array([[0.0, 0.0, 0.0, 1.0]])
+        return AT_REST.quaternion
     quaternion: Array = as_rotation(rotation, scalar_first=scalar_first).as_quat()
     if quaternion.ndim > 2:
         raise ValueError(f"rotation must have one member axis, got {quaternion.ndim - 1}")
     return quaternion.reshape(-1, 4)
 
 
-def _vectors(value: Any, name: str) -> Array:
-    given = as_floats(value, name)
-    return as_array(given, name, (None, 3)) if given.ndim == 2 else as_array(given, name, (3,))[None]
-
-
-def _in_body(p: Array, w: Array) -> Array:
-    """Return W = Λᵀ w, (m, 3)."""
-    R = attitudes(p)
-    W: Array = R[:, 0] * w[:, :1] + R[:, 1] * w[:, 1:2] + R[:, 2] * w[:, 2:]
-    return W
+def _vectors(value: Any, name: str, many: bool) -> Array:
+    if many and (given := as_floats(value, name)).ndim == 2:
+        return as_array(given, name, (None, 3))
+    return np.array([vector(value, name)], dtype=np.float64)
 
 
 def _common(lengths: dict[str, int]) -> int:
@@ -316,19 +281,15 @@ def last_state(start: Any) -> Starts | None:
     if isinstance(start, Trajectory):
         own = start.states.part(slice(-1, None))
         time, internal = float(start.time[-1]), own.internal
-        return Starts(*own[:3], np.ones(1), time, grid_of(start), _row(start.memory), internal)
+        memory = None if start.memory is None else start.memory[None]
+        return Starts(*own[:3], np.ones(1), time, grid_of(start), memory, internal)
     q, v, time = (np.array(getattr(start, name))[-1] for name in NEEDED)
     as_rotation(q.T)
     p, W, N = states_of(q, as_array(v, "director_velocities", (3, 3)))
     if "quaternion" in start and start["quaternion"].values[-1] @ p < 0:
         p = -p
     internal = start["internal_state"].values[-1:] if "internal_state" in start else None
-    memory = _row(_memory(start))
-    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), memory, internal)
-
-
-def _row(array: Array | None) -> Array | None:
-    return None if array is None else array[None]
+    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), _memory(start), internal)
 
 
 def grid_of(start: Any) -> Stretches | None:
@@ -347,12 +308,12 @@ def grid_of(start: Any) -> Stretches | None:
 
 
 def _memory(start: Any) -> Array | None:
-    """Return the internal state of the integrator at the end of a run."""
+    """Return the internal state of the integrator at the end of a run, (1, k)."""
     text = getattr(start, "attrs", {}).get("memory")
     if text is None:
         return None
     try:
-        return np.array(json.loads(text), dtype=np.float64)
+        return np.array(json.loads(text), dtype=np.float64)[None]
     except (TypeError, ValueError) as error:
         raise ValueError(f"the attribute memory of start= is damaged: {error}") from error
 

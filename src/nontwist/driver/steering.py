@@ -134,7 +134,7 @@ def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steer
     """Return the shortest motion without twist from one attitude to another.
 
     The axis d3 moves on a circle. Several motions are equally short for turns by π and for turns about d3; one of them
-    is returned (`nontwist.analysis.steering`).
+    is returned (`nontwist.driver.steering`).
 
     Parameters
     ----------

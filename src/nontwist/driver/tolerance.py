@@ -69,22 +69,13 @@ HARMONICS = 1.5  # rates in a motion over the largest |w|
 STEADY = 2.0  # rad, at which c is measured: of every order above round-off; a gyration in a step that is resolved
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
+ENDED = (Status.INTERRUPTED, Status.JUMP)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
 DECAYS = 1e21  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
 PHASE = 0.2  # rad, of a swing in a step that is shown
 LEVEL = 0.3  # slope of what no longer falls
 UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
-
-
-class Controlled(NamedTuple):
-    """A run or an ensemble within its tolerance."""
-
-    scheme: Integrator
-    problem: IVP
-    outcome: Outcome
-    tolerance: float
-    estimate: float
 
 
 class First(NamedTuple):
@@ -124,8 +115,10 @@ class Trial(NamedTuple):
 
 def controlled(
     plan: Plan, begin: Starts, threads: int = 1, first: First | None = None, on_gpu: bool = False, **options: Any
-) -> Controlled:
-    """Return the run or the ensemble of a plan with a tolerance, whose `options` its problem has.
+) -> tuple[Trial, float, float]:
+    """Return the run or the ensemble of a plan with a tolerance, the tolerance, and the estimate of its error.
+
+    `options` are those of the problem.
 
     Raises
     ------
@@ -148,9 +141,7 @@ def controlled(
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
-        if coarse.has(Status.INTERRUPTED, Status.JUMP):
-            return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
-        if floor is None and not coarse.has(*COARSE):
+        if floor is None and not coarse.has(*COARSE, *ENDED):
             other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
             floor = _distance(coarse, other, ends=True) / LARGER
             if FLOORS * floor > plan.goal:
@@ -163,9 +154,9 @@ def controlled(
                 h, coarse = better, None
                 grid = _grid(linear, begin, scheme, h)
                 continue
-        fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
-        if fine.has(Status.INTERRUPTED, Status.JUMP):
-            return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
+        fine = coarse if coarse.has(*COARSE, *ENDED) else run(scheme, finer(coarse.grid), None)
+        if fine.has(*ENDED):
+            return fine, goal, np.inf
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
             continue
@@ -175,7 +166,7 @@ def controlled(
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
             if amplified and plan.tolerance is None:
                 warn(amplified)
-            return Controlled(scheme, fine.problem, fine.outcome, goal, d)
+            return fine, goal, d
         is_seen = (gap < UNSEEN and fine.grid.longest * gyration <= STEADY) or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
@@ -185,12 +176,12 @@ def controlled(
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
     if fine.has(*COARSE):  # at any step: the run says how it fails
         fine = run(scheme, fine.grid, None)
-        return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
+        return fine, goal, np.inf
     text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
     if plan.tolerance is not None:
         raise ValueError(text)
     warn(text)
-    return Controlled(scheme, fine.problem, fine.outcome, goal, d)
+    return fine, goal, d
 
 
 def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple[Integrator, float]:

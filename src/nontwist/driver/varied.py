@@ -26,6 +26,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import ENTRIES, attitudes
+from ..geometry.rotations import hat
 from ..integrators.problem import stretched
 from ..loads import Load
 from ..loads.derivatives import with_parameter
@@ -33,12 +34,12 @@ from ..models.spin import Spin
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, euler_inertia
 from .derivatives import changes_of, differentiable, linearised_by, slopes_of, solved_with
+from .ensembles import NAME, Propagator
 from .grid import stored_steps
 from .parameters import Parameter, Parameters, principal_axes
 from .planning import Plan
-from .propagation import NAME, Propagator
 from .single_run import run_of
-from .starts import Starts, start_of_one
+from .starts import Starts, starts
 
 MATRICES = ("rotation", "inertia", "dead_force", "damping")
 OF_START = {NAME, "rotation", "load_scale"}  # what a propagator takes
@@ -114,7 +115,7 @@ class Varied:
         along = np.concatenate(columns, axis=1).T
         R, changes = self._changes(values, list(named), along)
         turned, faster = changes[:, :3], changes[:, 3:]
-        return R @ _hat(np.moveaxis(turned, 2, 0)), np.moveaxis(faster, 2, 0)
+        return R @ hat(np.moveaxis(turned, 2, 0)), np.moveaxis(faster, 2, 0)
 
     def pull(self, values: Values, names: Sequence[str], by_attitude: Array, by_velocity: Array) -> dict[str, Array]:
         """Return the derivatives of d functions by the parameters, (d, ...), from those by the states.
@@ -167,9 +168,8 @@ class Varied:
         return {**self._start, **{name: value if value.ndim else float(value) for name, value in values.items()}}
 
     def _begin(self, system: DirectorSystem, values: Values) -> Starts:
-        own = {**self._start, **values}
-        begin = start_of_one(system, None, own["rotation"], None, own[NAME], None, self.project, self.plan.t_start)
-        return begin._replace(load_scale=np.array([float(own.get("load_scale", 1.0))]))
+        own = {**self._start, **{name: values[name] for name in values if name in OF_START}}
+        return starts(system, **own, project=self.project, t_start=self.plan.t_start)
 
     def _with(self, values: Values) -> tuple[Plan, Starts]:
         """Return the plan and the start with these values."""
@@ -218,7 +218,7 @@ def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
 def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
     """Return the transpose of `_inwards`: derivatives by a parameter as it is given, (d, ...)."""
     if one.field == "rotation":
-        half: Array = value @ _hat(slopes) / 2
+        half: Array = value @ hat(slopes) / 2
         return half
     if one.field == "inertia":
         found = np.zeros((len(slopes), 3, 3))
@@ -230,13 +230,7 @@ def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...
     return (slopes / length).reshape(len(slopes), *shape)
 
 
-def _hat(x: Array) -> Array:
-    """Return the skew matrices, (..., 3, 3), of vectors (..., 3)."""
-    found: Array = np.cross(np.eye(3), x[..., None, :])
-    return found
-
-
 def _vee(A: Array) -> Array:
-    """Return the transpose of `_hat`: A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3)."""
+    """Return the transpose of `hat`: A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3)."""
     found: Array = np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)
     return found

@@ -48,11 +48,11 @@ class StateFunctions:
         if self.load.terms:
             parts: Any = tuple((term.c_function, term.scale) for term in self.load.terms if term.c_function)
             moment = c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
-            self.address = self._address(moment)
+            self.address = self._with_address(moment).address
         if load.memories:
             functions = ((term, self._with_address(term.c_function or evaluated(term))) for term in load.memories)
             responses = tuple((function, term.scale, term.state0.size) for term, function in functions)
-            self.memory_response = self._address(response_of(responses))
+            self.memory_response = self._with_address(response_of(responses)).address
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 
@@ -65,15 +65,10 @@ class StateFunctions:
             place = 1 + TERM.size * k
             found[place : place + TERM.size] = numbers_of(term)
             if kernel_kind(term) in FUNCTIONS:
-                whole[place + TERM.function] = self._address(term.c_function or evaluated(term))
-                whole[place + TERM.slopes] = 0 if slopes is None else self._address(slopes(term))
+                whole[place + TERM.function] = self._with_address(term.c_function or evaluated(term)).address
+                whole[place + TERM.slopes] = 0 if slopes is None else self._with_address(slopes(term)).address
         self.keepalive.append(found)
         self.generalised, self.terms = generalised.address, found.ctypes.data
-
-    def _address(self, function: Any) -> int:
-        """Return the address of a function."""
-        found: int = self._with_address(function).address
-        return found
 
     def _with_address(self, function: Any) -> Any:
         """Return what has the address of what is compiled, or of a callback of what runs in Python and may raise."""

@@ -11,7 +11,7 @@ Functions of the state are evaluated once, with their derivatives, and linear fr
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop
@@ -24,7 +24,6 @@ from .marching import Text
 from .records import FORCES, Body, Parts, State, offsets_of
 from .sampling import Nodes, mean
 
-Number = TypeVar("Number")
 INPUTS = {
     "inertia": 6,  # 11, 22, 33, 23, 13, 12
     "axis": 3,
@@ -250,8 +249,7 @@ class Known(Nodes):
 
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
-        found: Vector = x @ self.basis
-        return found
+        return x @ self.basis
 
     def tilted(self, x: Vector) -> Vector:
         """Return a vector of the body as the frame has it that is turned."""
@@ -274,13 +272,9 @@ class Known(Nodes):
         """Return the change of the prescribed spin."""
         return self.vary.along("spin", self.known(j).spin)
 
-    def dead(self) -> Matrix:
-        """Return the dead forces as seen at the beginning, rows."""
-        return Matrix(*map(self.to_material, self.body.dead))
-
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        return self.calls.linear(self, j)
+        return LinearFunctions(self, self.calls, j)
 
     def later(self, j: Any = 0) -> Any:
         """Return the changes of the time of a node, a number of value 0."""
@@ -293,19 +287,15 @@ class Known(Nodes):
 
     def to_material(self, x: Vector) -> Vector:
         """Return the components in b, at the beginning of the step, of a vector in space."""
-        f: Vector = x @ self.R
+        f = x @ self.R
         return f if self.turn is None else varied(f, cross(f, self.turn))
 
 
-def varied(x: Number, change: Any) -> Number:
+def varied(x: Any, change: Any) -> Any:
     """Return numbers to which a change of value 0 is added: their values stay the same to the last bit."""
-    found: Any = x
     if isinstance(x, tuple):
-        found = remade(x, [varied(*each) for each in zip(x, change, strict=True)])
-    elif isinstance(change, Dual):
-        found = change.chain(plain(x), (1.0, 1.0), (x, change))
-    result: Number = found
-    return result
+        return remade(x, [varied(*each) for each in zip(x, change, strict=True)])
+    return change.chain(plain(x), (1.0, 1.0), (x, change)) if isinstance(change, Dual) else x
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:
@@ -338,10 +328,6 @@ class FunctionCalls(NamedTuple):
     def slopes(self, at: View) -> Any:
         """Return the memory of the derivatives, which lies behind what else is known."""
         return at._memory.shifted(size_of(KnownStep) * self.parts.lanes)
-
-    def linear(self, known: Known, j: Any) -> LinearFunctions:
-        """Return the functions at a node, as they were evaluated there."""
-        return LinearFunctions(known, self, j)
 
     def evaluate(self, at: View, directors: Matrix, w: Vector, half: Vector, is_sloped: bool = True) -> None:
         """Evaluate them, with their derivatives: directors and w are given in space, the half turn in the body."""
@@ -382,8 +368,7 @@ class LinearFunctions:
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         rows = Matrix(*(mean(s, -a, row) for row in self.R))
-        found: Vector = self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
-        return found
+        return self.changed(self.B @ rows.T, self.R @ w, self.B @ a)[0]
 
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""

@@ -25,12 +25,12 @@ Quaternions are turned by finite turns, for as long as one likes, without a drif
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from math import sqrt as root
 from typing import Any, NamedTuple
 
 from numpy.polynomial.legendre import leggauss
 
-from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, select, sin, smaller, sqrt, without
 from ..kernels.kernel import Kernel
@@ -48,6 +48,7 @@ from .workspace import (
     extend,
     gather,
     integrate,
+    internal,
     note_failure,
     observe,
     scatter,
@@ -202,15 +203,10 @@ def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any,
     return found._replace(twist=2.0 * (nodes.body.axis @ a), **multipliers)
 
 
-_kernels: dict[tuple[Text, Parts], Kernel] = {}
-
-
+@cache
 def march_kernel(text: Text, parts: Parts) -> Kernel:
     """Return the kernel that marches bodies; it is compiled when it is called."""
-    with machine_code.LOCK:
-        if (text, parts) not in _kernels:
-            _kernels[text, parts] = Kernel(march(text, parts), "i8", parts.lanes)
-        return _kernels[text, parts]
+    return Kernel(march(text, parts), "i8", parts.lanes)
 
 
 def march(text: Text, parts: Parts) -> Callable[[Any], None]:
@@ -283,7 +279,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             if parts.needs_means:
                 take_in(text, parts, x, h, h / lengths[v.done], found)
             v.state = found.state
-            advance_internal(parts, nodes.internal)
+            advance_internal(parts, internal(b))
             if parts.observes:
                 see(v.state)
                 if not text.integrates:

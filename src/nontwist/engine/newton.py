@@ -43,8 +43,6 @@ def solve(
     sizes: Callable[[Vector, Vector], tuple[Any, Any, Any]],
     guess: Vector,
     is_active: Any,
-    is_constrained: bool = False,
-    is_long: bool = False,
     explicit: Vector | None = None,
 ) -> Solution:
     """Solve r(y) = 0 for the bodies whose mask is set.
@@ -52,7 +50,9 @@ def solve(
     Parameters
     ----------
     nodes : Nodes
-        Of the step; those of a step that is linearised know its solutions (`Solved`).
+        Of the step; those of a step that is linearised know its solutions (`Solved`). With a constrained axis the third
+        unknown is known: two equations. Where r is long, or calls functions of the state, it stands in the code once,
+        and gets nothing that is no number.
     equations_at : function
         Of y and of whether a Jacobian will be made there; returns the text of r near y, which is differentiated by
         dual numbers.
@@ -61,17 +61,13 @@ def solve(
     guess : Vector
         Where it is -0.0, known when the text is traced, sums with it are left out.
     is_active : mask
-    is_constrained : bool
-        Whether the third unknown is known: two equations.
-    is_long : bool
-        Whether r is long, or calls functions of the state: it stands in the code once, and gets nothing that is no
-        number.
     explicit : Vector, optional
         The solution, where it is known.
     """
     known: Solved | None = nodes.solved
     if known is not None and known.is_complete:
         return known.derivatives(equations_at, guess)
+    is_constrained, is_long = nodes.parts.is_constrained, nodes.parts.calls or nodes.parts.dissipates
     if explicit is not None:
         found = Solution(explicit, 0.0 * explicit[0], 0.0 * explicit[0], 0.0 * explicit[0] > 1.0)
         if known is not None:
@@ -83,7 +79,7 @@ def solve(
     def iterate(y: Vector, is_new: Any, is_late: Any) -> None:
         r_of = equations_at(y, is_new)
         for _ in when(is_new):
-            v.A = inverse_of_two(r_of, y) if is_constrained else inverse_of(*jacobian(r_of, y))
+            v.A = inverse_jacobian(r_of, y, is_constrained)
         r, A = r_of(y), v.A
         if is_constrained:
             d = Vector(-(A[0][0] * r[0] + A[0][1] * r[1]), -(A[1][0] * r[0] + A[1][1] * r[1]), 0.0)
@@ -122,8 +118,7 @@ class Solved:
         """Begin the step on dual numbers, with the inverse of each Jacobian at the solution."""
         for equations_at, solution, is_constrained in self._noted:
             r_of = equations_at(solution.y, True)
-            A = inverse_of_two(r_of, solution.y) if is_constrained else inverse_of(*jacobian(r_of, solution.y))
-            self._found.append((solution, A))
+            self._found.append((solution, inverse_jacobian(r_of, solution.y, is_constrained)))
         self.is_complete = True
 
     def derivatives(self, equations_at: Any, guess: Vector) -> Solution:
@@ -137,8 +132,10 @@ class Solved:
         return solution._replace(y=Vector(*found, *y[len(A) :]))
 
 
-def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:
-    """Return the inverse of the Jacobian of the first two equations by the first two unknowns, rows."""
+def inverse_jacobian(r_of: Callable[[Vector], Vector], y: Vector, is_constrained: bool) -> Any:
+    """Return the inverse of the Jacobian, rows: of all equations, or of the first two by the first two unknowns."""
+    if not is_constrained:
+        return inverse_of(*jacobian(r_of, y))
     found = r_of(seeded(y, (0, 1)))
     (a, b), (c, d) = ([tangent(x, j) for j in range(2)] for x in found[:2])
     f = 1.0 / (a * d - b * c)

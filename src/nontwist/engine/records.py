@@ -258,7 +258,7 @@ class Block(NamedTuple):
     step: Doubles  # the step and the time unit
     lengths: Doubles  # (k - 1,) of the stored intervals
     workspace: int
-    calls: Doubles  # a list of calls (`outputs`)
+    calls: Doubles  # a list of calls (`workspace`)
 
 
 # Where their fields lie, for what is packed in Python.

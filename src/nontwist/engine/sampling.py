@@ -18,7 +18,7 @@ from ..kernels.kernel import part
 from ..kernels.memory import View, call, doubles, fields, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross, first_moment, sum_of, taxicab
 from .records import FORCES, Body, Found, Parts, StateCall, Work
-from .workspace import internal, turned_into
+from .workspace import turned_into
 
 EPS = 2.0**-52
 DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
@@ -206,15 +206,6 @@ class Nodes:
         """The rate of an orbit, in units of the body, and its axis in space."""
         about = self.block.orbit
         return about[0], vector_at(about, 1)
-
-    @property
-    def internal(self) -> Any:
-        """The internal states at the beginning of the step."""
-        return internal(self.block)
-
-    def fraction(self, i: Any) -> Any:
-        """Return the fraction of the step that a substep takes."""
-        return self.block.fractions[i]
 
     def begin(self, node: Any, p: Quaternion) -> None:
         """Begin a step at its first node, with the attitude p."""

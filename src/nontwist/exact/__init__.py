@@ -1,10 +1,15 @@
 """Closed-form solutions, each with its source, domain and accuracy; plain arrays in and out, no run and no dataset."""
 
-from .discrete_scheme import discrete_angle, discrete_free, discrete_second_quotient
 from .free_bodies import free_nontwisting, free_standard, symmetric_top
 from .geometric_phases import latitude_turn, momentum_period, montgomery_angle, polygon_turn
 from .gyrostats import free_gyrostat
-from .loaded_body import loaded_momentum, loaded_nontwisting
+from .nontwisting_body import (
+    discrete_angle,
+    discrete_free,
+    discrete_second_quotient,
+    loaded_momentum,
+    loaded_nontwisting,
+)
 from .suslov_body import suslov, suslov_velocity
 
 __all__ = [

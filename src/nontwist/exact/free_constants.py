@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 from ..kernels.control import Variables, when, whilst
 from ..kernels.elements import any_of, copysign, cos, exp, floor, larger, log, logical_not, select, sin, sqrt
 from ..kernels.kernel import part
-from ..kernels.memory import View, size_of, view_in
+from ..kernels.memory import View, size_of
 from ..kernels.vectors import AXES, Matrix, Vector
 
 OK, BAD_TIME = range(2)
@@ -138,13 +138,10 @@ def principal_axes(J: Matrix) -> tuple[Matrix, Vector]:
         is_larger = moments[i] > moments[j]
         moments[i], moments[j] = select(is_larger, (moments[j], moments[i]), (moments[i], moments[j]))
         rows[i], rows[j] = select(is_larger, (rows[j], -rows[i]), (rows[i], rows[j]))
-    return Matrix(*rows) + to_orthonormal(Matrix(*rows)), Vector(*moments)
-
-
-def to_orthonormal(R: Matrix) -> Matrix:
-    """Return what to add to the rows of R: half of what is left of ``I - R Rᵀ``, Newton's step to the polar factor."""
-    E = Matrix(*(Vector(*(0.5 * ((1.0 if i == j else 0.0) - a @ b) for j, b in enumerate(R))) for i, a in enumerate(R)))
-    return Matrix(*(row[0] * R[0] + row[1] * R[1] + row[2] * R[2] for row in E))
+    R = Matrix(*rows)
+    left = [Vector(*(0.5 * ((1.0 if i == j else 0.0) - a @ b) for j, b in enumerate(R))) for i, a in enumerate(R)]
+    step = [row[0] * R[0] + row[1] * R[1] + row[2] * R[2] for row in left]  # Newton's to the polar factor
+    return R + Matrix(*step), Vector(*moments)
 
 
 def _moduli(M: Vector, rx: Any, rz: Any) -> tuple[Any, Any, Any, Any]:
@@ -239,8 +236,7 @@ def phase(c: View, t: Any) -> tuple[Any, ...]:
         v.found = _circular(c, u)
     for _ in when(c.hyperbolic != 0.0):
         v.found = _hyperbolic(c, u)
-    found: tuple[Any, ...] = v.found
-    return found
+    return v.found
 
 
 def thetas(q: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any, Any, Any]:
@@ -289,12 +285,3 @@ def _hyperbolic(c: View, u: Any) -> tuple[Any, ...]:
     X = w[1] * (1.0 + e) + w[3] * (a + b) + w[5] * (a2 + b2) + w[7] * a3
     Y = sign * (w[0] * (1.0 - e) + w[2] * (a - b) + w[4] * (a2 - b2) + w[6] * a3)
     return cn, sn, dn, X, Y, turns * c.per_turn
-
-
-def period(constants: Any) -> tuple[float, float]:
-    """Return the time in which the momentum returns in the body, infinite where it does not, and what ψ gains in it."""
-    c = view_in(Constants, constants)
-    if c.pace == 0.0 or not math.isfinite(c.two_k) or not math.isfinite(c.u0):
-        return math.inf, 0.0
-    T = 2.0 * c.two_k / abs(c.pace)
-    return float(T), float(c.rate * T + math.copysign(2.0, c.pace) * c.per_turn)

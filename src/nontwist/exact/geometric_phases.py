@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, principal_angle, unit_vectors
 from ..models.system import checked_inertia
-from .free_bodies import checked_velocity, prepare
-from .free_constants import CONSTANTS, period
+from .free_bodies import checked_velocity, momentum_cycle
 
 _SHORT = 1e-12
 
@@ -180,9 +179,7 @@ def polygon_turn(vertices: ArrayLike) -> float:
 
 def _period(inertia: ArrayLike, material_angular_velocity: ArrayLike, physical: bool) -> tuple[float, float]:
     J, W = checked_inertia(inertia, physical), checked_velocity(material_angular_velocity)
-    c = np.empty(CONSTANTS)
-    prepare(J, W, c)
-    T, angle = period(c)
+    T, angle = momentum_cycle(J, W)
     if not math.isfinite(T):
         raise ValueError(f"the momentum of this motion never returns in the body: W = {W.tolist()} rad/s")
     return T, angle

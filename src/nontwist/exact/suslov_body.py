@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..engine.marching import exponential, magnus
+from ..engine.marching import magnus, turned_by_vector
 from ..geometry.arrays import EPS, Array, as_direction
 from ..kernels.control import Variables, loop
 from ..kernels.elements import cosh, real, select, sqrt, tanh
@@ -194,15 +194,10 @@ def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike, physical: 
     return _Plane(speed * (ends / root) @ plane, y0, c * speed / float(root.prod()), speed / float(root.min()))
 
 
-def _velocity(B: Matrix, y: Any) -> Any:
-    return 1.0 / cosh(y) * B[0] + tanh(y) * B[1]
-
-
-def _turn(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
-    """Return the quaternion of a Magnus step from the middle with ``W = B[0]/cosh y + B[1] tanh y``."""
+def _turn(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Any:
+    """Return the rotation vector of a Magnus step with y in the middle, ``W = B[0]/cosh y + B[1] tanh y``."""
     reach = select(is_steady, 0.0, A * math.sqrt(0.15) * h)
-    cosm1, v = exponential(magnus(h, [_velocity(B, y + k * reach) for k in (-1.0, 0.0, 1.0)]))
-    return Quaternion(1.0 + cosm1, *v)
+    return magnus(h, [1.0 / cosh(x) * B[0] + tanh(x) * B[1] for x in (y - reach, y, y + reach)])
 
 
 @kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
@@ -215,7 +210,7 @@ def _set_attitudes(R: Any, B: Any, y0: Any, A: Any, times: Any, steps: Any, out:
         count = select(is_steady, 1, steps[k])
         h = (times[k] - v.now) / real(count)
         for i in loop(count):
-            q = v.q @ _turn(plane, A * (v.now + (real(i) + 0.5) * h) + y0, A, h, is_steady)
+            q = turned_by_vector(v.q, _turn(plane, A * (v.now + (real(i) + 0.5) * h) + y0, A, h, is_steady))
             v.q = q / sqrt(q[0] * q[0] + q.vector @ q.vector)
         v.now = times[k]
         for a, row in enumerate(start @ attitude(v.q)):

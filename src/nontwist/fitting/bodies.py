@@ -286,9 +286,6 @@ class Model:
         return 0.5 if self.physical else 1.0
 
 
-FREE_BODY = Model()
-
-
 def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any, physical: bool = True) -> Model:
     """Return the model; a ValueError says what is wrong with its parts."""
     pivot = None if gravity is None else as_pivot(gravity)

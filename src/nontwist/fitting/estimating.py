@@ -41,8 +41,7 @@ from ..geometry.rotations import exp
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
 from .motions import RunawayError
-from .readings import WHITE, correlation, haste_of
-from .shooting import Lane, Shooting, Stretch, Unknowns
+from .shooting import WHITE, Lane, Shooting, Stretch, Unknowns, correlation, haste_of
 from .solving import CALLS, PATIENT, Solution, solve
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
@@ -52,21 +51,12 @@ SPHERE = entries(np.eye(3) / 3)
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
 
-def weak_rows(
-    time: Array,
-    rates: Array,
-    width: float,
-    moments: Array | None = None,
-    momenta: Array | None = None,
-    haste: float = 1.0,
-) -> Array:
+def weak_rows(time: Array, rates: Array, width: float, moments: Array, momenta: Array, haste: float) -> Array:
     """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q).
 
     `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors;
     W changes `haste` times as fast as the body turns.
     """
-    n = len(time)
-    acting = np.zeros((n, 3, 0)) if moments is None else moments
     speed = np.sqrt((rates**2).sum(axis=1).mean())
     steps = np.diff(time)
     interval = np.median(steps)
@@ -76,23 +66,15 @@ def weak_rows(
     first, last = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half, "right")
     gaps = steps > 3 * interval
     lost = np.concatenate([[0], np.cumsum(gaps)])  # before each sample
-    whole = (last - first >= FEWEST) & (lost[last - 1] == lost[np.minimum(first, n - 1)])
+    whole = (last - first >= FEWEST) & (lost[last - 1] == lost[np.minimum(first, len(time) - 1)])
     weight = np.gradient(np.concatenate([[0.0], np.cumsum(np.where(gaps, interval, steps))]))
-    rows = [np.zeros((0, 3, 6 + acting.shape[2]))]
-    centres, first, last = centres[whole], first[whole], last[whole]
-    for group in (slice(k, k + TOGETHER) for k in range(0, len(centres), TOGETHER)):
-        inside = slice(first[group][0], last[group][-1])
-        s, W = (time[inside] - centres[group, None]) / half, rates[inside]
-        rest = np.maximum(1 - s**2, 0.0)
-        bump, slope = rest**4 * weight[inside], -8 * s * rest**3 / half * weight[inside]
-        products = np.einsum("mn,ni,nj->mij", bump, W, W).reshape(-1, 9)
-        turning = np.einsum("kij,mj->mik", BASIS, np.einsum("mn,nj->mj", slope, W)) + np.einsum(
-            "kia,ma->mik", CROSS, products
-        )
-        more = np.einsum("mn,niq->miq", bump, acting[inside])
-        if momenta is not None:
-            more += np.einsum("mn,niq->miq", slope, momenta[inside])
-        rows.append(np.concatenate([turning, more], axis=2) / (half * speed**2 * haste + 1e-300))
+    rows = [np.zeros((0, 3, 6 + moments.shape[2]))]
+    for centre, inside in zip(centres[whole], map(slice, first[whole], last[whole]), strict=True):
+        s, W = (time[inside] - centre) / half, rates[inside]
+        bump, slope = (1 - s**2) ** 4 * weight[inside], -8 * s * (1 - s**2) ** 3 / half * weight[inside]
+        turning = (BASIS @ (slope @ W) + CROSS @ (bump * W.T @ W).ravel()).T
+        more = np.einsum("n,niq->iq", bump, moments[inside]) + np.einsum("n,niq->iq", slope, momenta[inside])
+        rows.append(np.concatenate([turning, more], axis=1)[None] / (half * speed**2 * haste + 1e-300))
     return np.concatenate(rows)
 
 

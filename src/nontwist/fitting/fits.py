@@ -19,11 +19,10 @@ from ..spec import takes
 from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
-from .measuring import Gyroscope, as_gyroscope, plain_gyroscope
+from .measuring import Gyroscope, as_gyroscope, as_readings, plain_gyroscope, speed_of, spun
 from .motions import RunawayError
-from .readings import as_readings, noise_of, noise_of_attitudes, require_turning, require_unsaturated, speed_of
 from .result import Fit, Part
-from .shooting import Loss, Shooting, Stretch
+from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .telling import beyond_the_wall
 from .telling import told as told_of
 
@@ -180,11 +179,11 @@ def fit_inertia(
     spin = None if rotor is None else rotor["speed"]
     if isinstance(spin, str):
         reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
-    given = as_readings(recording, reading, *as_orientation(orientation))
+    given = [spun(one, spin) for one in as_readings(recording, reading, *as_orientation(orientation))]
     model = replace(model, oriented=given[0].quaternions is not None)
     errors = {"delay": delay, "misalignment": misalignment, "axis_scales": axis_scales}
     gyroscope = as_gyroscope(plain, errors, model, given[0].has_gyroscope, isinstance(spin, str))
-    task = Task(given, interval, spin, plain, gyroscope, sigma, loss)
+    task = Task(given, interval, plain, gyroscope, sigma, loss)
     try:
         fit = task.fit(model)
         if not fit.is_explained and fit.untold and (other := task.what_fits(model)):
@@ -203,7 +202,6 @@ class Task:
 
     given: Sequence[Rates]
     interval: Any
-    spin: Any
     plain: Gyroscope
     gyroscope: Gyroscope
     sigma: float
@@ -223,7 +221,7 @@ class Task:
         tilt = max(map(noise_of_attitudes, attitudes), default=0.0)
         noise = self.noise(stretches, tilt)
         try:
-            found = estimate(Shooting(stretches, self.gyroscope, noise, self.loss, (), model, tilt), self.sigma > 0)
+            found = estimate(Shooting(stretches, self.gyroscope, noise, model, self.loss, (), tilt), self.sigma > 0)
         except RunawayError as error:
             raise NoMotionError(self.no_motion(stretches, None, model)) from error
         if is_hopeless(found):
@@ -254,8 +252,8 @@ class Task:
         if one.has_gyroscope:
             require_unsaturated(t, y, one.name)
         self.gyroscope.require_short(y)
-        speed = None if model.wheel is None else speed_of(one, self.spin, rows)
-        return Stretch(t, y, speed, None if one.quaternions is None else one.quaternions[rows], one.has_gyroscope)
+        quaternions = None if one.quaternions is None else one.quaternions[rows]
+        return Stretch(t, y, speed_of(one, rows), quaternions, one.has_gyroscope)
 
     def noise(self, stretches: Sequence[Stretch], tilt: float) -> float:
         """Return the noise of a sample that a fit begins with."""
@@ -296,7 +294,7 @@ class Task:
         require_turning(model, one.time, one.rates, one.name)
         seen = replace(one, rates=self.gyroscope.undone(one.rates))
         try:
-            return Search(seen, self.spin, replace(model, oriented=False), self.plain).found()
+            return Search(seen, replace(model, oriented=False), self.plain).found()
         except NoMotionError as error:
             require_unsaturated(one.time, one.rates, one.name)
             raise NoMotionError(f"{one.name}: {error}") from error

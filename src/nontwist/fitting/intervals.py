@@ -27,10 +27,9 @@ from ..geometry.arrays import Array
 from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
 from .estimating import Guess, estimate, turns, with_moments
-from .measuring import Gyroscope
+from .measuring import READINGS, Gyroscope, speed_of
 from .motions import Motion, RunawayError, response
-from .readings import haste_of, noise_of, speed_of
-from .shooting import Shooting, Stretch
+from .shooting import Shooting, Stretch, haste_of, noise_of
 from .solving import Solution, inverse
 
 THIN = 0.05  # rad, of the fastest turn
@@ -64,10 +63,9 @@ def falls(time: Array, acceleration: Array) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Search:
-    """The search of a recording for a motion of a model; `spin` is the speed of its rotor as a caller states it."""
+    """The search of a recording for a motion of a model."""
 
     recording: Rates
-    spin: Any
     model: Model
     gyroscope: Gyroscope
     tried: dict[tuple[int, int], Solution | None] = field(default_factory=dict, repr=False, compare=False)
@@ -124,10 +122,8 @@ class Search:
     @cached_property
     def speed(self) -> Array | None:
         """The speed of the rotor at the samples as it was read; None without one."""
-        if self.model.wheel is None:
-            return None
         if self.recording.speed is None:
-            return np.full(len(self.time), speed_of(self.recording, self.spin, slice(2)).values[0])
+            return None
         there = np.isfinite(self.recording.speed)
         return np.interp(self.time, self.time[there], self.recording.speed[there])
 
@@ -224,10 +220,9 @@ class Search:
 
     def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None) -> Solution | None:
         """Return the fit of samples `a` to before `b`; None where no start leads to a motion."""
-        spun = None if self.model.wheel is None else speed_of(self.recording, self.spin, slice(a, b))
-        stretch = Stretch(self.time[a:b], self.rates[a:b], spun)
+        stretch = Stretch(self.time[a:b], self.rates[a:b], speed_of(self.recording, slice(a, b)))
         try:
-            return estimate(Shooting([stretch], self.gyroscope, noise, model=self.model), True, starts, CALLS)
+            return estimate(Shooting([stretch], self.gyroscope, noise, self.model), True, starts, CALLS)
         except RunawayError:
             return None
 
@@ -240,13 +235,14 @@ class Search:
 
     def agreeing(self, fit: Solution, a: int, rows: NDArray[np.intp], floor: float) -> int:
         """Return how many samples beyond a fit from `a` on agree with what it predicts for them."""
-        if not len(rows):
+        readings = self.recording.speed
+        if not len(rows) or (readings is not None and np.isfinite(readings[rows]).sum() < READINGS):
             return 0
         at, model, sense = fit.unknowns, fit.problem.model, -1 if rows[0] < a else 1
         times, flip, line, of_speeds = sense * self.time[rows], np.ones(model.size), None, np.zeros((0, 0))
         flip[:3] = sense
-        if model.wheel is not None:
-            speed = speed_of(self.recording, self.spin, np.arange(a, rows[-1] + sense, sense), sense)
+        speed = speed_of(self.recording, np.arange(a, rows[-1] + sense, sense), sense)
+        if speed is not None:
             line, of_speeds = speed.line(sense * self.time[a], times[-1], speed.values), speed.rows[0]
         motion = Motion(model, at.inertia, at.more, sense)
         try:

@@ -1,4 +1,4 @@
-r"""What instruments read of a motion, with derivatives: a gyroscope, recorded attitudes, the speed of a rotor.
+r"""Recordings as a caller gives them, and what instruments read of a motion: gyroscopes, attitudes, speeds of rotors.
 
 **A gyroscope** reads ``y(t) = s E Q W(t - τ) + b + noise`` with the bias b and the common scale s. ``Q = exp(-θ̂)``
 takes components along the axes of the body to those of the gyroscope, which are turned by the rotation vector θ against
@@ -38,18 +38,24 @@ speed of constant error, or a rotor whose inertia has one, is a factor with a pr
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, as_array, as_positive
+from ..errors import InputError
+from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
 from ..geometry.attitudes import hats, without_jumps
 from ..geometry.rotations import dexp, exp
 from ..geometry.values import short_repr
+from ..recordings.attitudes import Motion
+from ..recordings.motions import measured_quaternions, raw_motion
+from ..recordings.reading import Rates, of_run, read_motion, read_rates
 from .bodies import Model, of_keys
 from .motions import Line
 
@@ -62,6 +68,7 @@ TURN = 0.5  # rad: a delay that turns the body by more is none of a sensor
 ARC, ATTITUDES = 0.4, 4  # rad to each side of a sample, and samples, whose attitudes give its angular velocity
 MOST, EXACT = 64, 1e-6  # intervals of a speed; of the largest: noise at least
 READINGS, AHEAD = 4, 2  # readings at least; halvings of the intervals that the tachometer asks for
+SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well
 BLOCK, PANEL = 6000, 8  # numbers, and columns, that BLAS leaves to one thread
 
 
@@ -309,6 +316,119 @@ def of_knots(time: Array, readings: Array, knots: Array) -> Speed:
     return Speed(time, readings, knots, values, max(float(np.sqrt(rss / max(len(time) - len(knots), 1))), least))
 
 
-def constant(time: Array, value: float) -> Speed:
-    """Return a speed that is known and constant."""
-    return of_knots(time[[0, -1]], np.full(2, value), time[[0, -1]])
+def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> list[Rates]:
+    """Return recordings; `use` is "only" or "both" where attitudes of files and runs are fitted, read as told."""
+    many = recording if isinstance(recording, list) else [recording]
+    if not many:
+        raise ValueError("recording is an empty list: name at least one file")
+    names = [f"recording {k + 1}" for k in range(len(many))] if len(many) > 1 else ["the recording"]
+    found = [_reading(one, name, reading, use, attitudes) for one, name in zip(many, names, strict=True)]
+    kinds = {(one.has_gyroscope, one.quaternions is not None) for one in found}
+    if len(kinds) > 1:
+        raise ValueError("some of the recordings have attitudes or angular velocities that others lack: fit them apart")
+    return found
+
+
+def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> Rates:
+    """Return one recording."""
+    motion, notes, rest = None, tuple[str, ...](), one
+    if isinstance(one, tuple):
+        turned = [part for part in one if hasattr(part, "as_quat")]
+        rest = tuple(part for part in one if not hasattr(part, "as_quat"))
+        motion = Motion(turned[0], as_floats(rest[0], "times")) if turned and rest else None
+        if len(rest) == 1 or use == "only":
+            use, notes = "only", ("attitudes: as given",)
+    elif hasattr(one, "dims") and not hasattr(one, "data_vars"):
+        motion, notes, use = raw_motion(one, None), (one.attrs.get("notes", "attitudes: as given"),), "only"
+    elif use and hasattr(one, "data_vars"):
+        try:
+            motion, notes = raw_motion(one, None), ("attitudes: directors",)
+        except ValueError as error:
+            raise ValueError(f"{name} has no attitudes: {error}") from error
+    elif use:
+        again = one
+        if callable(getattr(one, "read", None)):
+            text = one.read()
+            rest, again = io.StringIO(text), io.StringIO(text)
+        else:
+            name = str(one)
+        how = {key: value for key, value in reading.items() if key in (*SHARED, "columns") and value is not None}
+        if use == "both":
+            how.pop("columns", None)
+        try:
+            recording = read_motion(again, **how, **attitudes)
+        except InputError as error:
+            raise error.about(name) from error
+        motion, notes = raw_motion(recording, None), (recording.attrs["notes"],)
+    if motion is None:
+        return _rates(rest, name, reading, None)
+    quaternions = _quaternions(motion)
+    if use == "only":
+        return _attitudes(motion, quaternions, name, notes)
+    found = _rates(rest, name, reading, continuous(quaternions))
+    return replace(found, notes=(*found.notes, *notes))
+
+
+def _quaternions(motion: Motion) -> Array:
+    """Return attitudes as quaternions, (n, 4), nan where there is none; a ValueError where a row is no rotation."""
+    values = motion.values
+    if hasattr(values, "as_quat"):
+        return np.asarray(values.as_quat())
+    found, rows = np.full((len(values), 4), np.nan), finite_rows(values.reshape(len(values), -1))
+    found[rows] = measured_quaternions(motion, rows)
+    return found
+
+
+def _attitudes(motion: Motion, quaternions: Array, name: str, notes: tuple[str, ...]) -> Rates:
+    """Return attitudes alone, with the angular velocities that follow from them."""
+    if motion.time is None:
+        raise InputError("no-time", name)
+    found = Rates(motion.time, quaternions, name, notes).cleaned(motion.lines)
+    turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
+    rates = derived_rates(found.time, turned)
+    return replace(found, rates=rates, quaternions=turned, has_gyroscope=False)
+
+
+def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | None) -> Rates:
+    """Return one recording, checked and cleaned."""
+    if isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)):
+        try:
+            return read_rates(one, **reading, quaternions=quaternions)
+        except InputError as error:
+            raise error.about(str(one) if isinstance(one, (str, os.PathLike)) else "") from error
+    if hasattr(one, "data_vars"):
+        return of_run(one, name, quaternions)
+    if isinstance(one, tuple) and len(one) in (2, 3):
+        arrays = [as_floats(part, what) for part, what in zip(one, ("times", "rates", "speeds"), strict=False)]
+        time, n = arrays[0], arrays[0].size
+        if time.ndim != 1:
+            raise ValueError(f"times must have the shape (n,), got {time.shape}")
+        for what, array, shape in zip(("rates", "speeds"), arrays[1:], ((n, 3), (n,)), strict=False):
+            if array.shape != shape:
+                raise ValueError(f"{what} must have the shape {shape} as there are {n} times, got {array.shape}")
+        speed = arrays[2] if len(arrays) == 3 else None
+        return Rates(time, arrays[1], name, ("rates: as given",), None, speed, quaternions).cleaned()
+    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {short_repr(one)}")
+
+
+def spun(one: Rates, spin: Any) -> Rates:
+    """Return a recording with the speed of a rotor, a number where it is constant; without one where `spin` is None."""
+    if spin is None:
+        return replace(one, speed=None)
+    if one.speed is None:
+        if isinstance(spin, str):
+            raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
+        return replace(one, speed=np.full(len(one.time), as_number(spin, "rotor: speed")))
+    if not np.isfinite(one.speed).any():
+        raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
+    return one
+
+
+def speed_of(one: Rates, rows: slice | NDArray[np.intp], sense: float = 1.0) -> Speed | None:
+    """Return the speed of the rotor in some rows; with the sense -1, backwards in time, these descend."""
+    if one.speed is None:
+        return None
+    try:
+        return as_speed(sense * one.time[rows], one.speed[rows])
+    except ValueError as error:
+        raise ValueError(f"{one.name}: {error}") from error

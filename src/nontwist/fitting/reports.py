@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
 from ..geometry.attitudes import ENTRIES
-from .bodies import unit_vector
 from .measuring import IDEAL, PLACES, UNITS
-from .readings import STRAY
+from .shooting import STRAY
 from .telling import FEWEST, quantile
 
 if TYPE_CHECKING:
@@ -229,18 +227,16 @@ def _wide(fit: Fit) -> str:
 def drawn(fit: Fit, recording: int) -> Axes:
     """Draw data and model, residuals, and principal moments with their intervals; return the first axes."""
     from ..plot.journals import new_axes, style
-    from ..plot.looks import cycle
 
     part, found = fit.parts[recording], fit.principal
     first = sum(len(one.time) for one in fit.parts[:recording])
     rest = fit.residual[first : first + len(part.time)]
     with style():
         data, left_over, moments = new_axes(columns=2, height=2.6, panels=3)
-        for k, name in enumerate("xyz"):
-            colour = cycle()[k]["color"]
-            data.plot(part.time, part.measured[:, k], ".", color=colour, markersize=2)
-            data.plot(part.time, part.model[:, k], "-", color=colour, linewidth=0.8, label=name)
-            left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
+        for panel, values in ((data, part.measured), (left_over, rest)):
+            panel.plot(part.time, values, ".", markersize=2)
+        data.set_prop_cycle(None)
+        data.plot(part.time, part.model, "-", linewidth=0.8, label=[*"xyz"])
         data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
         low, high = data.get_ylim()
         data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
@@ -272,15 +268,13 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     """Return the tables of a run file of the motion of one recording."""
     from scipy.spatial.transform import Rotation
 
-    from ..models.bodies import heavy_top, standard, suslov
-
     model, more = fit.solution.problem.model, fit.solution.unknowns.more
     said = "the rotor is a load" if model.wheel is not None else "moments of inertia in parts of their sum"
     J, W, n = fit.solution.unknowns.inertia * fit.size, part.start, model.constraint
     any_J: Any = {} if model.physical else {"physical": False}
-    body: dict[str, Any] = {"kind": standard(J, **any_J).name, "inertia": J.tolist(), **any_J}
+    body: dict[str, Any] = {"kind": "standard", "inertia": J.tolist(), **any_J}
     if n is not None:
-        body |= {"kind": suslov(J, n, **any_J).name, "axis": n.tolist()}
+        body |= {"kind": "suslov", "axis": n.tolist()}
         W = W - n * (n @ W)
     start: dict[str, Any] = {"angular_velocity": {"body": W.tolist()}}
     if len(part.attitude):
@@ -293,24 +287,18 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
             mass, said = 1 / distance, "moments of inertia in units of m|c|; " + said
         body |= {"mass": mass, "centre_of_mass": (distance * c).tolist(), "gravity": [0.0, 0.0, -model.pivot.gravity]}
         if n is None:
-            body["kind"] = heavy_top(J, mass, distance * c, **any_J).name
-        start["rotation"] = {"matrix": _upright(part.down).tolist()}
+            body["kind"] = "heavy_top"
+        upright, _ = Rotation.align_vectors([0, 0, -1], part.down)
+        start["rotation"] = {"matrix": upright.as_matrix().tolist()}
     if n is not None:
         said += "; the moment of inertia about the constrained axis is arbitrary"
     run: dict[str, Any] = {"title": f"Motion as fitted; {said}", "body": body, "start": start}
     run["time"] = {"t_start": float(part.time[0]), "t_end": float(part.time[-1])}
     loads: list[dict[str, Any]] = []
-    if (C := fit.damping[0]).any():
+    if (C := np.maximum(fit.damping[0], 0.0)).any():  # what drives the body is no damping
         loads.append({"kind": "damping", "coefficient": C.tolist()})
     if model.wheel is not None and part.speed is not None:
         momentum = model.wheel.inertia * model.factor(more) * part.speed[1]
         table = {"times": part.speed[0].tolist(), "values": momentum.tolist()}
         loads.append({"kind": "rotor", "axis": model.axis(more).tolist(), **table})
     return run | ({"load": loads} if loads else {})
-
-
-def _upright(down: Array) -> Array:
-    """Return a rotation from body to space that takes `down`, in body components, to -z."""
-    up = -unit_vector(down)
-    side = unit_vector(np.cross(up, np.eye(3)[int(np.argmin(abs(up)))]))
-    return np.stack([side, np.cross(up, side), up])

@@ -15,7 +15,7 @@ from ..geometry.values import as_whole
 from . import reports
 from .estimating import whole
 from .measuring import BIAS, PLACES, SCALE
-from .readings import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
+from .shooting import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
 from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 

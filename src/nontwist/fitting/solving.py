@@ -15,14 +15,13 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from .motions import RunawayError
-from .readings import correlation
-from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
+from .shooting import WHITE, Residuals, Rows, Shooting, Unknowns, correlation, lengths, residuals, stacked
 
 FINE = 1e-8  # of cost and unknowns, relative
 CALLS, PATIENT = 40, 3000  # trials of a stage, and of what is returned: valleys may be long
 HELD = 1e6  # weight of what is held
 SINGULAR = 1e-12  # of the information: none
-WHITE, MOST = 5.0, 0.9999  # standard errors of a correlation; correlation
+MOST = 0.9999  # correlation
 FAR = 1e6  # residual of a motion that is none
 
 
@@ -146,8 +145,7 @@ class Solution:
         k, found, basis = self.own, self.information, self.problem.model.basis
         others = np.linalg.lstsq(A[:, k:], A[:, :k], rcond=1e-12)[0]
         for row in self.residuals.rates:
-            whole = np.zeros((len(row.r), self.problem.columns))
-            whole[:, row.columns] = row.A
+            _, whole = stacked([row], self.problem.columns)
             own = (whole[:, :6] @ basis - whole[:, 6:] @ others).reshape(-1, 3, k)
             found = found + np.einsum("nai,naj->ij", own, smeared(own, self.memory) - own)
         times = float(np.trace(np.linalg.pinv(self.information, rcond=1e-12, hermitian=True) @ found)) / k

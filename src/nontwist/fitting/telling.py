@@ -192,12 +192,12 @@ def principal(solution: Solution, C: Array, size: float) -> Principal:
     by = np.array([[_product(axes[:, i], axes[:, j]) for j in range(3)] for i in range(3)])
     errors = wide * np.sqrt(np.einsum("iim,mn,iin->i", by, C, by))
     intervals = np.stack([values - errors, values + errors], axis=1)
-    if _has_an_end(solution) and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
+    has_an_end = solution.problem.model.physical and not solution.problem.model.is_absolute  # where bodies are flat
+    if has_an_end and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
         intervals[2] = to_the_wall(solution, wide, C)
-    if np.isfinite(wide) and _has_a_wall(solution):
-        for k in range(3):
-            if meets_the_wall(solution, by[k, k], errors[k], C):
-                intervals[k] = [values[k] + walled(solution, by[k, k], sign, wide) for sign in (-1.0, 1.0)]
+    for k in range(3):
+        if meets_the_wall(solution, by[k, k], errors[k], C):
+            intervals[k] = [values[k] + walled(solution, by[k, k], sign, wide) for sign in (-1.0, 1.0)]
     intervals[:2, 0] = np.maximum(intervals[:2, 0], 0.0)
     tilts = np.zeros(3)
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -235,22 +235,15 @@ def beyond_the_wall(solution: Solution, found: Told) -> float:
     return max(-float(values[0]) / float(np.sqrt(by @ covariance(found) @ by)), 0.0)
 
 
-def _has_an_end(solution: Solution) -> bool:
-    """Return whether the largest moment of trace 1 ends where bodies are flat."""
-    return solution.problem.model.physical and not solution.problem.model.is_absolute
-
-
-def _has_a_wall(solution: Solution) -> bool:
-    """Return whether the wall of an inertia with a scale has a known place, and data tell the inertia up to there."""
-    model = solution.problem.model
-    if not np.linalg.eigvalsh(solution.information)[0] * LINEAR**2 > 1:
-        return False
-    return model.is_absolute and model.constraint is None and not ("centre" in model.places and model.weight)
-
-
 def meets_the_wall(solution: Solution, by: Array, error: float, C: Array) -> bool:
-    """Return whether the linear problem asks for what is no body, at its best or at the ends of an interval."""
+    """Return whether the linear problem asks for what is no body, at its best or at the ends of an interval.
+
+    So it can be where the wall of an inertia with a scale has a known place, and data tell the inertia up to there.
+    """
     model = solution.problem.model
+    is_known = model.is_absolute and model.constraint is None and not ("centre" in model.places and model.weight)
+    if not is_known or np.isnan(error) or not np.linalg.eigvalsh(solution.information)[0] * LINEAR**2 > 1:
+        return False
     shift = symmetric(C @ by) * error / (by @ C @ by)
     places = solution.unknowns.inertia + np.array([symmetric(model.basis @ solution.newton), -shift, shift])
     return bool((model.thinnest(places, solution.unknowns.more) < 0).any())
@@ -297,26 +290,23 @@ def walled(solution: Solution, by: Array, sign: float, wide: float) -> float:
     still = onto @ entries(model.inertia(np.zeros(6), more)[0] - J)
     begin = model.cholesky(J, more, INSIDE)
 
+    def cost(w: Array) -> float:
+        return float((w - asked) @ information @ (w - asked) / 2)
+
     def least(multiplier: float) -> tuple[float, float]:
         """Return the cost and the change of the moment where the cost and a part of that change are least."""
 
-        def at(x: Array) -> tuple[Array, Array]:
+        def value(x: Array) -> tuple[float, Array]:
             w = K @ x @ x + still
-            return w, information @ (w - asked) + multiplier * b
-
-        def value(x: Array) -> float:
-            w, _ = at(x)
-            return float((w - asked) @ information @ (w - asked) / 2 + multiplier * (b @ w))
-
-        def slope(x: Array) -> Array:
-            return np.asarray(2 * (K @ x).T @ at(x)[1])
+            return cost(w) + multiplier * float(b @ w), 2 * (K @ x).T @ (information @ (w - asked) + multiplier * b)
 
         def bend(x: Array) -> Array:
-            return np.asarray(2 * np.einsum("i,ipq->pq", at(x)[1], K) + 4 * (K @ x).T @ information @ (K @ x))
+            by_w = information @ (K @ x @ x + still - asked) + multiplier * b
+            return np.asarray(2 * np.einsum("i,ipq->pq", by_w, K) + 4 * (K @ x).T @ information @ (K @ x))
 
-        x = minimize(value, begin, jac=slope, hess=bend, method="trust-exact", options={"gtol": 1e-7}).x
-        w = at(x)[0]
-        return float((w - asked) @ information @ (w - asked) / 2), float(b @ w)
+        x = minimize(value, begin, jac=True, hess=bend, method="trust-exact", options={"gtol": 1e-7}).x
+        w = K @ x @ x + still
+        return cost(w), float(b @ w)
 
     lowest, _ = least(0.0)
 

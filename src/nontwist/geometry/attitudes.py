@@ -70,7 +70,7 @@ def entries(quaternion: Array) -> Array:
     x, y, z, w = np.moveaxis(quaternion, -1, 0).copy()
     f = 2 / (x * x + y * y + z * z + w * w)
     products = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = (f * quaternion_product for quaternion_product in products)
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = (f * product for product in products)
     rows = (1 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1 - (xx + yy))
     return np.array(rows)
 
@@ -89,15 +89,12 @@ def directors(quaternion: Array) -> Array:
 def director_velocities(q: Array, W: Array, N: Array | None) -> Array:
     """Return the velocities of the directors `q`, rows of (..., 3, 3), for W (..., 3) and N (..., 6)."""
     x, y, z = np.moveaxis(W, -1, 0)
-    V: list[list[Array | None]] = [[None, z, -y], [-z, None, x], [y, -x, None]]  # rows W × e_i
+    o = np.zeros_like(x)
+    V = np.array([[o, z, -y], [-z, o, x], [y, -x, o]])  # rows W × e_i
     if N is not None:
-        n = np.moveaxis(N, -1, 0)
-        V = [[n[PLACES[i][j]] if (v := V[i][j]) is None else v + n[PLACES[i][j]] for j in range(3)] for i in range(3)]
+        V = V + np.moveaxis(N, -1, 0)[PLACES]
     components = np.moveaxis(q, (-2, -1), (0, 1)).copy()
-    found = []
-    for row in V:
-        terms = [v * components[j] for j, v in enumerate(row) if v is not None]
-        found.append(sum(terms[1:], terms[0]))
+    found = [row[0, None] * components[0] + row[1, None] * components[1] + row[2, None] * components[2] for row in V]
     return np.ascontiguousarray(np.moveaxis(np.array(found), (0, 1), (-2, -1)))
 
 

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import TOLERANCE, Array, as_array, as_floats, as_positive, refuse, require_finite
+from .arrays import TOLERANCE, Array, as_array, as_positive, refuse, require_finite
 from .frames import first_d1, frames_along, in_range, indices_of, unit_directors, vectors
 from .values import as_function
 
@@ -110,10 +110,7 @@ def frame_along(
 def _evaluate(function: Callable[[float], ArrayLike], times: Array) -> Array:
     u = np.empty((times.size, 3))
     for i, t in enumerate(times):
-        value = as_floats(function(float(t)), f"function({float(t)!r})")
-        if value.shape != (3,):
-            raise ValueError(f"function({float(t)!r}) must have the shape (3,), got {value.shape}")
-        u[i] = value
+        u[i] = as_array(function(float(t)), f"function({float(t)!r})", (3,), np.inf)
     length = np.sqrt(np.sum(u * u, axis=1))
     bad = np.flatnonzero(~(np.abs(length - 1.0) <= TOLERANCE))
     if bad.size:

@@ -121,8 +121,7 @@ def smooth_rolls(u: Any, closed: Any, roll: Any, node: Any, nodes: Any, scratch:
 
 def reflected(v: Vector, c: Vector) -> Vector:
     """Return v reflected in the plane orthogonal to c."""
-    found: Vector = v - 2.0 * (v @ c) / (c @ c) * c
-    return found
+    return v - 2.0 * (v @ c) / (c @ c) * c
 
 
 @part

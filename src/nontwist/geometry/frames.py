@@ -58,7 +58,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.vectors import Vector, cross
-from .arrays import TOLERANCE, Array, as_array, as_floats, principal_angle, refuse, require_finite
+from .arrays import TOLERANCE, Array, as_direction, as_floats, principal_angle, refuse, require_finite
 from .frame_kernels import ANTIPODAL
 from .values import among, as_whole
 
@@ -425,12 +425,8 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
         one, other = indices_of(lead, k, (i - 1) % n, i)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if pole is not None:
-        axis = as_array(pole, "pole", (3,))
-        if not np.any(axis):
-            raise ValueError("pole must not be zero")
-        axis /= np.abs(axis).max()
         a, b = Vector(*np.moveaxis(u, -1, 0)), Vector(*np.moveaxis(np.roll(u, -1, axis=1), -1, 0))
-        p = Vector(*(axis / np.linalg.norm(axis)))
+        p = Vector(*as_direction(pole, "pole", "space"))
         det, rest = cross(a, b) @ p, 1.0 + (a + b) @ p + a @ b
         is_through = (np.abs(det) <= ANTIPODAL) & (rest <= ANTIPODAL)
         if is_through.any():

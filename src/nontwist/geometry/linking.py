@@ -32,6 +32,7 @@ series where the quotient is small, which it is for most. What is left is given 
 from __future__ import annotations
 
 import math
+import operator
 import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -40,7 +41,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import any_of, arctan2, logical_not, select, sum_of_lanes
+from ..kernels.elements import all_lanes, any_of, arctan2, logical_not, select
 from ..kernels.kernel import kernel
 from ..kernels.machine_code import width
 from ..kernels.memory import load, store
@@ -317,7 +318,7 @@ def row_integrals(
                 v.angle = select(is_small, v.angle, arctan2(up, along))
             angle = select(is_pair, v.angle, 0.0)
             v.whole, v.size = v.whole + angle, v.size + abs(angle)
-        total[i], sizes[i] = sum_of_lanes(v.whole) / (2.0 * math.pi), sum_of_lanes(v.size) / (2.0 * math.pi)
+        total[i], sizes[i] = (all_lanes(operator.add, x) / (2.0 * math.pi) for x in (v.whole, v.size))
 
 
 def _dot(a: Vector, b: Vector) -> Any:

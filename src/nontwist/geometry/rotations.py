@@ -84,7 +84,7 @@ def vee(W: ArrayLike) -> Array:
     W = stack(W, "W", (3, 3))
     size = np.abs(W).max(axis=(-2, -1))
     refuse(np.abs(W + W.mT).max(axis=(-2, -1)) > TOLERANCE * size, "W", "is not skew-symmetric")
-    return _axial(W)
+    return np.stack([W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], -1) / 2
 
 
 def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
@@ -482,10 +482,6 @@ def _even_series(coefficients: Array, angle: Array) -> Array:
     """Sum of coefficients[k] angle^(2k + 2), for angles below 1."""
     x = np.minimum(angle, 1.0) ** 2
     return np.asarray(x * np.polynomial.polynomial.polyval(x, coefficients))
-
-
-def _axial(W: Array) -> Array:
-    return np.stack([W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], -1) / 2
 
 
 def _matrix(s: Array, v: Array) -> Array:

@@ -216,8 +216,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
         return size, EPS * speed, sum_of(terms, drag, of_state.size)
 
     guess = Vector(-0.0, -0.0, -W[2] if parts.is_constrained else -0.0)
-    is_long = parts.calls or parts.dissipates
-    solution = solve(nodes, equations_at, sizes, guess, is_active, parts.is_constrained, is_long)
+    solution = solve(nodes, equations_at, sizes, guess, is_active)
     y = solution.y
     Om = W + y
     a = f * Om

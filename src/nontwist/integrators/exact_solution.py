@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import bases_of
-from ..exact import loaded_body
+from ..exact import nontwisting_body
 from ..exact.free_bodies import TOO_FAR, free_members, rotations_about
 from ..exact.free_constants import OK
 from ..exact.gyrostats import gyrostat_motion
@@ -78,7 +78,7 @@ class Exact(Integrator):
         self.require(problem)
         systems, load, times = problem.systems, problem.load, problem.stored_times
         is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
-        if is_gyrostat or _acts(load, loaded_body.edges_of(load, np.array([problem.t_start, times[-1]]))):
+        if is_gyrostat or _acts(load, nontwisting_body.edges_of(load, np.array([problem.t_start, times[-1]]))):
             if m > 1:
                 return one_by_one(self.march, problem, threads)
             return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
@@ -122,21 +122,23 @@ class Exact(Integrator):
             return _no_solution("a load that depends on the state")
         if not load.terms or len(problem) > 1:
             return None
-        edges = loaded_body.edges_of(load, np.array([problem.t_start, problem.t_end]))
+        edges = nontwisting_body.edges_of(load, np.array([problem.t_start, problem.t_end]))
         edges = edges[np.unique(np.linspace(0, len(edges) - 1, GLANCE + 1).astype(np.int64))]
         if not _acts(load, edges):
             return None
         if reason := _unsolved(systems[0], load):
             return reason
-        motion = _in_axis_frame(systems[0], problem.velocity[0], loaded_body.unrefined(load, edges[:-1], edges[1:]))[-1]
-        return _no_solution(MOVING) if motion is None else loaded_body.too_many(load, problem.stored_times)
+        motion = _in_axis_frame(
+            systems[0], problem.velocity[0], nontwisting_body.unrefined(load, edges[:-1], edges[1:])
+        )[-1]
+        return _no_solution(MOVING) if motion is None else nontwisting_body.too_many(load, problem.stored_times)
 
     def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`."""
         load, pieces = with_tables_as_moments(problem).load, 0
         if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
-            waves = loaded_body.expected_pieces(load, problem.t_start, problem.t_end)
-            pieces = states + len(load.breakpoints) + int(min(waves, loaded_body.MOST))
+            waves = nontwisting_body.expected_pieces(load, problem.t_start, problem.t_end)
+            pieces = states + len(load.breakpoints) + int(min(waves, nontwisting_body.MOST))
         own = GYROSTAT_NS if load.rotors else 0
         return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
@@ -231,21 +233,21 @@ def _acts(load: Load, edges: Array) -> bool:
         return False
     for first in range(0, len(edges) - 1, BLOCK):
         a, b = edges[first : first + BLOCK + 1][:-1, None], edges[first : first + BLOCK + 1][1:, None]
-        at = ((b + a) / 2 + (b - a) / 2 * loaded_body.gauss()[0]).ravel()
+        at = ((b + a) / 2 + (b - a) / 2 * nontwisting_body.gauss()[0]).ravel()
         if load.sample(at, "body").any() or load.sample(at, "space").any():
             return True
     return False
 
 
 def _in_axis_frame(
-    system: DirectorSystem, W: Array, pieces: loaded_body.Pieces
-) -> tuple[Array, Array, loaded_body.Pieces, loaded_body.AxialRotation | None]:
+    system: DirectorSystem, W: Array, pieces: nontwisting_body.Pieces
+) -> tuple[Array, Array, nontwisting_body.Pieces, nontwisting_body.AxialRotation | None]:
     """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
     assert system.axis is not None
     V = bases_of(system.axis[None])[0].T
     J = V @ system.convected_inertia @ V.T
     pieces = pieces._replace(moment=pieces.moment @ V.T)
-    return V, J, pieces, loaded_body.axial_rotation(J, J @ (V @ W), pieces)
+    return V, J, pieces, nontwisting_body.axial_rotation(J, J @ (V @ W), pieces)
 
 
 def _loaded(problem: IVP) -> March:
@@ -255,7 +257,7 @@ def _loaded(problem: IVP) -> March:
     assert system.axis is not None
     R, W = attitudes(problem.quaternion[0]), problem.velocity[0]
     W = W - (system.axis @ W) * system.axis
-    pieces = loaded_body.pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
+    pieces = nontwisting_body.pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
     V, J, pieces, motion = _in_axis_frame(system, W, pieces)
     if motion is None:
         raise ValueError(_no_solution(MOVING))
@@ -286,13 +288,13 @@ def _gyrostat(problem: IVP) -> Outcome:
 def _means(
     J: Array,
     R: Array,
-    pieces: loaded_body.Pieces,
-    motion: loaded_body.AxialRotation,
+    pieces: nontwisting_body.Pieces,
+    motion: nontwisting_body.AxialRotation,
     at: NDArray[np.intp],
     times: Array,
 ) -> tuple[Array, Array, Array]:
     """Return the means of μ and of the spatial moment and the work, between the output times."""
-    half, weights = (pieces.b - pieces.a) / 2, loaded_body.gauss()[1]
+    half, weights = (pieces.b - pieces.a) / 2, nontwisting_body.gauss()[1]
     shape = motion.angle_inside.shape
     inside = rotations_about(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
     m = np.einsum("pnab,pnb->pna", inside, pieces.moment)

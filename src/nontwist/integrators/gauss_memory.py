@@ -26,6 +26,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from ..engine.sampling import DIFFERENCE, Nodes
+from ..engine.workspace import internal
 from ..kernels.control import Variables, loop
 from ..kernels.elements import fma, larger, select
 from ..kernels.memory import View, call, put, scratch, size_of, vector_at
@@ -44,7 +45,7 @@ class Memory:
 
     def __init__(self, nodes: Nodes, stages: Stages) -> None:
         self.nodes, self.stages, self.count, block = nodes, stages, nodes.parts.memory, nodes.block
-        self.start, self.scales, self.function = nodes.internal, block.internal_scales, block.memory_response
+        self.start, self.scales, self.function = internal(block), block.internal_scales, block.memory_response
         self.h, first = nodes.h / nodes.rate, size_of(Stage)
         self._increment, self._z, self._rate = (first + k * self.count for k in range(3))
 

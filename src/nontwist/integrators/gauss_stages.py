@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 from ..engine.newton import EPS
 from ..engine.sampling import TINY, Nodes
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, sqrt, without
+from ..kernels.elements import all_lanes, any_of, fma, larger, logical_not, select, sqrt, without
 from ..kernels.memory import View
 from ..kernels.vectors import AXES, Matrix, Vector, cross, sum_of, taxicab
 from .gauss_coefficients import TABLE, WIDTH
@@ -137,7 +137,7 @@ class Stages(NamedTuple):
 
     def largest(self, x: Any) -> Any:
         """Return the largest number of all stages that are evaluated at once."""
-        return largest_of(x) if self.are_together else x
+        return all_lanes(larger, x) if self.are_together else x
 
     def fill(self, names: Sequence[str], vectors: Sequence[Any], mask: Any = True) -> None:
         """Write vectors of zeros, say, to all stages, for bodies whose mask is set."""
@@ -410,7 +410,7 @@ def iterated(
     zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
     v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
-    soonest = None if isinstance(unchecked, float) else -largest_of(-unchecked)
+    soonest = None if isinstance(unchecked, float) else -all_lanes(larger, -unchecked)
     for _ in whilst(lambda: any_of(v.active)):
         count, v.change, v.reach, v.turn = v.count, zero, zero, zero
         is_checked = True if soonest is None else count >= soonest

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..engine.generalised import generalised
 from ..engine.marching import Text, march
-from ..engine.outputs import CALL, CALLS, IN_BLOCK, Calls, begin_call, for_some, forget
 from ..engine.records import BLOCK, Block, Parts
+from ..engine.workspace import CALL, CALLS, IN_BLOCK, Calls, begin_call, for_some, forget
 from ..errors import InputError
 from ..kernels import gpu
 from ..kernels.control import loop, when

@@ -171,8 +171,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     guess, M, auxiliary = h * rates[0], loads.moving, state.auxiliary
     guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
     known = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
-    how = is_active, parts.is_constrained, parts.calls, known if parts.is_explicit else None
-    solution = solve(nodes, equations_at, sizes, guess, *how)
+    solution = solve(nodes, equations_at, sizes, guess, is_active, known if parts.is_explicit else None)
     z = solution.y
     if not parts.is_explicit:
         rate = (1.0 / h) * z

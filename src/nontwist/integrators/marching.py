@@ -2,7 +2,7 @@
 
 A `PreparedMarch` of one body is laid out once and called with starts, from many threads if need be. The loads are
 sampled when the march is prepared. Each thread has memory of its own, with a block of addresses that point there. A
-call writes the start into it, calls compiled code once (`engine.outputs`), and copies the results.
+call writes the start into it, calls compiled code once (`engine.workspace`), and copies the results.
 
 A `SingleStep` of one body goes from numbers to numbers: what a closed loop calls. A march over a grid of one step is
 laid out once. A call writes the state that the step begins with and the moments at its nodes into that memory, runs the
@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.outputs import HEAD, PREPARED, run_prepared
 from ..engine.records import BLOCK, BODY, QUANTITIES, STATE, SUMS, WORK, layout, pack, side_by_side, views
-from ..engine.workspace import enter
+from ..engine.workspace import HEAD, PREPARED, enter, run_prepared
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States

@@ -366,7 +366,7 @@ def composed(nodes: Nodes, state: State) -> Step:
 
     count = parts.nodes
     for i in loop(count if parts.is_constrained else count + 1, whilst=is_fine):
-        part = select(i < count, nodes.fraction(smaller(i, count - 1)), 0.0)
+        part = select(i < count, nodes.block.fractions[smaller(i, count - 1)], 0.0)
         length = h * part
         if parts.is_constrained:
             v.far = is_too_far(length * (body.k * v.state.s))

@@ -1,8 +1,8 @@
 """A stack of problems laid out for the compiled march, and marched; one run is a stack of one.
 
-A march is a list of calls of its kernel (`engine.outputs`), some steps at a time, for whose nodes loads that depend on
-time alone are sampled beforehand. Members with the same kind of motion are marched together, in threads. What a member
-becomes depends on that member alone.
+A march is a list of calls of its kernel (`engine.workspace`), some steps at a time, for whose nodes loads that depend
+on time alone are sampled beforehand. Members with the same kind of motion are marched together, in threads. What a
+member becomes depends on that member alone.
 
 A march pauses where the length of steps changes. With outputs at any times it pauses also at the nodes at which there
 is output, and before each step with output inside. All outputs in a stretch without moments are reached from
@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from ..engine.bodies import body_rows, power_of_two
 from ..engine.functions import StateFunctions
 from ..engine.marching import Text, march_kernel
-from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import (
     BLOCK,
     BODY,
@@ -37,7 +36,7 @@ from ..engine.records import (
     side_by_side,
     slab_layout,
 )
-from ..engine.workspace import enter
+from ..engine.workspace import CALL, CALLS, carry_out, carry_out_outputs, enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
@@ -407,16 +406,14 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
     head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
-    keepalive: tuple[Any, ...] = ()
+    rates, keepalive = None, None
     if has_outputs:
         rows, rates, keepalive = _calls_with_outputs(march, parts, first, last, unloaded)
-        pack(head, CALLS, rates=rates)
-        keepalive = rates, keepalive
     elif rows is None:
         rows = grid_calls(march, first, last, unloaded)
-    pack(head, CALLS, calls=len(rows), rows=rows, guesses=march.guesses.start)
+    pack(head, CALLS, calls=len(rows), rows=rows, rates=rates, guesses=march.guesses.start)
     pack(head, CALLS, **march.addresses(parts, width, has_outputs))
-    return Listed(head, (rows, keepalive), has_outputs, parts)
+    return Listed(head, (rows, (rates, keepalive)), has_outputs, parts)
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:

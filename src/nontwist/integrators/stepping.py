@@ -198,7 +198,7 @@ def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
     Returns
     -------
     March
-        Means over the intervals follow from integrals (`nontwist.engine.outputs`).
+        Means over the intervals follow from integrals (`nontwist.engine.workspace`).
     """
     outputs, N = Outputs(problem), problem.steps
     nodes = np.unique(np.concatenate([[0], outputs.node, [N]]))

@@ -12,7 +12,7 @@ from typing import Any
 
 from .dual import Dual, plain
 from .elements import Element, Mask, Traced, Whole, llvm_type, mapped
-from .machine_code import TraceError, Tracer, tracer, writer
+from .machine_code import TraceError, tracer, writer
 
 
 def whilst(condition: Callable[[], Any]) -> Iterator[None]:
@@ -22,7 +22,7 @@ def whilst(condition: Callable[[], Any]) -> Iterator[None]:
         while condition():
             yield
         return
-    head, body, end = _labels(t, "while", "do", "done")
+    head, body, end = t.labels("while", "do", "done")
     t.label(head)
     with t.within("loop"):
         t.line(f"br i1 {condition().used()}, label %{body}, label %{end}\n{body}:")
@@ -54,16 +54,11 @@ def when(condition: Any) -> Iterator[None]:
     if condition.n != 1:
         raise TraceError("`when` takes one truth value: any_of(mask)")
     t = writer()
-    then, end = _labels(t, "then", "end")
+    then, end = t.labels("then", "end")
     t.line(f"br i1 {condition.used()}, label %{then}, label %{end}\n{then}:")
     with t.within("branch"):
         yield
     t.label(end)
-
-
-def _labels(t: Tracer, *words: str) -> list[str]:
-    number = t.number()
-    return [f"{word}{number}" for word in words]
 
 
 class Variables:

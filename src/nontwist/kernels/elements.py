@@ -215,7 +215,7 @@ def call_function(name: str, *args: Any) -> Element:
         return Element(all_lanes, n)
     full = f"llvm.{name}.{'' if n == 1 else f'v{n}'}f64" if is_of_llvm else name
     effects = "" if is_of_llvm else " nounwind willreturn memory(none)"
-    t.declare(full, f"{kind} @{full}({', '.join([kind] * len(args))}){effects}")
+    t.declare(f"{kind} @{full}({', '.join([kind] * len(args))}){effects}")
     return Element(t.value(f"call {kind} @{full}({', '.join(f'{kind} {x}' for x in names)})"), n)
 
 
@@ -418,22 +418,12 @@ def any_of(mask: Any) -> Any:
     return Mask(writer().value(f"icmp ne i{mask.n} {bits}, 0"))
 
 
-def sum_of_lanes(x: Any) -> Any:
-    """Return the sum of all lanes."""
-    return _of_lanes(operator.add, x)
-
-
-def largest_of(x: Any) -> Any:
-    """Return the largest of all lanes."""
-    return _of_lanes(larger, x)
-
-
-def _of_lanes(joined: Callable[[Any, Any], Any], x: Any) -> Any:
-    """Return what comes of joining the halves of the lanes, until one is left."""
+def all_lanes(join: Callable[[Any, Any], Any], x: Any) -> Any:
+    """Return what comes of joining the halves of the lanes, until one is left: the sum of all, or the largest."""
     if tracer() is None or x.n == 1:
         return x
     half = x.n // 2
-    return _of_lanes(joined, joined(lanes_of(x, 0, half), lanes_of(x, half, half)))
+    return all_lanes(join, join(lanes_of(x, 0, half), lanes_of(x, half, half)))
 
 
 def lanes_of(x: Any, first: int, count: int) -> Any:

@@ -201,8 +201,7 @@ def ptx_of(code: str) -> str:
         target = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu="sm_70", opt=3)
         module = llvm.parse_assembly(code)
         machine_code.simplify(module, target)
-        found: str = target.emit_assembly(module)
-        return found
+        return target.emit_assembly(module)
 
 
 class Gpu:

@@ -238,7 +238,7 @@ class Tracer:
         self.lanes, self.is_fused = lanes, is_fused
         self.made: dict[Any, Any] = {}
         self.keepalive: list[Any] = []
-        self._declared: dict[str, str] = {}
+        self._declared: dict[str, None] = {}
         self._functions: list[str] = []
         self._open: list[Function] = []
         self._count = 0
@@ -308,6 +308,11 @@ class Tracer:
         found = self.region.known[slot] = self.value(f"load {kind}, ptr {slot}", is_pure=False)
         return found
 
+    def labels(self, *words: str) -> list[str]:
+        """Return words as labels that are new."""
+        number = self.number()
+        return [f"{word}{number}" for word in words]
+
     def label(self, name: str) -> None:
         """Go on under a label."""
         self.line(f"br label %{name}\n{name}:")
@@ -325,10 +330,9 @@ class Tracer:
         self.keepalive.append(array)
         return str(array.ctypes.data)
 
-    def declare(self, name: str, text: str) -> str:
-        """Declare a function of LLVM or of the C library; return its name."""
-        self._declared[name] = f"declare {text}"
-        return name
+    def declare(self, text: str) -> None:
+        """Declare a function of LLVM or of the C library."""
+        self._declared[f"declare {text}"] = None
 
     @contextmanager
     def within(self, kind: str) -> Iterator[None]:
@@ -346,7 +350,7 @@ class Tracer:
     @property
     def text(self) -> str:
         """The module."""
-        return "\n".join([*self._functions, *self._declared.values(), ""])
+        return "\n".join([*self._functions, *self._declared, ""])
 
 
 def tracer() -> Tracer | None:

@@ -84,12 +84,6 @@ class Plain:
         kind = ctypes.c_int64 if is_whole else ctypes.c_double
         self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
 
-    def __getitem__(self, i: int) -> Any:
-        return self.load(i)
-
-    def __setitem__(self, i: int, x: Any) -> None:
-        self._numbers[i] = x
-
     def shifted(self, i: int, is_whole: bool = False) -> Plain:
         """Return the memory that lies i numbers further, also of doubles as one of whole numbers."""
         return Plain(self.address + 8 * int(i), is_whole or self.is_whole, self.owner)
@@ -102,6 +96,8 @@ class Plain:
     def store(self, i: int, x: Any, n: int = 1) -> None:
         """Write a number."""
         self._numbers[i] = x
+
+    __getitem__, __setitem__ = load, store
 
 
 def memory_at(address: Any, is_whole: bool = False, shape: tuple[Any, ...] = ()) -> Any:

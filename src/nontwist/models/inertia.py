@@ -302,9 +302,7 @@ def principal_frame(
         k = RANKS.index(third)
         E3 = _axis(axes[:, abs(values - values[k]) <= near], np.eye(3)[::-1])
     else:
-        direction = as_array(third, "third", (3,))
-        if not direction.any():
-            raise ValueError("third is zero: it must be a direction in the body")
+        direction = as_direction(third, "third")
         spaces = [axes[:, abs(values - value) <= near] for value in values[::-1]]
         space = spaces[_first_largest([float(np.linalg.norm(direction @ space)) for space in spaces])]
         E3 = _axis(space, direction[None])

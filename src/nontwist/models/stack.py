@@ -75,7 +75,7 @@ class SystemStack:
             raise ValueError("a stack needs at least one body")
         dead = np.zeros((m, 3, 3)) if self.dead_force is None else as_array(self.dead_force, "dead_force", (m, 3, 3))
         axis = None if self.axis is None else as_array(self.axis, "axis", (m, 3))
-        for i in np.flatnonzero(_doubtful(E, axis)):
+        for i in np.flatnonzero(doubtful(E, axis)):
             try:
                 n, spin = None if axis is None else axis[i], None if self.spin is None or axis is None else 1.0
                 body = DirectorSystem(E[i], n, spin=spin, physical=self.physical)
@@ -179,10 +179,7 @@ class SystemStack:
         """Whether gravity or another dead force acts on a body."""
         return bool(np.any(self.dead_force))
 
-    @property
-    def inertia(self) -> Array:
-        """The convected inertia J, (m, 3, 3), kg m²."""
-        return self.convected_inertia
+    inertia = convected_inertia
 
     @property
     def vertical(self) -> Array:
@@ -244,7 +241,7 @@ def is_principal(systems: SystemStack) -> NDArray[np.bool_]:
     return np.asarray(abs(transverse_momentum(systems)).max(axis=1) <= PRINCIPAL * largest)
 
 
-def _doubtful(E: Array, axis: Array | None) -> NDArray[np.bool_]:
+def doubtful(E: Array, axis: Array | None) -> NDArray[np.bool_]:
     """Whether members need the checks of a single body: not symmetric, not far from its limits, no unit axis."""
     doubt: NDArray[np.bool_] = abs(E - E.swapaxes(1, 2)).max(axis=(1, 2)) > SYMMETRY * abs(E).max(axis=(1, 2)) / 2
     doubt |= np.linalg.eigvalsh(E)[:, 0] <= 1e-6 * np.trace(E, axis1=1, axis2=2)

@@ -29,7 +29,6 @@ from .times import Clock, clock, ignored
 
 SAME = 1e-2  # rad by which a matrix may differ from a quaternion beside it
 MARKERS = 3  # that determine an attitude
-DIRECTION = "direction: {}, which nothing in the file confirms"
 IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
 MEASURED = 1e-2  # by which recorded rotations, which are rounded, may be off
@@ -135,7 +134,8 @@ def _recorded(
     if chosen.inverse:
         told += ("inverted: earth relative to sensor was made sensor relative to earth",)
     elif not checked:
-        told += (DIRECTION.format("body to space, as the format defines" if directed else "taken as sensor to earth"),)
+        which = "body to space, as the format defines" if directed else "taken as sensor to earth"
+        told += (f"direction: {which}, which nothing in the file confirms",)
     notes = (chosen.words, *notes, *time.notes, *by_gyroscope, *told, *checked)
     return Motion(values, times, time.start, lines, notes)
 

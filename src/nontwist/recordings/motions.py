@@ -126,8 +126,7 @@ def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
 
     Quaternions that are given are left as they are.
     """
-    is_all = len(rows) == len(motion.values) and bool((np.diff(rows) == 1).all())
-    values = motion.values if is_all else motion.values[rows]
+    values = motion.values[rows]
     if isinstance(values, np.ndarray):
         _require_rotations(values, MEASURED, rows, motion.lines)
         if values.shape[-1] == 4:

@@ -382,11 +382,9 @@ def _search(
         if not best or scores[1].max() > best[1].max():
             best = (*scores, slope)
     lags, score, found, n, slope = best
-    k = left = right = int(np.argmax(score))
-    while left > 0 and score[left - 1] < score[left]:
-        left -= 1
-    while right < score.size - 1 and score[right + 1] < score[right]:
-        right += 1
+    k, steps = int(np.argmax(score)), np.diff(score)
+    left = max(np.flatnonzero(steps[:k] <= 0), default=-1) + 1
+    right = k + min(np.flatnonzero(steps[k:] >= 0), default=score.size - 1 - k)
     rivals = np.where(n >= (WHOLE if shaken.all() else SHAKEN) * n[k], found, -1.0)
     rivals[left : right + 1] = -1.0
     j = int(np.argmax(rivals))
@@ -421,15 +419,13 @@ def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most:
         """Return derivatives, over two samples: within one the interpolated signals have corners."""
         return np.stack([(unlike(x + e) - unlike(x - e)) / 2 for e in np.eye(2)], axis=1)
 
-    def cost(x: Array) -> float:
-        return sum_of_squares(unlike(x)) / 2
-
     x = _fitted(unlike, start, slopes)
     steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
-    hessian = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
+    costs = [[[i * j * sum_of_squares(unlike(x + i * p + j * q)) for i, j in signs] for q in steps] for p in steps]
+    hessian = np.sum(costs, axis=2) / 2 / (2 * reach) ** 2
     if abs(x[1]) > most or not np.linalg.eigvalsh(hessian)[0] > 0:
         return start, float("inf")
-    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(hessian / (2 * reach) ** 2)[1]) * unlike(x)
+    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(hessian)[1]) * unlike(x)
     counted = np.trim_zeros(moves)
     by_parts = [[part.sum() for part in np.array_split(counted, parts)] for parts in PARTS]
     return x, max(float(np.linalg.norm(sums)) for sums in by_parts)

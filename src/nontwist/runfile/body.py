@@ -14,9 +14,8 @@ from ..models.bodies import BODIES, with_gravity
 from ..models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
 from ..models.mesh import MassProperties, of_mesh
 from ..models.system import DirectorSystem
-from .folder import Folder
+from .files import Fault, Folder, shown
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry, words_of
-from .toml_data import Fault, shown
 
 # Inertias made from a shape: `inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }`.
 #

@@ -28,7 +28,7 @@ from ..driver.planning import known_body, planned, require_observed
 from ..driver.problem import Problem, prepared, problem_with
 from ..driver.single_run import Forecast, Prepared
 from ..driver.single_run import forecast as forecast_of
-from ..driver.starts import start_of_one
+from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.values import as_list, as_path
 from ..geometry.values import short_repr as in_python
@@ -40,12 +40,11 @@ from ..models.spin import as_spin
 from ..models.system import DirectorSystem
 from ..units import RATE, in_datasets
 from .body import Body, SpinTable
-from .folder import Folder
+from .files import LARGEST, Fault, Folder, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
 from .section import Faults, Section, entry, path_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
-from .toml_data import LARGEST, Fault, document, overridden, parsed, shown, toml_text
 
 
 def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Problem, Prepared] | None:
@@ -129,7 +128,7 @@ def _start(
     if system is not None and given:
         t_start = None if run is not None or time is None else time.t_start
         with faults.of("start", start, name, accepted):
-            begin = start_of_one(system, **given, t_start=t_start)
+            begin = starts(system, **given, t_start=t_start)
             if time is not None and begin.time not in (None, time.t_start):
                 faults.append(Fault("time.t_start", shown(time.t_start), f"{begin.time!r}, the last time of {run}"))
     return given
@@ -159,20 +158,11 @@ def _integrator(integrator: Integrator, faults: Faults) -> dict[str, Any]:
     return {"integrator": kind(**options) if order is not None or integrator.options else kind.name}
 
 
-STAND_INS = {"store": 1}  # of keys of [time] that are wrong; others are left out
-
-
 def _locate(time: Time, system: DirectorSystem | None, given: dict[str, Any], faults: Faults) -> None:
-    """Find the keys of [time] that make no plan; where one is wrong, those that are wrong without it as well."""
+    """Find the first key of [time] that makes no plan."""
     how = {name: given[name] for name in ("integrator", "times", *Time.model_fields) if name in given}
-    for _ in Time.model_fields:
-        with faults.of("time", time, "t_end"):
-            planned(system or standard(np.ones(3)), **how)
-            return
-        name = faults[-1].key.removeprefix("time.")
-        if name in ("t_end", "t_start"):
-            return
-        how[name] = STAND_INS.get(name)
+    with faults.of("time", time, "t_end"):
+        planned(system or standard(np.ones(3)), **how)
 
 
 MOST_LOADS, MOST_EVENTS = 1000, 100

@@ -18,10 +18,8 @@ from pydantic import Field, create_model
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
 from ..loads.terms import FRAME, ForceTerm, own_fields
 from ..spec import Spec, specs
-from .folder import Folder
-from .folder import Table as CsvTable
+from .files import Folder, Table, plain
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
-from .toml_data import plain
 
 FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
@@ -103,7 +101,7 @@ class Tabled(LoadSection):
         columns: list[str] | None
         sha256: str | None
 
-    def table(self, folder: Folder) -> CsvTable:
+    def table(self, folder: Folder) -> Table:
         """Return the columns, times and values; a ValueError where the file cannot be read."""
         assert self.file is not None
         return folder.table(self.file, self.columns, self.sha256, self.count)

@@ -32,7 +32,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from ..geometry.arrays import AXES
 from ..geometry.values import guess, nearest
-from .toml_data import LARGEST_NUMBER, Fault, Keys, dotted, shown, toml_value
+from .files import LARGEST_NUMBER, Fault, Keys, dotted, shown, toml_value
 
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '

@@ -16,18 +16,19 @@ from abc import abstractmethod
 from collections import ChainMap
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import islice
+from itertools import combinations, islice
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from ..analysis.statistics import STATISTICS
 from ..analysis.variables import NODES, OBSERVABLES, ROTORS, STATE, WHEELS
+from ..driver.grid import even_step
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import Integrator
+from .files import Fault, shown
 from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
-from .toml_data import Fault, shown
 
 if TYPE_CHECKING:
     from ..driver.single_run import Prepared
@@ -219,12 +220,7 @@ KINDS: dict[str, type[Over]] = {
 }
 AnyOver = Annotated[Over, OneOf(KINDS)]
 
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    Reduction: TypeAlias = str
-else:
-    Reduction = Literal[STATISTICS]
+Reduction = Annotated[str, OneOf(dict.fromkeys(STATISTICS))]
 Variable = Annotated[str, OneOf(ChainMap(OBSERVABLES, dict.fromkeys(KEPT)))]
 
 
@@ -281,10 +277,8 @@ class Sweep(Section):
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
-EXCLUDED = (  # no numbers of the motion, which cannot be swept
-    *("title", "output", "sweep", "event"),
-    *("time.store", "time.times"),
-)
+# No numbers of the motion, which cannot be swept.
+EXCLUDED = ("title", "output", "sweep", "event", "time.store", "time.times")
 
 
 def table_problems(sweep: Sweep, faults: Faults) -> None:
@@ -294,11 +288,10 @@ def table_problems(sweep: Sweep, faults: Faults) -> None:
         with faults.of(f"sweep.over.{k}", one, "values"):
             _ = one.form
     is_valid = len(faults) == before
-    for k, one in enumerate(sweep.over):
-        for other in sweep.over[:k]:
-            if f"{one.key}.".startswith(f"{other.key}.") or f"{other.key}.".startswith(f"{one.key}."):
-                given = f"{shown(one.key)}, beside {shown(other.key)}"
-                faults.append(Fault(f"sweep.over.{k}.key", given, "each number once"))
+    for (_, other), (k, one) in combinations(enumerate(sweep.over), 2):
+        if f"{one.key}.".startswith(f"{other.key}.") or f"{other.key}.".startswith(f"{one.key}."):
+            given = f"{shown(one.key)}, beside {shown(other.key)}"
+            faults.append(Fault(f"sweep.over.{k}.key", given, "each number once"))
     if sweep.samples > 1 and not sweep.drawn:
         given = f"{sweep.samples} (nothing is drawn)"
         faults.append(Fault("sweep.samples", given, "left out, or a key that is drawn"))
@@ -345,21 +338,12 @@ def step_problems(step: float | None, integrator: type[Integrator], prepared: Pr
     with suppress(ValueError):  # too many steps
         if prepared is not None:
             prepared = prepared.on_grid  # members store the states at their steps
-            order = getattr(prepared.scheme, "order", None)
+            plan, order = prepared.plan, getattr(prepared.scheme, "order", None)
             at = f" with integrator.order = {order}" if order else ""
-            accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep], and "
+            even = even_step(prepared.grid.longest, plan.grid_load, plan.t_start, plan.t_end)
+            accepted += f"; {even:.12g}{at} suits the file without [sweep], and " if even else "; "
             accepted += "nontwist precision FILE --target 1e-8 finds one that has this error"
     yield Fault("time.step", "missing", accepted)
-
-
-def _suggested_step(prepared: Prepared) -> float:
-    """Return a step that divides the span, no longer than those of the run, if possible with one digit."""
-    span, longest = prepared.plan.t_end - prepared.plan.t_start, prepared.grid.longest
-    power = 10.0 ** math.floor(math.log10(longest))
-    for step in (5 * power, 2 * power, power, power / 2, power / 5, power / 10):
-        if step <= longest and math.isclose(span / step, round(span / step), rel_tol=1e-12):
-            return step
-    return span / math.ceil(span / longest)
 
 
 def _form(shape: tuple[int, ...]) -> str:
@@ -383,8 +367,7 @@ def numeric_keys(data: Any, at: str = "") -> dict[str, tuple[int, ...]]:
 
 def _regular(data: list[Any]) -> tuple[int, ...] | None:
     """Return the shape of a list of numbers, or of lists of them, that is an array; None where it is none."""
-    try:
+    with suppress(ValueError):
         array = np.array(data)
-    except ValueError:
-        return None
-    return array.shape if array.dtype.kind in "if" and array.size else None
+        return array.shape if array.dtype.kind in "if" and array.size else None
+    return None

@@ -18,7 +18,7 @@ from ..integrators import Integrator as Scheme
 from ..integrators.problem import FIT
 from ..recordings.motions import rotation
 from ..units import RATE
-from .folder import Folder, Table
+from .files import Folder, Table
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
 
 if TYPE_CHECKING:
@@ -160,8 +160,7 @@ class TimesFile(Section):
 
     def times(self, time: Time, folder: Folder) -> list[float]:
         """Return the times; a ValueError where the file cannot be read."""
-        found: list[float] = self._table(folder).columns[0].tolist()
-        return found
+        return [*self._table(folder).columns[0].tolist()]
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return what is recorded of it: the hash of the file as it was read."""

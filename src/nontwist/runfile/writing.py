@@ -26,9 +26,8 @@ from ..models.system import DirectorSystem, as_system
 from ..spec import specs
 from .body import Body
 from .document import checked
-from .folder import Folder
+from .files import Folder, plain
 from .loads import Tables, keys_of
-from .toml_data import plain
 
 if TYPE_CHECKING:
     from .document import RunFile
@@ -102,13 +101,9 @@ def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
         table["axis"] = system.axis.tolist()
     if not system.physical:
         table["physical"] = False
-    if system.spin is not None:
-        one = system.spin.times.size == 1
-        table["spin"] = (
-            float(system.spin.values[0])
-            if one
-            else {"times": system.spin.times.tolist(), "values": system.spin.values.tolist()}
-        )
+    if (spin := system.spin) is not None:
+        turning = {"times": spin.times.tolist(), "values": spin.values.tolist()}
+        table["spin"] = turning if spin.times.size > 1 else float(spin.values[0])
     if system.dead_force.any():
         left, sizes, right = np.linalg.svd(system.dead_force)
         if sizes[1] > RANK * sizes[0]:
@@ -158,5 +153,5 @@ def event_table(event: Any) -> dict[str, Any]:
         raise ValueError("an event that is a function has no place in a run file: axis_crosses, spin_below have")
     table = {"kind": event.kind, "name": event.__name__, "terminal": plain(event.terminal)}
     table["direction"] = int(np.sign(event.direction))
-    own = {key: plain(getattr(event, key)) for key in event.fields if getattr(event, key) is not None}
+    own = {key: plain(value) for key, value in event.keys.items() if value is not None}
     return table | own

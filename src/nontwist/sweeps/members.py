@@ -16,7 +16,7 @@ Quasi-random: all drawn keys share one scrambled sequence, and member i takes it
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from functools import cached_property
@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from ..analysis import statistics
 from ..analysis.variables import SIZES, Acting, about, observables
 from ..driver.completion import march
-from ..driver.ensembles import messages
+from ..driver.notices import messages
 from ..driver.planning import known_body
 from ..driver.starts import starts
 from ..errors import RunFileError
@@ -39,11 +39,12 @@ from ..geometry.arrays import Array
 from ..integrators import IVP, Integrator
 from ..integrators.problem import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
-from ..models.stack import SystemStack
+from ..models.stack import SystemStack, doubtful
+from ..models.system import DirectorSystem
 from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, file_of_text, with_loads
-from ..runfile.folder import Folder
+from ..runfile.files import Folder
 from ..runfile.loads import AnyLoad, Place
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep
@@ -113,7 +114,6 @@ def _quasi_random(name: str, seed: int, dimension: int, first: int, last: int) -
 # `E = 1/2 tr(J) I - J`; shapes, and bodies under gravity, whose inertia must suit the mass, one after the other.
 
 AT_ONCE = ("axis", "inertia")
-DOUBTFUL = 1e-6  # of the trace: members with a smaller eigenvalue of E are checked one by one
 
 
 class InvalidMembersError(ValueError):
@@ -146,23 +146,29 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     plain = isinstance(body.inertia, list) and body.weight(folder) is None and body.spin is None
     if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)
-    m = len(next(iter(values.values())))
-    data, made, invalid = body.model_dump(exclude_none=True), [], {}
-    for i in range(m):
+    data = body.model_dump(exclude_none=True)
+
+    def made(i: int) -> DirectorSystem:
         own = with_values(data, {key: array[i] for key, array in values.items()})
         try:
-            made.append(Body.model_validate(own).system(folder))
+            return Body.model_validate(own).system(folder)
         except ValidationError as error:
-            invalid[i] = "; ".join(map(str, problems_of(error, own, Body, ("body",))))
+            raise ValueError("; ".join(map(str, problems_of(error, own, Body, ("body",))))) from error
+
+    return SystemStack.of(_each(range(len(next(iter(values.values())))), made))
+
+
+def _each(members: Iterable[int], made: Callable[[int], DirectorSystem]) -> list[DirectorSystem]:
+    """Return the bodies of members, each `made` by itself; an InvalidMembersError says why some cannot be."""
+    found, invalid = [], {}
+    for i in members:
+        try:
+            found.append(made(i))
         except ValueError as error:
-            invalid[i] = str(error)
-    _require(invalid)
-    return SystemStack.of(made)
-
-
-def _require(invalid: dict[int, str]) -> None:
+            invalid[i] = in_toml(str(error))
     if invalid:
-        raise InvalidMembersError({k: in_toml(reason) for k, reason in invalid.items()})
+        raise InvalidMembersError(invalid)
+    return found
 
 
 def with_values(data: Any, values: dict[str, Any]) -> Any:
@@ -191,7 +197,7 @@ def components(nominal: Any, name: str, values: Values, m: int) -> Array:
 
 
 def _at_once(body: Body, values: Values) -> SystemStack:
-    kind, m, invalid = BODIES[body.kind], len(next(iter(values.values()))), dict[int, str]()
+    kind, m = BODIES[body.kind], len(next(iter(values.values())))
     given = {name: components(getattr(body, name), name, values, m) for name in AT_ONCE if name in kind.takes}
     J = given["inertia"]
     J = given["inertia"] = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
@@ -199,18 +205,13 @@ def _at_once(body: Body, values: Values) -> SystemStack:
     how: dict[str, Any] = {} if body.physical is None else {"physical": body.physical}
     E, fixed = kind.at_once(J), None if "axis" in given else kind.make(**kind.sample).axis
     axis = given.get("axis") if fixed is None else np.repeat(fixed[None], m, axis=0)
-    doubtful = np.linalg.eigvalsh(E)[:, 0] <= DOUBTFUL * np.trace(E, axis1=1, axis2=2)
-    doubtful |= (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
     if axis is not None:
         length = np.sqrt(axis[:, 0] * axis[:, 0] + axis[:, 1] * axis[:, 1] + axis[:, 2] * axis[:, 2])
-        doubtful |= length == 0
         axis = axis / np.where(length == 0, 1.0, length)[:, None]
-    for i in np.flatnonzero(doubtful).tolist():
-        try:
-            E[i] = kind.make(**{name: array[i] for name, array in given.items()}, **how).euler_inertia
-        except ValueError as error:
-            invalid[i] = str(error)
-    _require(invalid)
+    is_odd = (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
+    alone = np.flatnonzero(doubtful(E, axis) | is_odd).tolist()
+    made = _each(alone, lambda i: kind.make(**{name: array[i] for name, array in given.items()}, **how))
+    E[alone] = np.reshape([one.euler_inertia for one in made], (-1, 3, 3))
     return SystemStack(E, axis, name=body.kind, **how)
 
 
@@ -250,6 +251,7 @@ class Members:
         self.file, self.text, self.folder = file, file.text(), file._folder
         self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
+        self.variables = statistics.checked_variables(self.sweep.variables)
 
     @classmethod
     def of(cls, text: str, folder: Path) -> Members:
@@ -263,7 +265,7 @@ class Members:
     def kept(self) -> dict[str, Kept]:
         """The variables without `status`; the conserved momentum is that of the body of the file."""
         found = {}
-        for name in self._states:
+        for name in self.variables:
             dims, units, long_name, symbol = about(name)
             attributes = {"units": units, "long_name": f"{long_name} at t_end", "symbol": symbol}
             found[name] = Kept(tuple(dims[1:]), attributes)
@@ -355,7 +357,7 @@ class Members:
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
         acting = Acting.of(problem.load, problem.stored_times[-1:], problem.load_scale)
-        for name, found in observables(self._states, problem.systems, ends, acting).items():
+        for name, found in observables(self.variables, problem.systems, ends, acting).items():
             last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
         if outcome.observed is not None:
@@ -364,10 +366,6 @@ class Members:
         results.status[places] = outcome.failures[:, 0]
         results.reasons.update({int(places[i]): reason for i, reason in messages(problem, outcome).items()})
         return None
-
-    @property
-    def _states(self) -> tuple[str, ...]:
-        return statistics.checked_variables(self.sweep.variables)
 
     def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, IVP]:
         """Return m members of one file, which differ in axes of an ensemble alone, and how to integrate them.
@@ -390,7 +388,7 @@ class Members:
         W, w = (given, None) if frame == "body" else (None, given)
         rotation = self._rotations(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales
-        begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start)
+        begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start, many=True)
         grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
         return plan.scheme, replace(plan.problem(begin, grid), observed=bool(self.sweep.reduce))
 

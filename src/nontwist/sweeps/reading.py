@@ -25,7 +25,6 @@ from .store import Blocks, SweepStore, open_store
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.artist import Artist
 
 # What three numbers of a key are components along; those of a load by their last word.
 DIMS = {"start.rotation": "quat", "start.angular_velocity.space": "axis", "start.angular_velocity.body": "director"}
@@ -225,26 +224,24 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str) -> A
     kept = open_store(store)
     data, sweep = dataset(kept), cast(Any, kept.members.sweep)
     swept = [one.key for one in sweep.over]
-    across = [_component(data, key, swept, "was not swept") for key in keys]
-    results = [str(name) for name in data.data_vars if name not in swept]
-    drawn = _component(data, quantity, results, "was not kept")
     every = slice(None, None, -(-data.sizes["member"] // MOST))
-    x, y = [one.numbers(every) for one in across], drawn.numbers(every)
+    across = [_component(data, key, swept, "was not swept", every) for key in keys]
+    results = [str(name) for name in data.data_vars if name not in swept]
+    drawn = _component(data, quantity, results, "was not kept", every)
+    x, y = [one.numbers for one in across], drawn.numbers
     finite = np.isfinite(y)
     if not finite.any():
         raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
     logarithmic = [one.key for one in sweep.over if getattr(one, "spacing", "") == "log" and one.start > 0]
     with style():
         ax: Any = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
-        ax.set_xlabel(across[0].column + unit(across[0].variable))
+        ax.set_xlabel(across[0].column)
         if len(keys) == 1:
             ax.set_ylabel(drawn.label)
             _curve(ax, x[0][finite], y[finite], sweep)
         else:
-            ax.set_ylabel(across[1].column + unit(across[1].variable))
-            shown = _map(ax, x[0], x[1], y, sweep, keys, logarithmic) or _dots(
-                ax, x[0][finite], x[1][finite], c=y[finite]
-            )
+            ax.set_ylabel(across[1].column)
+            shown = _map(ax, x, y, sweep, keys, logarithmic) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
             ax.figure.colorbar(shown, ax=ax, label=drawn.label)
         for key, axis in zip(keys, "xy", strict=False):
             if key in logarithmic:
@@ -255,64 +252,44 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str) -> A
 
 
 class _Component(NamedTuple):
-    """A variable of a store, or a component of it, under the name by which it was asked for."""
+    """Numbers of members, of a vector their lengths, and what labels call them."""
 
-    name: str
-    variable: Any
-    place: list[int]
-
-    def numbers(self, every: slice) -> Array:
-        """Return the numbers of some members, of a vector its lengths."""
-        shape, name = self.variable.shape[1:], self.variable.name
-        if len(self.place) > len(shape) or any(k >= n for k, n in zip(self.place, shape, strict=False)):
-            ends = " × ".join(f"0 to {n - 1}" for n in shape)
-            raise ValueError(f"{name} has components {ends}, not {self.name}")
-        entry: Any = (slice(None), *self.place)
-        values: Array = np.asarray(self.variable[every].values, dtype=np.float64)[entry]
-        if values.ndim > 2:
-            last = ".".join(str(n - 1) for n in values.shape[1:])
-            size = " × ".join(map(str, values.shape[1:]))
-            raise ValueError(
-                f"{self.name} is a matrix, {size}, which has no length; name one of its components, as in "
-                f"{self.name}.{last}"
-            )
-        return values if values.ndim == 1 else np.sqrt((values * values).sum(axis=1))
-
-    @property
-    def labels(self) -> list[str]:
-        """The labels of the component, as the columns of exported tables have them."""
-        dims = self.variable.dims[1:]
-        return [str(self.variable[dim].values[k]) for dim, k in zip(dims, self.place, strict=False)]
-
-    @property
-    def column(self) -> str:
-        """The name of the component, as the columns of exported tables are called: quaternion_z."""
-        return "_".join([str(self.variable.name), *self.labels])
-
-    @property
-    def label(self) -> str:
-        """Name, symbol and unit; of a vector the symbol of its length."""
-        if " " in self.variable.attrs.get("symbol", " "):  # of a reduction, which repeats the name
-            return self.name.replace("_", " ") + unit(self.variable)
-        text = symbol(self.variable, "".join(self.labels))
-        words = self.column if self.place else self.column.replace("_", " ")
-        length = self.variable.ndim - 1 > len(self.place)
-        return f"{words} {f'|{text}|' if length else text}{unit(self.variable)}"
+    numbers: Array
+    column: str  # as in exported tables, quaternion_z, and the unit
+    label: str  # and the symbol, of a vector that of its length
 
 
-def _component(data: Any, name: str, known: Sequence[str], fault: str) -> _Component:
-    """Return the variable that a name begins with, and the components that follow."""
+def _component(data: Any, name: str, known: Sequence[str], fault: str, every: slice) -> _Component:
+    """Return the variable that a name begins with, or the component that follows, of some members."""
     base = max((one for one in known if name == one or name.startswith(f"{one}.")), key=len, default=None)
     rest = name[len(base) + 1 :].split(".") if base is not None and name != base else []
     if base is None or not all(part.isdecimal() for part in rest):
         raise ValueError(f"{name} {fault}; known are {', '.join(known)}, and their components, as in {known[0]}.0")
-    return _Component(name, data[base], [int(part) for part in rest])
+    whole, place = data[base], [int(part) for part in rest]
+    shape, left = whole.shape[1:], whole.shape[1 + len(place) :]
+    if len(place) > len(shape) or any(k >= n for k, n in zip(place, shape, strict=False)):
+        ends = " × ".join(f"0 to {n - 1}" for n in shape)
+        raise ValueError(f"{base} has components {ends}, not {name}")
+    if len(left) > 1:
+        size, last = " × ".join(map(str, left)), ".".join(str(n - 1) for n in left)
+        one = f"name one of its components, as in {name}.{last}"
+        raise ValueError(f"{name} is a matrix, {size}, which has no length; {one}")
+    entry: Any = (slice(None), *place)
+    numbers = np.asarray(whole[every].values, dtype=np.float64)[entry]
+    labels = [str(whole[dim].values[k]) for dim, k in zip(whole.dims[1:], place, strict=False)]
+    column = "_".join([base, *labels])
+    if " " in whole.attrs.get("symbol", " "):  # of a reduction, which repeats the name
+        label = name.replace("_", " ")
+    else:
+        text = symbol(whole, "".join(labels))
+        label = f"{column if place else column.replace('_', ' ')} {f'|{text}|' if left else text}"
+    numbers = np.sqrt((numbers * numbers).sum(axis=1)) if left else numbers
+    return _Component(numbers, column + unit(whole), label + unit(whole))
 
 
-def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> Artist:
+def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> Any:
     size = 9 if len(x) < DENSE else max(0.3, 9 * DENSE / len(x))
-    dots: Artist = ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)
-    return dots
+    return ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)
 
 
 def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
@@ -325,18 +302,18 @@ def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
 
 
 def _map(
-    ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str], logarithmic: Sequence[str]
-) -> Artist | None:
+    ax: Any, x: Sequence[Array], values: Array, sweep: Any, keys: Sequence[str], logarithmic: Sequence[str]
+) -> Any:
     """Draw cells, where the sweep is the product of two grids and nothing else."""
     whole = [one.key for one in sweep.axes]
     if sweep.drawn or sweep.combine != "product" or sorted(whole) != sorted(keys) or len(values) != sweep.members:
         return None
-    x, y, values = (one.reshape(sweep.shape).transpose([whole.index(key) for key in keys]) for one in (x, y, values))
-    grids = x[:, 0], y[0]
+    order = [whole.index(key) for key in keys]
+    a, b, values = (one.reshape(sweep.shape).transpose(order) for one in (*x, values))
+    grids = a[:, 0], b[0]
     a, b = (_borders(one, key in logarithmic) for one, key in zip(grids, keys, strict=True))
     cells = values[np.ix_(*map(np.argsort, grids))]
-    mesh: Artist = ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)
-    return mesh
+    return ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)
 
 
 def _borders(values: Array, logarithmic: bool) -> Array:

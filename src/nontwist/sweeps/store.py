@@ -36,6 +36,7 @@ from .members import REFUSED, Members, Results, values
 
 FORMAT, ABSENT = 3, -2
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
+CONVENTIONS = "Λ maps body to space; quaternions have the scalar last; what failed members have not reached is NaN"
 CHANGED = "was changed after it was written"
 MOST_REASONS = 1000  # in a marker; running a member again gives its own
 MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
@@ -107,8 +108,7 @@ def _verified_seal(path: Path) -> str:
         raise _damaged(path, f"{name} is missing") from error
     except (ValueError, KeyError, TypeError) as error:
         raise _damaged(path, f"{name} {CHANGED}") from error
-    found: str = seal["seal"]
-    return found
+    return str(seal["seal"])
 
 
 def _damaged(path: Path, reason: str) -> SweepStoreError:
@@ -198,13 +198,12 @@ class Blocks:
 
     def array(self, name: str, k: int, done: Done | None = None) -> Array:
         """Return the numbers of a variable in a block; a DamagedBlockError where they are not those of its marker."""
-        first, last = self.span(k)
+        numbers: Any = slice(*self.span(k))
         if not self.seal:
-            unchecked: Array = self.group[name][first:last]
-            return unchecked
+            return np.asarray(self.group[name][numbers])
         done, cause = self.marker(k) if done is None else done, None
         try:
-            found: Array = self.group[name][first:last]
+            found: Array = self.group[name][numbers]
             if _sha256(found) == done.sha256[name]:
                 return found
         except MemoryError:
@@ -242,11 +241,6 @@ class SweepStore:
         self.members = members if members is not None and known else Members.of(text, folder)
         self.names = [*self.members.kept, "status"]
         self.blocks = Blocks(path, self.group, block, len(self.members), seal)
-
-    @property
-    def path(self) -> Path:
-        """Its folder."""
-        return self.blocks.path
 
     @property
     def seal_words(self) -> str:
@@ -297,7 +291,7 @@ class SweepStore:
         """Remove the markers of blocks, and temporary files of killed writers."""
         for k in blocks:
             self.blocks.place(k).unlink(missing_ok=True)
-        for left in self.path.glob("**/*.partial"):
+        for left in self.blocks.path.glob("**/*.partial"):
             left.unlink(missing_ok=True)
 
 
@@ -327,7 +321,18 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
     zarr, m = _zarr(), len(members)
     statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
     with atomic_folder(path) as temporary:
-        group = zarr.create_group(str(temporary), attributes=_record(members, block))
+        record = {
+            "sweep_format": FORMAT,
+            "title": members.file.title or f"{m} {members.file.body.kind} rigid bodies",
+            "run_file": members.text,
+            "run_file_sha256": hashlib.sha256(members.text.encode()).hexdigest(),
+            "folder": str(members.folder.path.absolute()),
+            "block": block,
+            "t_end": members.file.time.t_end,
+            "conventions": CONVENTIONS,
+            "versions": json.dumps(versions()),
+        }
+        group = zarr.create_group(str(temporary), attributes=record)
 
         def add(name: str, shape: tuple[int, ...], fill: Any, dims: tuple[str, ...], attributes: Any) -> None:
             group.create_array(
@@ -354,21 +359,6 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
         with atomic_file(temporary / SEAL) as file:
             file.write(sealed({"files": hashes}))
     return SweepStore(path, members=members)
-
-
-def _record(members: Members, block: int) -> dict[str, Any]:
-    return {
-        "sweep_format": FORMAT,
-        "title": members.file.title or f"{len(members)} {members.file.body.kind} rigid bodies",
-        "run_file": members.text,
-        "run_file_sha256": hashlib.sha256(members.text.encode()).hexdigest(),
-        "folder": str(members.folder.path.absolute()),
-        "block": block,
-        "t_end": members.file.time.t_end,
-        "conventions": "Λ maps body to space; quaternions have the scalar last; what failed members have "
-        "not reached is NaN",
-        "versions": json.dumps(versions()),
-    }
 
 
 def _sha256(array: Array) -> str:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..driver.notices import cores, notice
+from ..driver.notices import notice
 from ..driver.problem import Problem
 from ..errors import SweepError, SweepStoreError, warn
 from ..geometry.values import as_function, as_path, as_whole, short_repr
@@ -33,8 +33,7 @@ from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from ..runfile.document import checked, forecast
-from ..runfile.folder import Folder
-from ..runfile.toml_data import bounded, parsed, plain
+from ..runfile.files import Folder, bounded, parsed, plain
 from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
 from .reading import dataset
@@ -73,10 +72,9 @@ def plan(members: Members, workers: int, block: int | None = None) -> Plan:
     ValueError
         All members that were tried are refused; a `block` that is no whole number >= 1.
     """
-    block = None if block is None else as_whole(block, "block", 1)
     each, refused, reason = _measured(members)
     m, size = len(members), members.bytes_each
-    fits = _block(m, each, size, workers) if block is None else min(int(block), m)
+    fits = _block(m, each, size, workers) if block is None else min(as_whole(block, "block", 1), m)
     blocks = -(-m // fits)
     files = (len(members.kept) + 2) * blocks
     seconds = m * each / min(workers, blocks)
@@ -197,7 +195,7 @@ def sweep(
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
     with locked(place, str(store)), open_workers(dask, workers) as pool:
-        kept = _store(place, members, pool.capacity() if dask is not None else workers or cores(), block)
+        kept = _store(place, members, pool.capacity, block)
         found = kept.verified()
         again = sorted([*found.missing, *found.damaged])
         kept.clear(again)
@@ -289,13 +287,13 @@ def _counter(store: SweepStore, again: list[int], failed: int, report: Report) -
 
 def _make(store: SweepStore, blocks: list[int], pool: Workers, finish: Callable[[Done], None]) -> None:
     try:
-        failed = _pass(store, blocks, pool, lambda: 2 * pool.capacity() + 2, finish)
+        failed = _pass(store, blocks, pool, lambda: 2 * pool.capacity + 2, finish)
         for _ in range(RETRIES):
             if len(failed) < MOST_FAILURES:
                 failed = _pass(store, failed, pool, lambda: 1, finish)
     except KeyboardInterrupt as stop:
         there = sum(store.blocks.present())
-        done = f"{there} of {store.blocks.count} blocks are done and kept in {store.path}; run again to resume"
+        done = f"{there} of {store.blocks.count} blocks are done and kept in {store.blocks.path}; run again to resume"
         raise KeyboardInterrupt(f"{str(stop) or 'interrupted'}; {done}") from stop
     if failed:
         k, reason = next(iter(failed.items()))
@@ -303,7 +301,7 @@ def _make(store: SweepStore, blocks: list[int], pool: Workers, finish: Callable[
         missing = store.blocks.count - sum(store.blocks.present())
         raise SweepError(
             f"{missing} of {store.blocks.count} blocks could not be computed, the first is {k}, members {first} to "
-            f"{last - 1}: {reason}; the others are kept in {store.path}; run again to try these once more",
+            f"{last - 1}: {reason}; the others are kept in {store.blocks.path}; run again to try these once more",
             failed,
         )
 

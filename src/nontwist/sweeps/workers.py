@@ -1,6 +1,6 @@
 """The workers that compute blocks: threads of this process, or the workers of a Dask cluster, behind one interface.
 
-Threads share the store of the caller. A process of a cluster opens it once, and compiles or loads its kernels once.
+Threads share the store of the caller. A process of a cluster opens it once, and compiles its kernels once.
 """
 
 from __future__ import annotations
@@ -22,14 +22,6 @@ from ..models.bodies import BODIES
 from .store import MISSING, Done, SweepStore, open_store
 
 _opening = threading.Lock()
-
-
-class Workers(NamedTuple):
-    """Functions that submit a block of a store, return the number of workers now, and restart lost workers."""
-
-    submit: Callable[[SweepStore, int], Future[Done]]
-    capacity: Callable[[], int]
-    revive: Callable[[], None]
 
 
 def own_modules() -> tuple[str, ...]:
@@ -56,25 +48,65 @@ def _opened(path: str, seal: str) -> SweepStore:
     return store
 
 
-@contextmanager
-def threads(count: int) -> Iterator[Workers]:
-    """Work in threads: kernels release the interpreter's lock."""
-    pool = ThreadPoolExecutor(count)
-    try:
-        yield Workers(lambda store, k: pool.submit(store.make, k), lambda: count, lambda: None)
-    finally:
-        pool.shutdown(cancel_futures=True)
+class Workers(NamedTuple):
+    """Threads, or with a Dask `client` the workers of its cluster, now and later."""
+
+    executor: Any
+    threads: int
+    client: Any = None
+
+    def submit(self, store: SweepStore, k: int) -> Future[Done]:
+        """Begin to make a block of a store."""
+        there = str(store.blocks.path), store.blocks.seal, k, own_modules()
+        what = (store.make, k) if self.client is None else (make_there, *there)
+        begun: Future[Done] = self.executor.submit(*what)
+        return begun
+
+    @property
+    def capacity(self) -> int:
+        """The number of workers now."""
+        return self.threads if self.client is None else max(1, sum(self.client.nthreads().values()))
+
+    def revive(self) -> None:
+        """Restart the workers of a local cluster where none is left, as blocks would wait for ever.
+
+        A worker that dies while Dask restarts it is given up by Dask.
+        """
+        workers = getattr(getattr(self.client, "cluster", None), "worker_spec", ())
+        if workers and not self.client.nthreads():
+            self.client.cluster.scale(len(workers))
 
 
 @contextmanager
-def dask(where: Any, count: int) -> Iterator[Workers]:
-    """Work on a Dask cluster.
+def open_workers(where: Any, count: int | None) -> Iterator[Workers]:
+    """Open threads, or workers on a Dask cluster.
 
     Parameters
     ----------
-    where : "local", address, Client or Cluster
-        "local": `count` processes on this machine. Otherwise the workers of the cluster, now and later.
+    where : None, "local", address, Client or Cluster
+        None: threads; kernels release the interpreter's lock. "local": processes on this machine.
+    count : int, optional
+        How many threads or processes; by default one for each processor.
+
+    Raises
+    ------
+    ValueError
+        `count` is no whole number >= 1, or `where` is none of these.
     """
+    number = cores() if count is None else as_whole(count, "workers", 1)
+    with ExitStack() as stack:
+        if where is None:
+            pool = ThreadPoolExecutor(number)
+            stack.callback(pool.shutdown, cancel_futures=True)
+            yield Workers(pool, number)
+            return
+        client = _client(where, number, stack)
+        executor = client.get_executor(pure=False)
+        stack.callback(executor.shutdown, wait=False)
+        yield Workers(executor, number, client)
+
+
+def _client(where: Any, count: int, stack: ExitStack) -> Any:
     try:
         import distributed
     except ImportError as error:
@@ -82,45 +114,11 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
     dask: Any = distributed
     if not isinstance(where, (str, dask.Client, dask.deploy.Cluster)):
         raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {short_repr(where)}')
-    if isinstance(where, str) and where != "local":
+    if where == "local":
+        where = stack.enter_context(dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0"))
+    elif isinstance(where, str):
         dask.comm.get_address_host_port(where)  # a ValueError now, before a client waits for it
-    with ExitStack() as stack:
-        if where == "local":
-            where = stack.enter_context(
-                dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0")
-            )
-        client = where if isinstance(where, dask.Client) else stack.enter_context(dask.Client(where))
-        executor = client.get_executor(pure=False)
-
-        def submit(store: SweepStore, k: int) -> Future[Done]:
-            begun: Future[Done] = executor.submit(make_there, str(store.path), store.blocks.seal, k, own_modules())
-            return begun
-
-        def revive() -> None:
-            """Restart the workers of a local cluster where none is left, as blocks would wait for ever.
-
-            A worker that dies while Dask restarts it is given up by Dask.
-            """
-            cluster = client.cluster
-            if isinstance(cluster, dask.LocalCluster) and not client.nthreads():
-                cluster.scale(len(cluster.worker_spec))
-
-        try:
-            yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), revive)
-        finally:
-            executor.shutdown(wait=False)
-
-
-def open_workers(where: Any, count: int | None) -> Any:
-    """Return the context of the requested workers.
-
-    Raises
-    ------
-    ValueError
-        `count` is no whole number >= 1.
-    """
-    number = cores() if count is None else as_whole(count, "workers", 1)
-    return threads(number) if where is None else dask(where, number)
+    return where if isinstance(where, dask.Client) else stack.enter_context(dask.Client(where))
 
 
 # A bar on stderr: members done, rate, time left.

@@ -112,10 +112,9 @@ def sphere_maps() -> Iterator[Check]:
 def covariant_derivative() -> Iterator[Check]:
     """Transport a field along the circle of colatitude θ: it turns by cos θ a radian of longitude."""
     t, theta = np.linspace(0, 1, 401), 0.7
-    c, s, o = np.cos(theta), np.sin(theta), np.ones_like(t)
-    d3 = np.stack([s * np.cos(t), s * np.sin(t), c * o], axis=1)
-    south, east = np.stack([c * np.cos(t), c * np.sin(t), -s * o], axis=1), np.stack([-np.sin(t), np.cos(t), 0 * o], 1)
-    parallel = np.cos(c * t)[:, None] * south - np.sin(c * t)[:, None] * east
+    south, east, d3 = triad_at(np.full_like(t, theta), t)
+    turn = np.cos(theta) * t[:, None]
+    parallel = np.cos(turn) * south - np.sin(turn) * east
     gap = sphere.covariant_derivative(d3, parallel, t)
     yield error("S²: covariant derivative of a parallel field", gap, 1e-9, "eq-cov-projection", "closed form")
 

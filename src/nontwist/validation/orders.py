@@ -24,8 +24,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..analysis import variables as obs
-from ..driver.resampling import resample
-from ..driver.runs import integrate, simulate
+from ..driver.runs import integrate, resample, simulate
 from ..exact import free_standard
 from ..geometry.arrays import Array
 from ..geometry.rotations import hat
@@ -83,7 +82,7 @@ def resampling() -> Iterator[Check]:
     for n in counts:
         run = simulate(standard(J), t_end=2, step=2 / n, angular_velocity=w, integrator="energy-momentum")
         errors.append(abs(resample(run, times).directors.values - truth.mT).max())
-    yield order("resample, free standard body", 2, counts, errors, TOLERANCE, "nontwist.driver.resampling")
+    yield order("resample, free standard body", 2, counts, errors, TOLERANCE, "nontwist.driver.runs")
 
 
 SOURCE = "Modin & Verdier 2020"

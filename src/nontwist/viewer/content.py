@@ -69,14 +69,12 @@ def panels(run: xarray.Dataset, twisted: xarray.Dataset) -> list[dict[str, Any]]
     if wheels := [momentum for _, momentum in momenta_of_rotors(run)]:
         h = {str(k + 1): values for k, values in enumerate(wheels[:3])} if len(wheels) > 1 else {"": wheels[0]}
         found.append(_panel(time, "Rotor momentum", "kg m²/s", "h", h, max(size, float(np.max(np.abs(wheels))))))
-    energies = {"K": K, "V": V, "K+V": K + V} if abs(V).max() > 0 else {"K": K}
+    energies, title = ({"K": K, "V": V, "K+V": K + V}, "Energy") if abs(V).max() > 0 else ({"K": K}, "Kinetic energy")
     return [
         *found,
         _panel(time, "Spatial momentum", "kg m²/s", "π", dict(zip("xyz", pi, strict=True)), size),
         _panel(time, "Material momentum", "kg m²/s", "Π", dict(zip("123", Pi, strict=True)), size),
-        _panel(
-            time, "Energy" if len(energies) > 1 else "Kinetic energy", "J", "", energies, float((abs(K) + abs(V)).max())
-        ),
+        _panel(time, title, "J", "", energies, float((abs(K) + abs(V)).max())),
     ]
 
 

@@ -74,8 +74,11 @@ class Motion:
         weight = data["weight"]
         self.down = None if weight is None else np.array(weight["down"])
         self.centre_of_mass = None if weight is None else np.array(weight["centre_of_mass"])
-        self.rotors = [(np.array(wheel["axis"]), _unpacked(wheel["momentum"])) for wheel in data["rotors"]]
-        self.strongest = max((float(abs(h).max()) for _, h in self.rotors), default=0.0) or 1.0
+        momenta = [_unpacked(wheel["momentum"]) for wheel in data["rotors"]]
+        strongest = max((float(abs(h).max()) for h in momenta), default=0.0) or 1.0  # of all rotors
+        self.rotors = [
+            (np.array(wheel["axis"]), h / strongest) for wheel, h in zip(data["rotors"], momenta, strict=True)
+        ]
         self.fills = float(arcs(self.path).sum()) < FEW
 
     def _path(self) -> tuple[Array, Array]:
@@ -90,10 +93,6 @@ class Motion:
         time = self.time[:-1][k] + part * np.diff(self.time)[k]
         between = (Rotation.from_rotvec(part[:, None] * turn[k]) * start[k]).apply([0.0, 0.0, 1.0])
         return np.append(time, self.time[-1]), np.vstack([between, directors(self.quaternion[-1:])[:, 2]])
-
-    def wheels(self, time: float) -> list[tuple[Array, float]]:
-        """Return the rotors: their axes in components of the triad, and their momenta, of the largest of all."""
-        return [(axis, float(np.interp(time, self.time, h)) / self.strongest) for axis, h in self.rotors]
 
     def at(self, time: float) -> tuple[Array, float, Array]:
         """Return triad, twist and the path so far: rotations between two states by the shortest way."""
@@ -209,7 +208,7 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
     ax.add_patch(Circle((0, 0), 1, fc=ink["glass-edge"], ec=ink["grid"], lw=0.8, alpha=0.55, zorder=0))
     names = zip(("d1", "d2", "d3"), motion.data["labels"], (POINTER, POINTER, 1.0), triad, strict=True)
     arrows = [(ink[colour], name, length, d) for colour, name, length, d in names]
-    wheels = [(axis @ triad, size) for axis, size in motion.wheels(time)]
+    wheels = [(axis @ triad, float(np.interp(time, motion.time, h))) for axis, h in motion.rotors]
     arrows += [(ink["rotor"], "h", MOMENTUM * abs(h), np.sign(h) * axis) for axis, h in wheels if abs(h) > 0.02]
     places = label_places([length * (view[:2] @ d) for *_, length, d in arrows])
     for near in (False, True):

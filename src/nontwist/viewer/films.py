@@ -75,7 +75,7 @@ def save_still(
     OSError
         The file exists or cannot be written.
     """
-    motions, look = _motions(runs, labels, title), _look(dark, camera, _above(runs, labels, title))
+    motions, look = _motions(runs, labels, title), _look(runs, labels, title, camera, dark)
     dots = _dots(motions, width, ".png")
     first, last = _span(motions)
     if time is not None and not first <= time <= last:
@@ -142,7 +142,7 @@ def save_film(
         )
     if not 0 < seconds < math.inf:
         raise ValueError(f"the length of a film must be positive, got {seconds:g} s")
-    motions, look = _motions(runs, labels, title), _look(dark, camera, _above(runs, labels, title))
+    motions, look = _motions(runs, labels, title), _look(runs, labels, title, camera, dark)
     dots = _dots(motions, width, kind)
     rate = 100 / round(100 / rate) if kind == ".gif" else rate  # GIF counts in hundredths of seconds
     times = np.linspace(*_span(motions), 1 + max(1, round(seconds * rate)))
@@ -160,18 +160,14 @@ def _motions(runs: list[Any], labels: str | Sequence[str] | None, title: str | N
     return [Motion(data) for data in found]
 
 
-def _above(runs: list[Any], labels: str | Sequence[str] | None, title: str | None) -> str:
-    """Return the title where it is not the name of a run alone."""
-    return "" if title is None or (len(runs) == 1 and labels is None) else title
-
-
-def _look(dark: bool, camera: tuple[float, float] | None, title: str) -> Look:
-    if camera is None:
-        return Look(dark, None, title)
-    azimuth, elevation = as_array(camera, "camera", (2,))
-    if abs(elevation) > 90:
-        raise ValueError(f"the elevation of the camera must be from -90 to 90 degrees, got {elevation:g}")
-    return Look(dark, (math.radians(azimuth), math.radians(elevation)), title)
+def _look(runs: list[Any], labels: Any, title: str | None, camera: tuple[float, float] | None, dark: bool) -> Look:
+    above = "" if title is None or (len(runs) == 1 and labels is None) else title  # one run has it as its name
+    if camera is not None:
+        azimuth, elevation = as_array(camera, "camera", (2,))
+        if abs(elevation) > 90:
+            raise ValueError(f"the elevation of the camera must be from -90 to 90 degrees, got {elevation:g}")
+        camera = math.radians(azimuth), math.radians(elevation)
+    return Look(dark, camera, above)
 
 
 def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float) -> None:

@@ -142,7 +142,7 @@ def test_the_pictures_of_the_pages_are_of_the_code_beside_them(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     code = re.findall(r"```python\n(.*?)```", text_of("docs", "index.md"), re.DOTALL)[-1]
     shown = []
-    with patch("nontwist.viewer.content._of_two", lambda run, place: shown.append(run) or content(run)):
+    with patch("nontwist.viewer.content.content", lambda run: shown.append(run) or content(run)):
         exec(code, {})
     for name in ("view.png", "view-dark.png"):
         text = stored(f"images/{name}").text["numbers"]

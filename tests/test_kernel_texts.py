@@ -68,29 +68,27 @@ def links():
 
 
 def bodies():
-    """Inertias and velocities of free bodies: any, symmetric, at rest, near the middle axis, wrong."""
+    """Inertias, attitudes and velocities of free bodies: any, symmetric, at rest, near the middle axis, wrong."""
     for k in range(14):
-        A = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        A = A * np.linalg.det(A)
+        A, R = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
+        A, R = A * np.linalg.det(A), R * np.linalg.det(R)
         d = [(3.0, 4.0, 5.0), (2.0, 2.0, 3.0), (1.0, 2.0, 2.0), (2.0, 2.0, 2.0), (1.0, 2.0, 3.0)][k % 5]
         J = A @ np.diag(d) @ A.T
         J = 0.5 * (J + J.T)
         W = [rng.normal(size=3), A[:, 1] + 1e-6 * A[:, 0], A[:, 1], np.zeros(3), A[:, 2]][k % 5 if k < 10 else 0]
         if k > 10:
-            J[0, 0] = (np.nan, -3.0, 9.0)[k % 3]
-        yield J, W
+            (J, R)[k % 2][0, 0] = (np.nan, -3.0, 9.0)[k % 3]
+        yield J, R, W
 
 
 def exact_cases():
     """Kernels of free bodies, and arguments for them."""
     times, principal = np.array([0.0, 0.01, -0.02, 0.3, 2.0, -50.0]), np.diag([3.0, 4.0, 5.0])
     k, full = len(times), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])
-    for J, W in bodies():
+    for J, R, W in bodies():
         yield free_bodies.momentum_cycle, (J, W)
         for t, is_constrained in product((times, times * 1e15), (0, 1)):
-            p, velocities = np.zeros((1, 1 + k, 4)), np.zeros((1, 1 + k, 3))
-            p[:, 0], velocities[:, 0] = unit(1, 4), W
-            yield free_bodies.free_members, (J[None], is_constrained, t, 1, 0, 1, p, velocities)
+            yield free_bodies.free_top, (J, W, R, t, is_constrained, np.zeros((k, 3, 3)), np.zeros((k, 3)))
     for is_constrained, J, t in product((0, 1), (principal, full), (times, times * 1e15)):
         p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))
         p[:, 0], W[:, 0] = unit(2, 4), rng.normal(size=(2, 3)) * [1.0, 1.0, 0.0]
@@ -98,7 +96,7 @@ def exact_cases():
     for J, t in product((principal, full), ([0.0, 0.1, 3.0], [-0.5], [])):
         motion = suslov_body._motion(J, [0.0, 0.0, 1.0], [1.0, 2.0, 0.0])
         ends, steps = suslov_body._schedule(motion, np.array(t))
-        yield suslov_body._set_attitudes, (principal / 5.0, *motion[:3], ends, steps, np.zeros((len(ends), 3, 3)))
+        yield suslov_body._set_attitudes, (R, *motion[:3], ends, steps, np.zeros((len(ends), 3, 3)))
 
 
 def cases():

@@ -41,8 +41,8 @@ states are the start and an increment (`free_step`). Chained calls with |λ t| <
 one returned, do not drift: the rounding of that state to double precision remains, which grows like the square root of
 their number. Each longer call may change K and |π| by a relative 3e-17 in one direction: 3e-11 in 10⁶ calls.
 
-**The kernel** gives quaternions, of many bodies. All states are the start and increments (`free_step`). Chained calls
-must not drift: each starts from an orthonormal attitude, and adds to
+**Kernels.** `free_top` gives rotations, `free_members`, which the integrator calls, quaternions. All states are the
+start and increments (`free_step`). Chained calls must not drift: each starts from an orthonormal attitude, and adds to
 W what the motion changes it by, ``W + Vᵀ ΔP/I`` along the principal axes V, so that neither the round-off of V, which
 would multiply W by Vᵀ V at every call, nor a normalisation of the momentum adds up.
 
@@ -60,7 +60,6 @@ from numpy.typing import ArrayLike
 
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_array, as_floats
-from ..geometry.attitudes import attitudes
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import copysign, select, sin, sqrt
 from ..kernels.kernel import kernel
@@ -68,7 +67,7 @@ from ..kernels.memory import View, matrix_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from ..models.bodies import D3
 from ..models.system import SYMMETRY, checked_inertia, require_principal
-from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes
+from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
 from .free_step import FreeMotion, free_motion, free_until, set_origin
 
 SPIN = 1e-9
@@ -161,6 +160,27 @@ def _steady_rotation(W: Vector) -> Displacement:
         return select(abs(t) * rate <= FARTHEST, OK, BAD_TIME), W, -2.0 * quarter * quarter, turn
 
     return displacement
+
+
+@kernel("f8[:, :], f8[:], f8[:, :], f8[:], i8, f8[:, :, :], f8[:, :] -> i8")
+def free_top(J: Any, W: Any, R: Any, times: Any, is_constrained: Any, attitudes: Any, velocities: Any) -> Any:
+    """Set the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body; return a status."""
+    W, R = vector_at(W), matrix_at(R)
+    v, D = Variables(status=OK), to_orthonormal(R)
+
+    def follow(displacement: Displacement) -> None:
+        for k in loop(times.shape[0], whilst=lambda: v.status == OK):
+            v.status, velocity, cosm1, turn = displacement(times[k])
+            put(velocities[k], velocity)
+            for i, (row, rest) in enumerate(zip(R, D, strict=True)):  # R (I + 2 (1 + cosm1) v̂ + 2 v̂²), row by row
+                a = cross(row, turn)
+                put(attitudes[k, i], row + (rest + 2.0 * (1.0 + cosm1) * a + 2.0 * cross(a, turn)))
+
+    for _ in when(is_constrained == 0):
+        follow(_free(matrix_at(J), W))
+    for _ in when(is_constrained != 0):
+        follow(_steady_rotation(W))
+    return v.status
 
 
 def rotations_about(R: Array, axis: Array, angles: Array) -> Array:
@@ -360,10 +380,7 @@ def _solved(
     else:
         J, W = checked_inertia(inertia, physical), checked_velocity(velocity)
     t, R = checked_times(times), checked_attitude(rotation)
-    p, velocities = np.empty((1, 1 + len(t), 4)), np.empty((1, 1 + len(t), 3))
-    R = R + 0.5 * (np.eye(3) - R @ R.T) @ R  # its round-off does not add up
-    p[0, 0], velocities[0, 0] = (0.0, 0.0, 0.0, 1.0), W
-    if free_members(J[None], int(is_constrained), t, 1, 0, 1, p, velocities)[0] != OK:
+    Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
+    if free_top(J, W, R, t, int(is_constrained), Lam, velocities) != OK:
         raise ValueError(TOO_FAR)
-    Lam: Array = R @ attitudes(p[0, 1:])
-    return Lam, velocities[0, 1:]
+    return Lam, velocities

@@ -138,10 +138,13 @@ def principal_axes(J: Matrix) -> tuple[Matrix, Vector]:
         is_larger = moments[i] > moments[j]
         moments[i], moments[j] = select(is_larger, (moments[j], moments[i]), (moments[i], moments[j]))
         rows[i], rows[j] = select(is_larger, (rows[j], -rows[i]), (rows[i], rows[j]))
-    R = Matrix(*rows)
-    left = [Vector(*(0.5 * ((1.0 if i == j else 0.0) - a @ b) for j, b in enumerate(R))) for i, a in enumerate(R)]
-    step = [row[0] * R[0] + row[1] * R[1] + row[2] * R[2] for row in left]  # Newton's to the polar factor
-    return R + Matrix(*step), Vector(*moments)
+    return Matrix(*rows) + to_orthonormal(Matrix(*rows)), Vector(*moments)
+
+
+def to_orthonormal(R: Matrix) -> Matrix:
+    """Return what to add to the rows of R: half of what is left of ``I - R Rᵀ``, Newton's step to the polar factor."""
+    E = Matrix(*(Vector(*(0.5 * ((1.0 if i == j else 0.0) - a @ b) for j, b in enumerate(R))) for i, a in enumerate(R)))
+    return Matrix(*(row[0] * R[0] + row[1] * R[1] + row[2] * R[2] for row in E))
 
 
 def _moduli(M: Vector, rx: Any, rz: Any) -> tuple[Any, Any, Any, Any]:

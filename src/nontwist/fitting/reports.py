@@ -196,7 +196,7 @@ def worth(fit: Fit) -> list[str]:
             "a longer motion, or one about another axis, tells more"
         )
     size = abs(fit.residual)
-    typical = float(np.median(size) / 0.6745)
+    typical = max(float(np.median(size) / 0.6745), fit.stated_noise)
     row, axis = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
     if size[row, axis] > STRAY * typical and fit.solution.problem.loss == "linear":
         time = np.concatenate([part.time for part in fit.parts])

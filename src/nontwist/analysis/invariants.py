@@ -167,16 +167,14 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
 def _jacobi_integral(orbit: Mapping[str, Any], x: Quantities) -> Array:
     """Return ``K + V - A - n o·(π + Λh)``, which a body on a circular orbit keeps, h the momenta of its rotors."""
     n, o = orbit["mean_motion"], np.array(orbit["normal"])
-    found: Array = x.kinetic_energy + x.potential_energy - x.work - n * (x.total_momentum @ o)
-    return found
+    return x.kinetic_energy + x.potential_energy - x.work - n * (x.total_momentum @ o)
 
 
 def _transverse_form(system: DirectorSystem, x: Quantities) -> Array:
     """Return ``2 J3 K - |Π|²``, which a free body with a prescribed spin about n keeps; J3 = n·J n."""
     n = system.axis
     assert n is not None
-    form: Array = 2 * (n @ system.convected_inertia @ n) * x.kinetic_energy - np.square(x.material_momentum).sum(axis=1)
-    return form
+    return 2 * (n @ system.convected_inertia @ n) * x.kinetic_energy - np.square(x.material_momentum).sum(axis=1)
 
 
 def _vertical(systems: SystemStack, records: Records) -> Array:
@@ -193,8 +191,7 @@ def _vertical(systems: SystemStack, records: Records) -> Array:
         return np.zeros_like(e)
     is_free = ~dead.any(axis=(1, 2))
     is_along = is_free | (np.linalg.norm(np.cross(e, v), axis=1) <= PARALLEL) & e.any(axis=1)
-    found: Array = np.where(is_along[:, None], v, 0.0)
-    return found
+    return np.where(is_along[:, None], v, 0.0)
 
 
 def conserved_momentum(systems: SystemStack, loaded: bool, records: Records = ()) -> str | None:

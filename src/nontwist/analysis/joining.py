@@ -222,8 +222,7 @@ def _along(run: Any, X: ArrayLike, name: str, attributes: dict[str, str]) -> xar
     X = as_floats(X, "X")
     X = as_array(X, "X", (3,) if X.ndim == 1 else (None, 3))
     if isinstance(run, Trajectory):
-        of_run: Array = X @ getattr(run, name)
-        return of_run
+        return X @ getattr(run, name)
     run = as_dataset(run, f"a Trajectory, or {RUN}")
     if name not in run.data_vars:
         known = ", ".join(map(str, run.data_vars))

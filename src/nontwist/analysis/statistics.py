@@ -267,7 +267,7 @@ def observed_order(
     quotient = second_quotient(run_h, run_h2, run_h4, variable=variable)
     attrs = quotient.attrs | {"long_name": "observed order", "symbol": "n"}
     order: Any = np.log2(quotient.where(quotient > 0))
-    return order.rename("observed_order").assign_attrs(attrs)  # type: ignore[no-any-return]
+    return order.rename("observed_order").assign_attrs(attrs)
 
 
 def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
@@ -284,5 +284,4 @@ def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
         raise ValueError(
             f"the run with step {run.attrs['step']:.12g} s does not contain the time {time[np.argmax(gap)]:.12g} s"
         )
-    values: Array = run[variable].transpose("time", ...).values[index]
-    return values
+    return run[variable].transpose("time", ...).values[index]

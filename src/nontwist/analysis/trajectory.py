@@ -235,8 +235,7 @@ class Trajectory:
         """The number of dry frictions of the load whose rates are zero at the stored times, (n+1,)."""
         own, W = load_of(one for one in self.load if "dry_friction" in one).frictions, self.material_angular_velocity
         zero = ROUND_OFF * np.linalg.norm(W, axis=1)
-        found: NDArray[np.int64] = sum((abs(term.rates(W)) <= zero for term in own), np.zeros(len(W), dtype=np.int64))
-        return found
+        return sum((abs(term.rates(W)) <= zero for term in own), np.zeros(len(W), dtype=np.int64))
 
     def observables(self, variables: str | Iterable[str]) -> dict[str, Array]:
         """Return variables of the stored states by name, without a dataset.

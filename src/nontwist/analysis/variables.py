@@ -61,28 +61,24 @@ def spatial_momentum(q: Array, v: Array, E: Array) -> Array:
 
 def material(q: Array, a: Array) -> Array:
     """Return the components ``d_i·a`` of a spatial vector in the body, (..., 3)."""
-    A: Array = (q @ a[..., None])[..., 0]
-    return A
+    return (q @ a[..., None])[..., 0]
 
 
 def kinetic_energy(v: Array, E: Array) -> Array:
     """Return the kinetic energy K = 1/2 <v, E v> (eq-director-K), (...), J."""
-    K: Array = np.sum(v * (E @ v), axis=(-2, -1)) / 2
-    return K
+    return np.sum(v * (E @ v), axis=(-2, -1)) / 2
 
 
 def potential_energy(q: Array, system: DirectorSystem) -> Array:
     """Return the potential V = -Σ f^i·d_i of the dead forces, (...), J."""
-    V: Array = -np.sum(q * system.dead_force, axis=(-2, -1))
-    return V
+    return -np.sum(q * system.dead_force, axis=(-2, -1))
 
 
 def orthonormality_defect(q: Array) -> Array:
     """Return the largest entry of ``|q qᵀ - I|``, (...)."""
     x, y, z = q[..., 0], q[..., 1], q[..., 2]
     products = ((i, j, x[..., i] * x[..., j] + y[..., i] * y[..., j] + z[..., i] * z[..., j]) for i, j in PAIRS)
-    defect: Array = np.maximum.reduce([abs(product - (i == j)) for i, j, product in products])
-    return defect
+    return np.maximum.reduce([abs(product - (i == j)) for i, j, product in products])
 
 
 def _moment(q: Array, p: Array) -> Array:
@@ -350,8 +346,7 @@ class Wheels(NamedTuple):
     def euler_inertia(self) -> Array:
         """What the wheels, locked, give to E, (3, 3), kg m²."""
         J = np.einsum("k,ki,kj->ij", self.inertia, self.axes, self.axes)
-        found: Array = np.trace(J) / 2 * np.eye(3) - J
-        return found
+        return np.trace(J) / 2 * np.eye(3) - J
 
     def states(self, velocity: Array, internal: Array) -> tuple[dict[str, Array], Array, Array]:
         """Return their variables, Σ I Ω n, (m, k, 3), and ``Σ I Ω (n·W + Ω/2)``, (m, k)."""

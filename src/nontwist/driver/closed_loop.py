@@ -256,8 +256,7 @@ class StepperState(BodyState):
     @property
     def load_work(self) -> float:
         """Work of the moments and the load over the last step, J; 0 after a reset."""
-        work: float = self._numbers[NUMBERS.work]
-        return work
+        return self._numbers[NUMBERS.work]
 
     @property
     def reaction_moment(self) -> float:

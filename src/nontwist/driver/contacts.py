@@ -189,8 +189,7 @@ class Contacts:
     def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:
         """Return W' in the modes that there are."""
         K, lam = self.forces(t, q, W, z)[0], self.holding(self.free(t, q, W, z), self.modes)[0]
-        found: Array = self.Q @ (K - lam @ self.G)
-        return found
+        return self.Q @ (K - lam @ self.G)
 
     def kick(self, contacts: Sequence[int], p: Array) -> None:
         """Change the state by impulses along contacts; what is left of W is round-off, or no longer there."""
@@ -420,5 +419,4 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
 def torque(body: DirectorSystem, load: Load, t: float, q: Array, W: Array) -> Array:
     """Return J W' of a body without constraint under a load: M + J W × W; q: directors as rows."""
     m = moment_at(load, t, q, W @ q) + cross(q, body.dead_force).sum(axis=0)
-    found: Array = q @ m + cross(body.convected_inertia @ W, W)
-    return found
+    return q @ m + cross(body.convected_inertia @ W, W)

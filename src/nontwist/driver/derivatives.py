@@ -245,14 +245,12 @@ def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
         remembering, first = _remembering(solved, parameters)
         at_start, found = remembering.back(solved.run.states, ends, solved.is_stored)
         at_start[:6] += slopes[0]
-        of_start: Array = found + first.T @ at_start
-        return of_start
+        return found + first.T @ at_start
     steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
     at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.is_stored, parameters.count)
     at_start[:6] += slopes[0]
     first = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed)
-    total: Array = found + first.T @ at_start
-    return total
+    return found + first.T @ at_start
 
 
 def _remembering(solved: Solved, parameters: Parameters) -> tuple[RememberingSteps, Array]:

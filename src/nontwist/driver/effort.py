@@ -246,8 +246,7 @@ class Transfer:
         along, left = np.cos(angle) * p + np.sin(angle) * ahead, np.cos(angle) * ahead - np.sin(angle) * p
         speed = 6 * t * (1 - t)
         rate = way.length * ((6 - 12 * t) * along + c * speed**2 * left)
-        y: Array = (self._root.T @ (rate @ self.inertia)[:, :2]).ravel()
-        return y
+        return (self._root.T @ (rate @ self.inertia)[:, :2]).ravel()
 
     def ends(self, y: Array) -> Ends:
         """Return where the moments lead to; far away where a step turns too far."""

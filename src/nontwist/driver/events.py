@@ -361,8 +361,7 @@ def dips(values: Array) -> NDArray[np.bool_]:
     signs, beside = np.sign(values), np.pad(values, 1, mode="reflect")
     own, before, after = signs * values, signs * beside[:-2], signs * beside[2:]
     is_low = (own <= np.minimum(before, after)) & (own < LOW * (before + after)) & (own > ZERO * (before + after))
-    found: NDArray[np.bool_] = (signs[1:] * signs[:-1] > 0) & (is_low[1:] | is_low[:-1])
-    return found
+    return (signs[1:] * signs[:-1] > 0) & (is_low[1:] | is_low[:-1])
 
 
 # ---- the march

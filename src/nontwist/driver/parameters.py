@@ -364,8 +364,7 @@ class Parameters:
         if wheel.times.size:
             raise ValueError("runs have no derivatives by the axis of a wheel whose torque is a table")
         across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(since)
-        found: Array = h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
-        return found
+        return h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
 
     # ---- a longer last stretch, with as many steps: longer steps, and later nodes
 
@@ -436,8 +435,7 @@ def principal_axes(J: Array) -> Array:
 def changed(make: Callable[[Array], Term], value: Array, unit: Array, size: float) -> Array:
     """Return what the numbers of a term, at most quadratic in a value, change by along a unit; about its size."""
     ahead, behind = (numbers_of(make(value + x * unit)) for x in (size / 2, -size / 2))
-    found: Array = (ahead - behind) / size
-    return found
+    return (ahead - behind) / size
 
 
 def _input_of(term: Term) -> str:

@@ -244,8 +244,7 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
 
 def _some(values: Array) -> Array:
     """Return some of many values, the first and the last among them."""
-    found: Array = values[np.linspace(0, len(values) - 1, min(len(values), SOME)).astype(int)]
-    return found
+    return values[np.linspace(0, len(values) - 1, min(len(values), SOME)).astype(int)]
 
 
 def require_observed(scheme: Integrator, load: Load) -> None:

@@ -67,8 +67,7 @@ class Rubbed(Contacts):
     def sliding(self, W: Array) -> Array:
         """Return the moment of the friction of the body that slides, along the frame."""
         signs = np.array([float(self.modes.get(k, 0)) for k in range(self.bearings)])
-        found: Array = -(self.limits[: self.bearings] * signs) @ self.G[: self.bearings]
-        return found
+        return -(self.limits[: self.bearings] * signs) @ self.G[: self.bearings]
 
     # ---- from mode to mode
 
@@ -259,8 +258,7 @@ class Rubbed(Contacts):
         assert means is not None
         if means.velocity_integrals is None:
             return np.zeros(means.load_work.shape)
-        found: Array = -means.velocity_integrals[..., :3] @ self.sliding(np.zeros(3))
-        return found
+        return -means.velocity_integrals[..., :3] @ self.sliding(np.zeros(3))
 
 
 class Tumbling(Rubbed):
@@ -276,15 +274,13 @@ class Tumbling(Rubbed):
 
     def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:
         """Return W' while the body slides."""
-        found: Array = self.Q @ (self.forces(t, q, W, z)[0] + self.sliding(W))
-        return found
+        return self.Q @ (self.forces(t, q, W, z)[0] + self.sliding(W))
 
     def sliding(self, W: Array) -> Array:
         """Return the moment of friction, along the frame."""
         if self.is_plane or not W.any():
             return super().sliding(W)
-        found: Array = -self.limits[0] * W / np.linalg.norm(W)
-        return found
+        return -self.limits[0] * W / np.linalg.norm(W)
 
     def _dissipated(self, piece: Piece) -> Array:
         """Return the energy that friction takes in each interval of a piece, where its moment turns.
@@ -303,8 +299,7 @@ class Tumbling(Rubbed):
             along, z = self.sliding(W), None if internal is None else internal[i]
             power[i], rate[i] = -along @ W, -along @ self.slope(t, directors(p[i]), W, z)
         h = np.diff(times)
-        found: Array = (h / 2 * (power[1:] + power[:-1]) + h**2 / 12 * (rate[:-1] - rate[1:]))[None]
-        return found
+        return (h / 2 * (power[1:] + power[:-1]) + h**2 / 12 * (rate[:-1] - rate[1:]))[None]
 
     def begin(self) -> None:
         """Choose the first mode."""
@@ -365,19 +360,16 @@ class Tumbling(Rubbed):
         basis = np.linalg.svd(np.concatenate([self.axis, np.zeros((1, 3))]))[2][len(self.axis) :]
         J, m, c = basis @ self.J @ basis.T, basis @ K, self.limits[0]
         if not c:
-            rate: Array = np.linalg.solve(J, m) @ basis
-            return rate
+            return np.linalg.solve(J, m) @ basis
         if np.linalg.norm(m) <= c:
             return np.zeros(3)
 
         def direction_of(alpha: float) -> Array:
-            u: Array = np.linalg.solve(alpha * J + c * np.eye(len(J)), m)
-            return u
+            return np.linalg.solve(alpha * J + c * np.eye(len(J)), m)
 
         most = float(np.linalg.norm(m) / np.linalg.eigvalsh(J)[0])
         alpha = float(brentq(lambda x: float(np.linalg.norm(direction_of(x))) - 1.0, 0.0, most, xtol=EPS * most))
-        found: Array = alpha * direction_of(alpha) @ basis
-        return found
+        return alpha * direction_of(alpha) @ basis
 
     def _slide_in_plane(self) -> bool:
         """March under a moment of constant direction in the body; return whether W kept to it: else nothing is kept."""

@@ -196,8 +196,7 @@ def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
     if rotation is None:
         return AT_REST.quaternion
     R = as_rotation(rotation, scalar_first=scalar_first)
-    p: Array = (R if R.single else R[-1]).as_quat()[None]
-    return p
+    return (R if R.single else R[-1]).as_quat()[None]
 
 
 def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:

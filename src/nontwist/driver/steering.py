@@ -126,8 +126,7 @@ class Steering:
         t = _fraction(fraction)
         angle = t * self.length * self.curvature
         p, across = self.direction, np.array([-self.direction[1], self.direction[0], 0.0])
-        W: Array = self.length * (np.cos(angle)[..., None] * p + np.sin(angle)[..., None] * across)
-        return W
+        return self.length * (np.cos(angle)[..., None] * p + np.sin(angle)[..., None] * across)
 
 
 def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steering:

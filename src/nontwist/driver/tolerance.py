@@ -103,14 +103,12 @@ class Trial(NamedTuple):
     @property
     def done(self) -> NDArray[np.bool_]:
         """Whether members have reached the end, (m,)."""
-        done: NDArray[np.bool_] = self.outcome.failures[:, 0] == Status.OK
-        return done
+        return self.outcome.failures[:, 0] == Status.OK
 
     @property
     def speeds(self) -> Array:
         """The largest |W| at the stored states of each member, rad/s, (m,)."""
-        found: Array = np.sqrt(np.square(self.outcome.states.velocity).sum(axis=2)).max(axis=1)
-        return found
+        return np.sqrt(np.square(self.outcome.states.velocity).sum(axis=2)).max(axis=1)
 
 
 def controlled(

@@ -156,8 +156,7 @@ class Varied:
             if d < parameters.count:
                 return np.stack([slopes_of(solved, parameters, one) for one in slopes(R)])
             jacobian = changes_of(solved, parameters)
-        found: Array = np.einsum("dni,nik->dk", slopes(R), jacobian)
-        return found
+        return np.einsum("dni,nik->dk", slopes(R), jacobian)
 
     def _of_start(self, values: Values, names: list[str]) -> tuple[Array, Array]:
         plain = self._plain(values)
@@ -211,15 +210,13 @@ def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
     if one.field == "inertia":
         return np.stack([(tangent[:, i, j] + tangent[:, j, i]) / 2 for i, j in ENTRIES], axis=1)
     length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
-    flat: Array = tangent.reshape(len(tangent), -1) / length
-    return flat
+    return tangent.reshape(len(tangent), -1) / length
 
 
 def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
     """Return the transpose of `_inwards`: derivatives by a parameter as it is given, (d, ...)."""
     if one.field == "rotation":
-        half: Array = value @ hat(slopes) / 2
-        return half
+        return value @ hat(slopes) / 2
     if one.field == "inertia":
         found = np.zeros((len(slopes), 3, 3))
         for k, (i, j) in enumerate(ENTRIES):
@@ -232,5 +229,4 @@ def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...
 
 def _vee(A: Array) -> Array:
     """Return the transpose of `hat`: A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3)."""
-    found: Array = np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)
-    return found
+    return np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)

@@ -25,8 +25,7 @@ ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 
 def power_of_two(x: Array) -> Array:
     """Return the largest power of two that is not above x > 0, within 2^±480, whose squares are numbers."""
-    found: Array = np.ldexp(1.0, np.clip(np.frexp(x)[1] - 1, -480, 480))
-    return found
+    return np.ldexp(1.0, np.clip(np.frexp(x)[1] - 1, -480, 480))
 
 
 def body_rows(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False) -> Array:

@@ -215,8 +215,7 @@ def loaded_momentum(
     """
     J, W = planar(inertia, material_angular_velocity, physical)
     pieces, place = _pieces(load, times, t_start)
-    found: Array = momenta(J @ W, pieces)[0][place(pieces)]
-    return found
+    return momenta(J @ W, pieces)[0][place(pieces)]
 
 
 def loaded_nontwisting(

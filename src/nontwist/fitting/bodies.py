@@ -79,8 +79,7 @@ def lower(v: Array) -> Array:
 
 def unit_vector(v: Array) -> Array:
     """Return a vector over its length; 0 as it is."""
-    found: Array = v / max(float(np.linalg.norm(v)), 1e-300)
-    return found
+    return v / max(float(np.linalg.norm(v)), 1e-300)
 
 
 @dataclass(frozen=True)

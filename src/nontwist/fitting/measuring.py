@@ -115,8 +115,7 @@ class Gyroscope(NamedTuple):
 
     def undone(self, rates: Array) -> Array:
         """Return readings as those of an ideal gyroscope, but for the delay."""
-        found: Array = (rates / self.mean[PLACES["axis_scales"]]) @ exp(self.mean[PLACES["misalignment"]]).T
-        return found
+        return (rates / self.mean[PLACES["axis_scales"]]) @ exp(self.mean[PLACES["misalignment"]]).T
 
     def require_short(self, rates: Array) -> None:
         """Raise a ValueError where a given delay turns the body too far."""

@@ -167,8 +167,7 @@ def numbers(fit: Fit) -> dict[str, Any]:
         ],
         "warnings": fit.warnings,
     }
-    plain: dict[str, Any] = _plain(told)
-    return plain
+    return _plain(told)
 
 
 def _plain(value: Any) -> Any:

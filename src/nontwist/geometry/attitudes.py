@@ -38,8 +38,7 @@ for _n, (_i, _j) in enumerate(ENTRIES):
 
 def hats(a: Array) -> Array:
     """Return the matrices of ``a ×``, (n, 3, 3), of vectors (n, 3)."""
-    found: Array = np.einsum("cij,ni->ncj", LEVI, a)
-    return found
+    return np.einsum("cij,ni->ncj", LEVI, a)
 
 
 ROWS, COLUMNS = map(list, zip(*ENTRIES, strict=True))  # of the entries of a symmetric matrix

@@ -103,8 +103,7 @@ def frame_along(
     chain = np.concatenate([u[:, 0], last])[None]
     roll = np.append(0.0, angle)[None]
     frames = frames_along(chain, (), d1, (roll, np.ones(roll.shape, dtype=np.int64)), roll.size)
-    found: Array = frames[0, np.searchsorted(knots, t)]
-    return found
+    return frames[0, np.searchsorted(knots, t)]
 
 
 def _evaluate(function: Callable[[float], ArrayLike], times: Array) -> Array:
@@ -145,8 +144,7 @@ def _polygon_areas(u: Array) -> Array:
     """Signed area of the polygons `u` (k, n, 3), triangles from the first vertex."""
     a, b, c = u[:, :1], u[:, 1:-1], u[:, 2:]
     det = np.sum(b * np.cross(b - a, c - b), axis=2)
-    found: Array = np.sum(2.0 * np.arctan2(det, 1.0 + np.sum(a * b + b * c + c * a, axis=2)), axis=1)
-    return found
+    return np.sum(2.0 * np.arctan2(det, 1.0 + np.sum(a * b + b * c + c * a, axis=2)), axis=1)
 
 
 def _halve(

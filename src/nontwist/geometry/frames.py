@@ -74,8 +74,7 @@ def vectors(value: ArrayLike, name: str) -> Array:
 def in_range(points: Array) -> Array:
     """Return points (m, n, 3), those of each member over a power of two, so that squares of distances are floats."""
     exponent = np.frexp(np.abs(points).max(axis=(1, 2), keepdims=True))[1]
-    found: Array = np.ldexp(points, -exponent)
-    return found
+    return np.ldexp(points, -exponent)
 
 
 def indices_of(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:

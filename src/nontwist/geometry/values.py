@@ -153,5 +153,4 @@ def as_function(value: Any, name: str) -> Callable[..., Any]:
     """Return `value`; a ValueError where it cannot be called."""
     if not callable(value):
         raise ValueError(f"{name} must be a function, got {short_repr(value)}")
-    found: Callable[..., Any] = value
-    return found
+    return value

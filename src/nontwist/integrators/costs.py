@@ -81,8 +81,7 @@ def damping_at(load: Load, t: float, directors: Array, W: Array, slowest: float)
     size = np.full(3, max(float(np.linalg.norm(W)), slowest))
     slopes = _slopes(lambda V: directors @ state_moment_at(load, t, directors, V @ directors), W, size)
     values, axes = np.linalg.eigh(-(slopes + slopes.T) / 2)
-    found: Array = axes * np.maximum(values, 0.0) @ axes.T
-    return found
+    return axes * np.maximum(values, 0.0) @ axes.T
 
 
 def memory_rate(load: Load, t: float, directors: Array, W: Array, z: Array) -> float:
@@ -260,8 +259,7 @@ def _of_slender(
     slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
     driven = coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag
     gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
-    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
-    return found
+    return np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
@@ -317,8 +315,7 @@ def _free_axes(systems: SystemStack) -> slice:
 def _pulls(systems: SystemStack, basis: Array) -> Array:
     """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
     across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
-    found: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
-    return found
+    return (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:

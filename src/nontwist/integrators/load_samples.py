@@ -381,8 +381,7 @@ def work_of(
     ∫ t n·W dt.
     """
     torque = impulse / np.diff(times) - slope * (times[1:] + times[:-1]) / 2
-    found: Array = np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * velocity_moment
-    return found
+    return np.diff(h) * (h[..., 1:] + h[..., :-1]) / (2 * inertia) - torque * along - slope * velocity_moment
 
 
 def set_works_between(problem: IVP, states: States, nodes: States, velocities: Callable[[Array], Array]) -> None:

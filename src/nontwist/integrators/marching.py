@@ -182,8 +182,7 @@ class PreparedMarch:
     @property
     def states(self) -> States:
         """The states of the last call of this thread, in memory that its next call overwrites."""
-        found: States = self._threads.own[3][0]
-        return found
+        return self._threads.own[3][0]
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, the start and what comes back, the address of the head, all of it."""

@@ -235,8 +235,7 @@ class IVP:
         """Return times as numbers of steps; a border is the end, or else the beginning, of a stretch."""
         borders, numbers, sizes = self._arrays
         j = np.clip(np.searchsorted(borders, time, side=side) - 1, 0, len(sizes) - 1)
-        found: Array = np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
-        return found
+        return np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
 
     def began(self, step: int) -> float:
         """Return the time at which a step begins, s; off the grid, the output time with this number, or t_start."""
@@ -255,8 +254,7 @@ class IVP:
         borders, numbers, _ = self._arrays
         b, c, n = borders[j], borders[j + 1], numbers[j]
         inside = b + (c - b) * ((k - n) + parts) / (numbers[j + 1] - n)
-        found: Array = np.minimum(np.maximum(np.minimum(np.maximum(inside, b), c), self.t_start), self.t_end)
-        return found
+        return np.minimum(np.maximum(np.minimum(np.maximum(inside, b), c), self.t_start), self.t_end)
 
     @cached_property
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array]:

@@ -204,8 +204,7 @@ def call_function(name: str, *args: Any) -> Element:
     t, n = writer(), max(getattr(a, "n", 1) for a in args)
     kind, is_of_llvm = llvm_type("double", n), name in OF_LLVM
     if not is_of_llvm and (own := t.in_place_of(name)) is not None:
-        found: Element = own(*args)
-        return found
+        return own(*args)
     names = [Element.named(a, n) for a in args]
     if n > 1 and not is_of_llvm:
         all_lanes, vectors = "undef", [Element(x, n) for x in names]

@@ -194,8 +194,7 @@ class Potential(ForceTerm):
     def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces ``-a ∂V/∂γ_j`` on the directors, rows of (3, 3), N m, without the factor."""
         a = self.vectors_at(np.array(t))
-        found: Array = -self.slope(a @ directors.T).T @ a
-        return found
+        return -self.slope(a @ directors.T).T @ a
 
 
 class OfOneVector(Potential):
@@ -208,13 +207,11 @@ class OfOneVector(Potential):
     def value(self, gamma: Array) -> Array:
         """Return V."""
         g = gamma[..., 0, :]
-        found: Array = g @ self.linear + np.sum(g @ self.quadratic * g, axis=-1) / 2
-        return found
+        return g @ self.linear + np.sum(g @ self.quadratic * g, axis=-1) / 2
 
     def slope(self, gamma: Array) -> Array:
         """Return l + Qγ."""
-        found: Array = self.linear + gamma @ self.quadratic
-        return found
+        return self.linear + gamma @ self.quadratic
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -276,19 +273,16 @@ class Spring(Potential):
 
     def length(self, gamma: Array) -> Array:
         """Return ℓ."""
-        found: Array = np.sqrt(np.maximum(self.square - 2 * gamma[..., 0, :] @ self.point, 0.0))
-        return found
+        return np.sqrt(np.maximum(self.square - 2 * gamma[..., 0, :] @ self.point, 0.0))
 
     def value(self, gamma: Array) -> Array:
         """Return V."""
-        found: Array = self.stiffness * (self.length(gamma) - self.rest_length) ** 2 / 2
-        return found
+        return self.stiffness * (self.length(gamma) - self.rest_length) ** 2 / 2
 
     def slope(self, gamma: Array) -> Array:
         """Return ``-k (1 - L/ℓ) ρ``."""
         slack = self.rest_length / self.length(gamma) if self.rest_length else 0.0
-        found: Array = -self.stiffness * (1 - slack) * self.point[None]
-        return found
+        return -self.stiffness * (1 - slack) * self.point[None]
 
     @property
     def dead_force(self) -> Array | None:
@@ -344,14 +338,12 @@ class GravityGradient(OfOneVector):
         """Return the direction of the radius, on an ellipse times (a/|r|)^{3/2}."""
         angle = (self.mean_motion * (times - self.start))[..., None, None]
         x, y = on_orbit(angle, self.eccentricity) if self.eccentricity else (np.cos(angle), np.sin(angle))
-        found: Array = x * self.radial + y * np.cross(self.normal, self.radial)
-        return found
+        return x * self.radial + y * np.cross(self.normal, self.radial)
 
     @property
     def quadratic(self) -> Array:
         """Return Q = 3n²J."""
-        found: Array = 3 * self.mean_motion**2 * self.inertia
-        return found
+        return 3 * self.mean_motion**2 * self.inertia
 
     @classmethod
     def words(cls, record: Record) -> str:

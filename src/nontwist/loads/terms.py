@@ -99,12 +99,10 @@ class Term(ABC):
         return Load((self,))
 
     def __add__(self, other: Any) -> Load:
-        found: Load = self.load + other
-        return found
+        return self.load + other
 
     def __sub__(self, other: Any) -> Load:
-        found: Load = self.load - other
-        return found
+        return self.load - other
 
     def __mul__(self, factor: float) -> Load:
         return self.load * factor
@@ -156,8 +154,7 @@ class Term(ABC):
     def called(self) -> Callable[..., Any]:
         """The text: a function of time, or of time, directors and angular velocity."""
         texts = TEXTS | {"forces": "forces", "potential": "potential"}
-        found: Callable[..., Any] = getattr(self, next(name for name, kind in texts.items() if kind == self.kind))
-        return found
+        return getattr(self, next(name for name, kind in texts.items() if kind == self.kind))
 
     def samples(self, times: Array) -> Array:
         """Return the components of a moment of time at (n,) times, (n, 3), without the factor."""
@@ -267,8 +264,7 @@ class ForceTerm(Term):
 
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
-        found: Array = np.cross(directors, self.forces_at(t, directors, angular_velocity)).sum(axis=0)
-        return found
+        return np.cross(directors, self.forces_at(t, directors, angular_velocity)).sum(axis=0)
 
 
 class OfTime(Term):
@@ -433,14 +429,12 @@ class Momentum(Term):
 
     def momentum(self, times: Array) -> Array:
         """Return h n at (n,) times, (n, 3), without the factor."""
-        found: Array = self.history(times)[0][:, None] * self.direction
-        return found
+        return self.history(times)[0][:, None] * self.direction
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the moment."""
         (h,), (rate,) = self.history(np.array([t]))
-        found: Array = (h * np.cross(self.direction, directors @ angular_velocity) - rate * self.direction) @ directors
-        return found
+        return (h * np.cross(self.direction, directors @ angular_velocity) - rate * self.direction) @ directors
 
 
 @dataclass(frozen=True, eq=False)
@@ -501,8 +495,7 @@ def chord(known: Array, values: Array, times: Array) -> Array:
         return np.zeros(len(times))
     k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
     inside = (times >= known[0]) & (times < known[-1])
-    found: Array = np.where(inside, np.diff(values)[k] / np.diff(known)[k], 0.0)
-    return found
+    return np.where(inside, np.diff(values)[k] / np.diff(known)[k], 0.0)
 
 
 def nonzero_intervals(times: Array, values: Array) -> Array:

@@ -36,8 +36,7 @@ class Spin:
 
     def at(self, times: Any) -> Array:
         """Return the rate at (n,) times, rad/s."""
-        found: Array = np.interp(times, self.times, self.values)
-        return found
+        return np.interp(times, self.times, self.values)
 
     @property
     def is_constant(self) -> bool:

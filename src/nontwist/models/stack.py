@@ -112,8 +112,7 @@ class SystemStack:
         """Return the prescribed spin of all members at a time, (m,), rad/s; 0 if there is none."""
         if self.spin is None or self.spin_factor is None:
             return np.zeros(len(self))
-        found: Array = self.spin_factor * self.spin.at([time])
-        return found
+        return self.spin_factor * self.spin.at([time])
 
     @classmethod
     def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -160,8 +159,7 @@ class SystemStack:
 
     def __getitem__(self, member: int) -> DirectorSystem:
         if "_bodies" in vars(self):
-            found: DirectorSystem = vars(self)["_bodies"][member]
-            return found
+            return vars(self)["_bodies"][member]
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(
             self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member), self.physical
@@ -171,8 +169,7 @@ class SystemStack:
     def convected_inertia(self) -> Array:
         """Convected inertia J about the fixed point, (m, 3, 3), kg m²."""
         E = self.euler_inertia
-        found: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
-        return found
+        return np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
 
     @property
     def has_dead_force(self) -> bool:

@@ -160,8 +160,7 @@ def split_inertia(J: ArrayLike) -> tuple[Array, float]:
 def across(J: Array, n: Array) -> Array:
     """Return the part of J n orthogonal to unit vectors n, (..., 3), kg m²: 0 where n is principal."""
     Jn = np.sum(J * n[..., None, :], axis=-1)
-    found: Array = Jn - np.sum(Jn * n, axis=-1, keepdims=True) * n
-    return found
+    return Jn - np.sum(Jn * n, axis=-1, keepdims=True) * n
 
 
 def require_principal(J: Array, axis: Array) -> None:

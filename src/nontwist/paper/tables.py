@@ -88,8 +88,7 @@ KINDS = {"eq": "", "sec": "Section ", "subs": "Section ", "fig": "Figure ", "tab
 @cache
 def printed_numbers() -> dict[str, str]:
     """Return the printed number of each label, as ``"46"`` or ``"2.1"``, in the order of the paper."""
-    numbers: dict[str, str] = _data("labels.json")["labels"]
-    return numbers
+    return _data("labels.json")["labels"]
 
 
 def printed(label: str, row: str = "") -> str:
@@ -105,8 +104,7 @@ def printed(label: str, row: str = "") -> str:
 
 
 def _data(name: str) -> dict[str, Any]:
-    data: dict[str, Any] = json.loads(files(__package__).joinpath(name).read_text(encoding="utf-8"))
-    return data
+    return json.loads(files(__package__).joinpath(name).read_text(encoding="utf-8"))
 
 
 QUOTIENT_TOLERANCE = 6e-5

@@ -89,8 +89,7 @@ def spaced(d: Array) -> Array:
     k = np.repeat(np.arange(len(pieces)), pieces)
     s = (np.arange(len(k)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[k]
     x = np.append((1 - s)[:, None] * d[k] + s[:, None] * d[k + 1], d[-1:], axis=0)
-    unit: Array = x / np.linalg.norm(x, axis=1, keepdims=True)
-    return unit
+    return x / np.linalg.norm(x, axis=1, keepdims=True)
 
 
 def curve(ax: Axes, x: Array, depth: Array, zorder: float, name: str, **look: Any) -> None:
@@ -155,8 +154,7 @@ def extent(V: Array, feet: Array, outline: Array) -> Array:
     """Return left, right, below and above of an outline (n, 2) on the screen and of the arrows with their labels."""
     ends = V[:2] * (feet + ARROW)
     points = np.concatenate([ends - 2 * _LABEL, ends + 2 * _LABEL, 1.05 * outline.T], axis=1)
-    edges: Array = np.stack([points.min(axis=1), points.max(axis=1)], axis=1).ravel()
-    return edges
+    return np.stack([points.min(axis=1), points.max(axis=1)], axis=1).ravel()
 
 
 def bare(ax: Axes, edges: Array) -> None:
@@ -254,8 +252,7 @@ def path(
 
 def _directors(run: Any, label: str) -> Array:
     frame = run["frame"] if "frame" in run else variable(run, label, "directors")
-    q: Array = frame.transpose("time", "director", "axis").values
-    return q
+    return frame.transpose("time", "director", "axis").values
 
 
 def _width(d: Array) -> float:
@@ -413,8 +410,7 @@ def _polhode(W: Any, label: str, root: Array) -> Array:
     moving = length > _SAME * length.max()
     if not moving.any():
         raise ValueError(f"the run{label and f' {label!r}'} is at rest: its angular velocity has no direction")
-    unit: Array = y[moving] / length[moving, None]
-    return unit
+    return y[moving] / length[moving, None]
 
 
 def _surface(ax: Axes, J: Array, screen: Array, towards: Array) -> None:

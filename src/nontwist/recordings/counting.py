@@ -190,8 +190,7 @@ class TwistCounter:
                 if wrong:
                     raise self._error(wrong, 0)
                 self._updates += 1
-                found: TwistCount = _new(TwistCount, _FOUND.unpack_from(self._bytes, _FOUND_AT))
-                return found
+                return _new(TwistCount, _FOUND.unpack_from(self._bytes, _FOUND_AT))
         return self._update(rotation, time)
 
     def _update(self, rotation: Any, time: Any) -> TwistCount:
@@ -239,17 +238,17 @@ class TwistCounter:
     @property
     def twist(self) -> float | Array:
         """Twist so far, rad; 0 at the first sample."""
-        return self._column(0)  # type: ignore[no-any-return]
+        return self._column(0)
 
     @property
     def settled(self) -> float | Array:
         """Twist at the sample before the last, rad, which later samples do not change."""
-        return self._column(2)  # type: ignore[no-any-return]
+        return self._column(2)
 
     @property
     def error_estimate(self) -> float | Array:
         """Estimated error of the twist by sampling, rad."""
-        return self._column(1)  # type: ignore[no-any-return]
+        return self._column(1)
 
     @property
     def flagged(self) -> int | NDArray[np.int64]:

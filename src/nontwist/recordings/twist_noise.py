@@ -94,8 +94,7 @@ def _across(d3: Array, parameter: Array, m: int) -> Array:
     rest = np.einsum("kxj,kj->kx", samples, weights)
     normal = np.cross(samples[:, :, m // 2], samples[:, :, -1] - samples[:, :, 0])
     size = norm(normal)
-    across: Array = np.einsum("kx,kx->k", rest, normal)[size > 0] / size[size > 0]
-    return across
+    return np.einsum("kx,kx->k", rest, normal)[size > 0] / size[size > 0]
 
 
 def noise_of_twist(d3: Array, sigma: float, order: int) -> Array:

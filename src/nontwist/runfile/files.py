@@ -206,8 +206,7 @@ def parsed(name: str, text: str) -> dict[str, Any]:
     if any(len(re.findall(r"[^.]\.", token)) > DEEPEST for token in tokens):
         raise _refused(name, "the file", f"a key of more than {DEEPEST} parts", "keys such as body.inertia")
     try:
-        data: dict[str, Any] = bounded(tomllib.loads(text, parse_float=_number))
-        return data
+        return bounded(tomllib.loads(text, parse_float=_number))
     except RecursionError as error:
         raise _refused(name, "the file", "lists or tables nested too deeply", "lists of lists of numbers") from error
     except tomllib.TOMLDecodeError as error:
@@ -442,5 +441,4 @@ class Folder:
     def _once(self, key: Hashable, make: Callable[[], T]) -> T:
         if key not in self._kept:
             self._kept[key] = make()
-        found: T = self._kept[key]
-        return found
+        return self._kept[key]

@@ -147,8 +147,7 @@ class Uniform(Drawn):
     def values(self, u: Array) -> Array:
         """Return the values."""
         low, high = np.array(self.low), np.array(self.high)
-        found: Array = low + (high - low) * u.reshape(len(u), *low.shape)
-        return found
+        return low + (high - low) * u.reshape(len(u), *low.shape)
 
 
 class Normal(Drawn):
@@ -168,8 +167,7 @@ class Normal(Drawn):
         from scipy.special import ndtri
 
         mean, deviation = np.array(self.mean), np.array(self.deviation)
-        found: Array = mean + deviation * ndtri(u).reshape(len(u), *mean.shape)
-        return found
+        return mean + deviation * ndtri(u).reshape(len(u), *mean.shape)
 
 
 def _form_of(name: str, value: Any, other: str, numbers: Any, least: Any) -> tuple[int, ...]:

@@ -104,8 +104,7 @@ def _quasi_random(name: str, seed: int, dimension: int, first: int, last: int) -
     engine = qmc.Sobol(dimension, bits=32, **how) if name == "sobol" else qmc.Halton(dimension, **how)
     if first == 0:  # by itself: Sobol warns of a first block whose length is not a power of 2
         return np.concatenate([engine.random(1), engine.random(last - 1)])
-    points: Array = engine.fast_forward(first).random(last - first)
-    return points
+    return engine.fast_forward(first).random(last - first)
 
 
 # The bodies of many members: from numbers put into the table `[body]` to a stack.

@@ -221,8 +221,7 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
             return read_run_file(as_path(given, "run_file"))
         if given.file is None:
             raise ValueError("give over= with what varies, or the problem of a run file with [sweep]")
-        file: RunFile = given.file
-        return file
+        return given.file
     if not isinstance(over, Mapping):
         raise ValueError(f"over must be a mapping of keys to values, got {short_repr(over)}")
     problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "run_file"))

@@ -59,8 +59,7 @@ class Workers(NamedTuple):
         """Begin to make a block of a store."""
         there = str(store.blocks.path), store.blocks.seal, k, own_modules()
         what = (store.make, k) if self.client is None else (make_there, *there)
-        begun: Future[Done] = self.executor.submit(*what)
-        return begun
+        return self.executor.submit(*what)
 
     @property
     def capacity(self) -> int:

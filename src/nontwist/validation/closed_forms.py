@@ -297,8 +297,7 @@ def lagrange(t: Array) -> Array:
     cubic = np.polysub(quadratic, np.polymul([-p, pi_z], [-p, pi_z]) / ACROSS**2)
     u1, u2, u3 = np.sort(np.roots(cubic).real)
     m, rate = (u2 - u1) / (u3 - u1), np.sqrt(TORQUE * (u3 - u1) / (2 * ACROSS))
-    u: Array = u1 + (u2 - u1) * ellipj(ellipk(m) + rate * t, m)[0] ** 2
-    return u
+    return u1 + (u2 - u1) * ellipj(ellipk(m) + rate * t, m)[0] ** 2
 
 
 def benchmark() -> Iterator[Check]:

@@ -87,13 +87,11 @@ class MidpointLoad(NamedTuple):
 
     def in_space(self, q: Array, w: Array) -> Array:
         """Return the moment that is not given along the moving directors; states may have leading axes."""
-        moment: Array = self.space + _of_states(self.moment, q, w)
-        return moment
+        return self.space + _of_states(self.moment, q, w)
 
     def on_directors(self, q: Array, w: Array) -> Array:
         """Return the director forces."""
-        forces: Array = np.zeros((3, 3)) + _of_states(self.forces, q, w)
-        return forces
+        return np.zeros((3, 3)) + _of_states(self.forces, q, w)
 
 
 def _of_states(function: Callable[[Array, Array], Array] | None, q: Array, w: Array) -> Any:

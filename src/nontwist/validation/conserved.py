@@ -77,14 +77,12 @@ AXIS = np.array([0.6, 0.0, 0.8])
 
 def friction(t: float, h: Array, directors: Array, W: Array) -> Array:
     """Return the moment on a wheel of axial inertia 0.05 kg m²: that of its motor, and of friction."""
-    found: Array = 0.3 * np.sin(1.7 * t) - 0.2 * (h / 0.05 - AXIS @ W)
-    return found
+    return 0.3 * np.sin(1.7 * t) - 0.2 * (h / 0.05 - AXIS @ W)
 
 
 def reaction(t: float, h: Array, directors: Array, W: Array) -> Array:
     """Return the moment of the wheel on the body, along the directors."""
-    found: Array = h[0] * np.cross(AXIS, W) - friction(t, h, directors, W)[0] * AXIS
-    return found
+    return h[0] * np.cross(AXIS, W) - friction(t, h, directors, W)[0] * AXIS
 
 
 OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS in the package

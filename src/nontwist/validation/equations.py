@@ -115,8 +115,7 @@ def variations() -> Iterator[Check]:
     def curve(s: Array, iota: float) -> Array:
         theta = np.stack([np.sin(2 * s), np.cos(s), s**2], axis=-1) + a
         still = rotations.exp(a + b * np.sin(s)[..., None]) @ rotations.exp(c * s[..., None])
-        moved: Array = rotations.exp(iota * theta) @ still
-        return moved
+        return rotations.exp(iota * theta) @ still
 
     def velocity(iota: float) -> Array:
         rate = np.einsum("k,kij->ij", weights, curve(t + offsets, iota))

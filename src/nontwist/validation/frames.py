@@ -80,8 +80,7 @@ def derivative() -> Iterator[Check]:
     theta, rate = rng.normal(size=(2, COUNT, 3))
 
     def difference(e: float) -> Array:
-        slope: Array = (rotations.exp(theta + e * rate) - rotations.exp(theta - e * rate)) / (2 * e)
-        return slope
+        return (rotations.exp(theta + e * rate) - rotations.exp(theta - e * rate)) / (2 * e)
 
     numeric = (64 * difference(1e-2) - 20 * difference(2e-2) + difference(4e-2)) / 45
     spin = rotations.hat(np.einsum("nij,nj->ni", rotations.dexp(theta), rate))
@@ -132,8 +131,7 @@ def darboux_vector() -> Iterator[Check]:
 def points(rng: np.random.Generator) -> Array:
     """Return random points of the sphere."""
     d = rng.normal(size=(COUNT, 3))
-    unit: Array = d / np.linalg.norm(d, axis=1)[:, None]
-    return unit
+    return d / np.linalg.norm(d, axis=1)[:, None]
 
 
 BISHOP, REFLECTION, GIRARD = "Bishop 1975; eq-non-twisting", "Wang, Jüttler, Zheng & Liu 2008", "Girard, Gauss–Bonnet"
@@ -157,16 +155,14 @@ def path(t: Array) -> tuple[Array, Array]:
 
 def turning(t: Array) -> Array:
     """Return φ' cos θ on that path."""
-    rate: Array = (2 - 0.3 * np.sin(t)) * np.cos(path(t)[0])
-    return rate
+    return (2 - 0.3 * np.sin(t)) * np.cos(path(t)[0])
 
 
 def transported(t: Array) -> Array:
     """Return d1 on that path, transported from the direction south at the first of the times `t`."""
     south, east, _ = triad_at(*path(t))
     angle = -integral(turning, t)[:, None]
-    d1: Array = np.cos(angle) * south + np.sin(angle) * east
-    return d1
+    return np.cos(angle) * south + np.sin(angle) * east
 
 
 def integral(f: Callable[[Array], Array], t: Array) -> Array:

@@ -127,8 +127,7 @@ def exact_multiplier(states: Trajectory, load: Load) -> Array:
     m = np.array([load.moment(t, d, v) for t, d, v in zip(states.time, q, w, strict=True)])
     m += np.cross(q, states.system.dead_force).sum(1)
     W, M, row = obs.material(q, w), obs.material(q, m), np.linalg.solve(J, n)
-    mu: Array = (np.cross(W @ J, W) + M) @ row / (n @ row)
-    return mu
+    return (np.cross(W @ J, W) + M) @ row / (n @ row)
 
 
 def multipliers() -> Iterator[Check]:

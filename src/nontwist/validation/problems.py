@@ -107,8 +107,7 @@ def spun(angles: Any, axis: Any) -> Rotation:
 def solved(rates: Callable[[float, Array], Any], times: ArrayLike, start: ArrayLike) -> Array:
     """Return the solution of ``y' = rates(t, y)`` at the `times`, (k, n), from the first one on, by SciPy alone."""
     t = np.asarray(times, dtype=np.float64)
-    y: Array = solve_ivp(rates, (t[0], t[-1]), start, "DOP853", t, rtol=FINE.rtol, atol=FINE.atol).y.T
-    return y
+    return solve_ivp(rates, (t[0], t[-1]), start, "DOP853", t, rtol=FINE.rtol, atol=FINE.atol).y.T
 
 
 # Reduction of arrays to the number of a check.
@@ -139,5 +138,4 @@ def order(name: str, k: float, counts: ArrayLike, errors: ArrayLike, tolerance: 
 
 def turns_apart(one: ArrayLike, other: ArrayLike) -> Array:
     """Return the difference of angles, rad, modulo a turn, in [-π, π)."""
-    gap: Array = np.remainder(np.asarray(one) - np.asarray(other) + np.pi, 2 * np.pi) - np.pi
-    return gap
+    return np.remainder(np.asarray(one) - np.asarray(other) + np.pi, 2 * np.pi) - np.pi

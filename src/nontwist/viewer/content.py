@@ -279,8 +279,7 @@ def turns_between(quaternions: Array) -> Array:
 def _shown(values: NDArray[Any]) -> NDArray[Any]:
     """Return those of as many values as states that the page shows."""
     which = np.linspace(0, values.size - 1, min(values.size, STATES)).round().astype(int)
-    chosen: NDArray[Any] = values[np.unique(which)]
-    return chosen
+    return values[np.unique(which)]
 
 
 def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:

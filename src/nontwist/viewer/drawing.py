@@ -117,8 +117,7 @@ class Camera(NamedTuple):
         """Return right, up and towards the reader, rows."""
         a, e = self.azimuth, self.elevation
         ca, sa, ce, se = np.cos(a), np.sin(a), np.cos(e), np.sin(e)
-        view: Array = np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]]) @ self.upright
-        return view
+        return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]]) @ self.upright
 
 
 def camera_of(motions: list[Motion]) -> Camera:
@@ -148,8 +147,7 @@ def _turned_up(up: Array) -> Array:
     size = np.hypot(up[0], up[1])
     if size == 0:
         return np.eye(3) if up[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    turned: Array = Rotation.from_rotvec(np.arctan2(size, up[2]) / size * np.array([up[1], -up[0], 0.0])).as_matrix()
-    return turned
+    return Rotation.from_rotvec(np.arctan2(size, up[2]) / size * np.array([up[1], -up[0], 0.0])).as_matrix()
 
 
 def _across(flat: Array, otherwise: float) -> float:
@@ -251,8 +249,7 @@ def label_places(tips: list[Array]) -> list[Array]:
 def _distance(points: Array, tip: Array) -> Array:
     """Return the distances of points from the line from the middle to a tip."""
     along = np.clip(points @ tip / max(float(tip @ tip), 1e-12), 0.0, 1.0)
-    distance: Array = np.hypot(*(points - along[:, None] * tip).T)
-    return distance
+    return np.hypot(*(points - along[:, None] * tip).T)
 
 
 def _line(ax: Axes, points: Array, view: Array, near: bool, zorder: int, **look: Any) -> None:
@@ -326,8 +323,7 @@ def circle_about(axis: Array, count: int = 241) -> Array:
     """Return the great circle about a vector, (count, 3)."""
     t = np.linspace(0, 2 * np.pi, count)[:, None]
     a = np.linalg.svd(axis[None])[2][1:]
-    points: Array = np.cos(t) * a[0] + np.sin(t) * a[1]
-    return points
+    return np.cos(t) * a[0] + np.sin(t) * a[1]
 
 
 def _band(

@@ -132,6 +132,12 @@ def test_symmetric_bodies_with_a_rotor_on_their_axis(A, C, c):
     assert abs(w - np.swapaxes(spin, 1, 2) @ W).max() < 5e-14
 
 
+def test_the_shortest_times_are_the_start():
+    R, W = exact.free_gyrostat([3, 4, 5], [0.3, -0.4, 2], [0.5, -0.3, 0.8], [5e-324, -1e-310])
+    assert abs(R - np.eye(3)).max() < 1e-300
+    assert (W == [0.5, -0.3, 0.8]).all()
+
+
 def test_units_do_not_matter():
     """Motions that differ by a factor of time and mass have the same attitudes."""
     J, c, times = np.array([3.0, 4, 5]), np.array([0, 1, 0.5]), np.array([1.0, 20.0])

@@ -396,5 +396,5 @@ class Theta:
                 a, b = a * up, b * down
             shift = -self.exponent * k * k - 2j * k * v + 1j * math.pi * k
             sine, cosine, size = sine * np.exp(1j * shift.imag), cosine * np.exp(1j * shift.imag), size + shift.real
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             return sine * series, size, cosine / sine + slope / series - 2j * k

@@ -226,16 +226,18 @@ def _wide(fit: Fit) -> str:
 def drawn(fit: Fit, recording: int) -> Axes:
     """Draw data and model, residuals, and principal moments with their intervals; return the first axes."""
     from ..plot.journals import new_axes, style
+    from ..plot.looks import cycle
 
     part, found = fit.parts[recording], fit.principal
     first = sum(len(one.time) for one in fit.parts[:recording])
     rest = fit.residual[first : first + len(part.time)]
     with style():
         data, left_over, moments = new_axes(columns=2, height=2.6, panels=3)
-        for panel, values in ((data, part.measured), (left_over, rest)):
-            panel.plot(part.time, values, ".", markersize=2)
-        data.set_prop_cycle(None)
-        data.plot(part.time, part.model, "-", linewidth=0.8, label=[*"xyz"])
+        for k, name in enumerate("xyz"):
+            colour = cycle()[k]["color"]
+            data.plot(part.time, part.measured[:, k], ".", color=colour, markersize=2)
+            data.plot(part.time, part.model[:, k], "-", color=colour, linewidth=0.8, label=name)
+            left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
         data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
         low, high = data.get_ylim()
         data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend

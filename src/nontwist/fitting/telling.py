@@ -85,7 +85,8 @@ class Principal:
     ratio_intervals: Array
 
 
-class Told(NamedTuple):
+@dataclass(frozen=True)
+class Told:
     """What a solution tells: the information, best first, along directions of six entries each, in columns."""
 
     information: Array

@@ -275,7 +275,10 @@ def _great_circle(ax: Axes, d: Array, V: Array) -> None:
     away = np.linalg.norm(d - d[0], axis=1) > _DEPARTED
     if not away.any():
         return
-    x = circle_about(np.cross(d[0], d[np.argmax(away)]), 361) @ V.T
+    ahead = d[np.argmax(away)]
+    ahead = ahead - d[0] * (ahead @ d[0])
+    t = np.linspace(0, 2 * np.pi, 361)[:, None]
+    x = (np.cos(t) * d[0] + np.sin(t) * ahead / np.linalg.norm(ahead)) @ V.T
     curve(ax, x, x[:, 2], 3.5, "great circle", **_CIRCLE)
 
 

@@ -108,7 +108,7 @@ def on_floats(monkeypatch):
     return count
 
 
-@pytest.mark.filterwarnings("ignore:damping slows:UserWarning", "ignore:the step is coarse:UserWarning")
+@pytest.mark.filterwarnings("ignore:(damping slows|the step is coarse|internal states of the load decay):UserWarning")
 @pytest.mark.parametrize("case", thinned(3, CASES))
 def test_texts_on_floats_have_the_bits_of_their_kernels(case, request, monkeypatch):
     """Where `gauss` needs Newton's iteration as well."""

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import cross
+from nontwist.errors import SimulationError, Status
 from nontwist.integrators.costs import damping_rate, largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
 from nontwist.models.stack import stacked
@@ -284,3 +285,13 @@ def test_the_fastest_rate_of_wheels_is_that_of_the_linear_motion():
     carrier = np.linalg.solve(np.diag([3.0, 4, 5]) - n.T @ own @ n, n.T @ b)  # W' of the speeds of the wheels
     slopes = -np.linalg.solve(own, b) - n @ carrier
     assert damping_rate(stacked(nt.standard([3, 4, 5])), load) == pytest.approx(abs(np.linalg.eigvals(slopes)).max())
+
+
+def test_a_function_that_damps_beyond_the_largest_number_is_refused():
+    load = nt.moment(lambda t, d, w: (-1e200 * w[0], -1e200 * w[1], -1e199 * w[2]), compiled=True)
+    about = {"t_end": 1, "load": load, "material_angular_velocity": (1, 0.1, 2)}
+    with pytest.raises(ValueError, match="of which at most 1e\\+21 are resolved"):
+        nt.simulate(nt.standard([3, 4, 5]), **about)
+    with pytest.warns(UserWarning), pytest.raises(SimulationError) as failed:
+        nt.simulate(nt.standard([3, 4, 5]), step=0.1, **about)
+    assert failed.value.status == Status.STALLED

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from operator import itemgetter
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_number, as_positive
+from ..geometry.arrays import LARGEST, Array, as_number, as_positive
 from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
@@ -109,7 +110,8 @@ class Plan(NamedTuple):
         states = [*zip(directors(_some(begin.quaternion)), _some(begin.velocity), strict=True)]
         points = [*((self.t_start, *state) for state in states), *((t, *states[0]) for t in later)]
         found = [damping_at(called, *point, slowest) for point in points]
-        return self._replace(load=load + damping(max(found, key=np.linalg.norm)))
+        size, C = max(((float(abs(C).max()), C) for C in found), key=itemgetter(0))
+        return self._replace(load=load + damping(C / max(1.0, size / LARGEST)))
 
     def remark(self, begin: Starts, problem: IVP) -> str | None:
         """Return what the integrator says about the steps of a problem, or None."""

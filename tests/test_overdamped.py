@@ -292,6 +292,6 @@ def test_a_function_that_damps_beyond_the_largest_number_is_refused():
     about = {"t_end": 1, "load": load, "material_angular_velocity": (1, 0.1, 2)}
     with pytest.raises(ValueError, match="of which at most 1e\\+21 are resolved"):
         nt.simulate(nt.standard([3, 4, 5]), **about)
-    with pytest.warns(UserWarning), pytest.raises(SimulationError) as failed:
+    with pytest.warns(UserWarning, match="does not resolve"), pytest.raises(SimulationError) as failed:
         nt.simulate(nt.standard([3, 4, 5]), step=0.1, **about)
     assert failed.value.status == Status.STALLED

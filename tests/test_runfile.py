@@ -506,7 +506,7 @@ def outcome(data):
 
 
 def rounded(run_file, run):
-    """What round-off is relative to, where terms cancel: ‖J‖|w| of momenta, the work of each moment by itself."""
+    """What errors are relative to, where terms cancel: ‖J‖|w| of momenta, those of rotors, the work of each moment."""
     speed, time = np.linalg.norm(run.angular_velocity.values, axis=1).max(), run.time.values
     at, moments = np.linspace(time[0], time[-1], 1001), 0.0
     for load in (Load((term,)) for term in run_file.prepared.plan.load.terms):
@@ -514,7 +514,8 @@ def rounded(run_file, run):
         moments += np.linalg.norm(load.damping, 2) * speed
     moving = np.linalg.svd(DirectorSystem.from_json(run.attrs["system"]).convected_inertia)[1]
     speed += moments * (time[-1] - time[0]) / moving[-1]  # between the states
-    momentum = moving[0] * speed
+    rotors = np.linalg.norm(run.rotor_momentum, axis=1).max() if "rotor_momentum" in run else 0.0
+    momentum = moving[0] * speed + rotors
     return {"1": 0.0, "kg m2 s-1": momentum, "J": momentum * speed + moments * speed * (time[-1] - time[0])}
 
 

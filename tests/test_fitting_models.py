@@ -16,7 +16,7 @@ from conftest import ended
 from fit_errors import CENTRE, FREE, HEADER, MASS, apart, csv, differences, farthest, off_by, recorded, whole
 from fit_errors import PIVOTED as J
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
-from nontwist.fitting.estimating import short, with_moments
+from nontwist.fitting.estimating import pencil, short, with_moments
 from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed
 from nontwist.fitting.motions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
@@ -172,11 +172,14 @@ def test_the_weak_form_finds_inertia_arm_and_vertical_of_clean_recordings(direct
         np.testing.assert_allclose(sign * found.more[:3], CENTRE / FAR, atol=1e-3)
 
 
-def test_the_linear_method_finds_the_inertia_of_clean_recordings():
-    rates = by_scipy(FREE, np.zeros(3), 0, np.array([8.0, 9, -7, 0, 0, 0, 0, 0, 0, 0]), np.arange(400) / 400)[:, :3]
-    found = with_moments([(np.arange(400) / 400, rates)], Model(), 2.0, 0.0)
-    assert abs(found.inertia - FREE).max() < 1e-4
-    assert found.misfit < 1e-4
+def test_the_linear_methods_find_the_inertia_of_clean_recordings():
+    for times in (np.arange(400) / 400, np.arange(30) / 5):  # at last 2.8 rad from sample to sample
+        rates = by_scipy(FREE, np.zeros(3), 0, np.array([8.0, 9, -7, 0, 0, 0, 0, 0, 0, 0]), times)[:, :3]
+        assert abs(pencil([(times, rates)]) - FREE).max() < 0.01  # half a degree of its search
+        if len(times) == 400:
+            found = with_moments([(times, rates)], Model(), 2.0, 0.0)
+            assert abs(found.inertia - FREE).max() < 1e-4
+            assert found.misfit < 1e-4
 
 
 # Estimates

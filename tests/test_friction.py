@@ -263,8 +263,8 @@ def test_a_wheel_turns_a_body_that_has_one_axis_left(own, speed):
     load = nt.wheel("y", 0.1, 5.0, **own) + nt.dry_friction(1, "x")
     run = nt.simulate(nt.nontwisting(J), t_end=2, step=0.1, load=load, material_angular_velocity=(0, 0.7, 0))
     turning = np.array([speed(t, 1 / 0.1 + 1 / 3.9) for t in run.time.values])
-    assert run.wheel_speed.values[:, 0] == pytest.approx(turning, rel=1e-13)
-    assert run.material_angular_velocity.values[:, 1] == pytest.approx(0.7 + 0.1 * (5 - turning) / 4, rel=1e-13)
+    assert run.wheel_speed.values[:, 0] == pytest.approx(turning, rel=2e-15)
+    assert run.material_angular_velocity.values[:, 1] == pytest.approx(0.7 + 0.1 * (5 - turning) / 4, rel=2e-15)
     assert not run.material_angular_velocity.values[:, [0, 2]].any()
 
 
@@ -291,9 +291,9 @@ def test_friction_holds_what_a_constraint_holds(J, load):
         nt.simulate(nt.nontwisting(J), step=h, load=load + nt.dry_friction(5, "x"), **how) for h in (0.05, 0.025)
     )
     for run in (free, held):
-        assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-12)
-    assert held.quaternion.values == pytest.approx(free.quaternion.values, abs=1e-13)
-    assert held.wheel_momentum.values == pytest.approx(free.wheel_momentum.values, abs=1e-13)
+        assert np.diff(run.kinetic_energy) == pytest.approx(run.load_work.values, abs=1e-14)
+    assert held.quaternion.values == pytest.approx(free.quaternion.values, abs=3e-15)
+    assert held.wheel_momentum.values == pytest.approx(free.wheel_momentum.values, abs=3e-15)
     mean = finer.multipliers.values.reshape(-1, 2).mean(axis=1)
     assert held.multipliers.values[3:, 0] == pytest.approx(mean[3:], abs=1e-9)
 
@@ -312,14 +312,14 @@ def test_a_librating_satellite_has_one_axis_left():
         return [x[1], 3 * n**2 * np.cross(r, skew @ r)[1] / 4]
 
     found = solve_ivp(slope, (0, 9), [0, 0.3], rtol=1e-12, atol=1e-13, t_eval=run.time.values)
-    assert run.material_angular_velocity.values[:, 1] == pytest.approx(found.y[1], abs=1e-10)
+    assert run.material_angular_velocity.values[:, 1] == pytest.approx(found.y[1], abs=2e-12)
     assert (run.sticking.values == 2).all()
 
 
 def test_friction_sticks_on_a_body_of_any_inertia():
     body, load = nt.standard([1, 1, 3], physical=False), nt.dry_friction(1, "x") + nt.dry_friction(1, "y")
     run = nt.simulate(body, t_end=2, step=0.1, load=load, material_angular_velocity=(0.1, 0.2, 0.5))
-    assert run.material_angular_velocity.values[-1] == pytest.approx([0, 0, 0.5], abs=0.2)
+    assert run.material_angular_velocity.values[-1] == pytest.approx([0, 0, 0.5], abs=1e-15)
     assert run.sticking.values[-1] == 2
 
 

@@ -242,13 +242,8 @@ def table():
 
 
 def accuracy_of(row):
-    """How closely a result is to be found again: fits end where a sum of squares changes by 1e-8 of itself.
-
-    Where residuals are five times the noise, as at a rate that is wrong, this is 0.01 of a standard error.
-    """
-    if "fit" not in row["call"].lower():
-        return 1e-9
-    return 1e-6 if "rate=100" in row["call"] else 1e-7
+    """How closely a result is to be found again: fits end where a sum of squares changes by 1e-8 of itself."""
+    return 1e-7 if "fit" in row["call"].lower() else 1e-9
 
 
 def is_run(row):

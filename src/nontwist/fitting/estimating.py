@@ -7,7 +7,7 @@ first inertias are moved off the wall of flat bodies: there the derivative of th
 chart, so that a fit that begins on it creeps along. σ follows from the residuals, and where it changes, the second
 stage is repeated, since the priors weigh more or less then.
 
-Starting values are found without an iteration, by a method that is linear in the inertia.
+Starting values without an iteration: two methods that are linear in the inertia.
 
 **Weak form.** A free body has ``J W' = J W × W``. Times a smooth function φ that vanishes at the ends of a window and
 integrated by parts, this needs no derivative of the recording,
@@ -17,6 +17,11 @@ integrated by parts, this needs no derivative of the recording,
 and it is linear in the six entries of J. Many windows make a least-squares problem on tr J = 1. With
 ``φ = (1 - s²)⁴`` the trapezoidal rule is exact to high order. White noise does not bias the second term, since
 ``I × I`` vanishes; it biases the first a little towards a sphere.
+
+**Energy and momentum.** ``W·J W`` and ``W·J² W`` are constant. A quadratic form that is constant along the recording is
+found without any time: the two smallest singular vectors of the centred products W_i W_j span J and J². J is the
+member of this pencil whose square lies in it too, and of the few that do, the one that the weak form likes best. Noise
+harms it more, coarse sampling does not harm it at all.
 
 **Other moments.** What acts beside enters the weak form as columns of its own. Damping is ``-∫φ W dt`` times C. A rotor
 of momentum h is ``∫φ h × W dt + ∫φ' h dt`` over the unit of J, which follows; where its axis is fitted there is one for
@@ -36,7 +41,7 @@ from itertools import accumulate, pairwise, repeat
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.attitudes import BASIS, LEVI
+from ..geometry.attitudes import BASIS, ENTRIES, LEVI
 from ..geometry.rotations import exp
 from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
@@ -46,7 +51,8 @@ from .solving import CALLS, PATIENT, Solution, solve
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere
-FEWEST, TOGETHER = 8, 8  # samples in a window; windows at once
+FEWEST = 8  # samples in a window
+ANGLES = 360  # of a pencil
 SPHERE = entries(np.eye(3) / 3)
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
@@ -76,6 +82,34 @@ def weak_rows(time: Array, rates: Array, width: float, moments: Array, momenta: 
         more = np.einsum("n,niq->iq", bump, moments[inside]) + np.einsum("n,niq->iq", slope, momenta[inside])
         rows.append(np.concatenate([turning, more], axis=1)[None] / (half * speed**2 * haste + 1e-300))
     return np.concatenate(rows)
+
+
+def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
+    """Return J of trace 1 by energy and momentum, or None where they do not tell."""
+    centred = []
+    for _, W in stretches:
+        products = np.stack([W[:, i] * W[:, j] * (1 if i == j else 2) for i, j in ENTRIES], axis=1)
+        centred.append(products - products.mean(axis=0))
+    rows = np.concatenate(centred)
+    if len(rows) < 6:
+        return None
+    found = np.linalg.svd(rows, full_matrices=False)[2]
+    first, second = symmetric(found[-1]), symmetric(found[-2])
+    angle = np.linspace(0, np.pi, ANGLES, endpoint=False)
+    J = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
+    trace = np.trace(J, axis1=1, axis2=2)
+    J = J[abs(trace) > 0.1] / trace[abs(trace) > 0.1, None, None]
+    J = J[np.linalg.eigvalsh(np.eye(3) / 2 - J)[:, 0] > -0.05]
+    if not len(J):
+        return None
+    plane, squares = np.stack([entries(first), entries(second)]), entries(J @ J)
+    squares = squares / np.linalg.norm(squares, axis=1, keepdims=True)
+    outside = np.linalg.norm(squares - squares @ np.linalg.pinv(plane) @ plane, axis=1)
+    best, weak = J[np.argsort(outside)[:20]], list[Array]()
+    for time, W in stretches:
+        none = np.zeros((len(time), 3, 0))
+        weak.extend(weak_rows(time, W, WIDTHS[1], none, none, 1.0).reshape(-1, 6))
+    return best[np.argmin(np.linalg.norm(entries(best) @ np.reshape(weak, (-1, 6)).T, axis=1))]
 
 
 def turns(time: Array, rates: Array) -> Array:
@@ -211,12 +245,16 @@ def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], guess: Guess) -> 
 
 
 def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
-    """Return values to start from: by windows of several widths, or those of some body that moves freely."""
+    """Return values to start from, by all linear methods."""
     pairs = [(one.time, one.rates) for one in stretches]
     speeds = [None if one.speed is None else one.speed.at(one.time) @ one.speed.values for one in stretches]
     ways = [(width, 0.0) for width in WIDTHS] if model.is_free else ROUND
     found = [made for how in ways if (made := with_moments(pairs, model, *how, speeds)) is not None]
-    return found or [Guess(model, np.diag([0.25, 0.33, 0.42]), np.zeros(0))] * model.is_free
+    if model.is_free:
+        energetic = pencil(pairs)
+        others = [np.diag([0.25, 0.33, 0.42])] * (not found) if energetic is None else [energetic]
+        found += [Guess(model, J, np.zeros(0)) for J in others]
+    return found
 
 
 def estimate(

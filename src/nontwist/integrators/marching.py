@@ -276,7 +276,7 @@ class SingleStep:
     ) -> tuple[Numbers, Wheels]:
         """Take the step of this `number`, which begins `number` steps after `start`; `status` is 0 unless it failed.
 
-        `load_samples` are what they have at the beginning, and torques beside those of the load.
+        `wheels` are what they have at the beginning, and torques beside those of the load.
 
         Raises
         ------

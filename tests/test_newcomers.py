@@ -524,7 +524,7 @@ def test_kinds_of_bodies_are_named_where_they_are_declared_only():
         if {node.value for node in nodes if isinstance(node, ast.Constant)} & set(BODIES):
             named.add(path.relative_to(ROOT / "src" / "nontwist").as_posix())
     elsewhere = {path for path in named if not path.startswith("validation/")}
-    assert elsewhere == {"models/bodies.py", "exact/__init__.py", "fitting/reports.py"}  # a fit writes one of three
+    assert elsewhere == {"models/bodies.py", "exact/__init__.py"}
 
 
 def test_commands_import_modules_of_ones_own(here, write, monkeypatch):

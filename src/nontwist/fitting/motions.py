@@ -42,7 +42,7 @@ from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .bodies import Model, entries
 
 ORDER, EXACT = 20, 1e-11
-LANES, TINY, HUGE = 4, 1e-300, 1e300
+LANES, TINY = 4, 1e-300
 MOST_STEPS = 1000, 5  # of a lane; and for each sample: a body that is recorded needs about one for a radian
 
 

@@ -269,13 +269,15 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     """Return the tables of a run file of the motion of one recording."""
     from scipy.spatial.transform import Rotation
 
+    from ..models.bodies import heavy_top, standard, suslov
+
     model, more = fit.solution.problem.model, fit.solution.unknowns.more
     said = "the rotor is a load" if model.wheel is not None else "moments of inertia in parts of their sum"
     J, W, n = fit.solution.unknowns.inertia * fit.size, part.start, model.constraint
     any_J: Any = {} if model.physical else {"physical": False}
-    body: dict[str, Any] = {"kind": "standard", "inertia": J.tolist(), **any_J}
+    body: dict[str, Any] = {"kind": standard.__name__, "inertia": J.tolist(), **any_J}
     if n is not None:
-        body |= {"kind": "suslov", "axis": n.tolist()}
+        body |= {"kind": suslov.__name__, "axis": n.tolist()}
         W = W - n * (n @ W)
     start: dict[str, Any] = {"angular_velocity": {"body": W.tolist()}}
     if len(part.attitude):
@@ -288,7 +290,7 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
             mass, said = 1 / distance, "moments of inertia in units of m|c|; " + said
         body |= {"mass": mass, "centre_of_mass": (distance * c).tolist(), "gravity": [0.0, 0.0, -model.pivot.gravity]}
         if n is None:
-            body["kind"] = "heavy_top"
+            body["kind"] = heavy_top.__name__
         upright, _ = Rotation.align_vectors([0, 0, -1], part.down)
         start["rotation"] = {"matrix": upright.as_matrix().tolist()}
     if n is not None:

@@ -48,7 +48,6 @@ TURNS = {  # rad that a free body turns in a step are a rtol^(1/p), as measured:
 RESOLVED = 0.3  # rad of a sine in the longest step that resolves it
 STABLE = {"RK23": 2.5, "RK45": 3.3, "DOP853": 6.3}  # z: of explicit methods, |R(-z)| ≤ 1 on the real axis
 NO_MOMENT = np.zeros(3)
-Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)

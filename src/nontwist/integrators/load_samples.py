@@ -42,6 +42,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 
+from ..engine.bodies import hinged_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array
@@ -151,10 +152,12 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     for term in linear:
         force += term.scale * np.asarray(term.dead_force)
     dead = systems.dead_force + problem.load_scale[:, None, None] * force
+    rest = Load(tuple(term for term in load.terms if term not in linear))
+    if (hinged := hinged_of(systems)) is not None:
+        return stacked(replace(hinged, dead_force=dead[0])), rest
     m = len(dead)
     axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))
     E = np.broadcast_to(systems.euler_inertia, (m, 3, 3))
-    rest = Load(tuple(term for term in load.terms if term not in linear))
     return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
 
 

@@ -81,7 +81,7 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
                 failures[i, 0], reasons[i] = Status.LOAD, todo.functions.reason(todo.last_call)
             else:
                 alone = march(replace(problem.member(i), on_gpu=False), 1, scheme)
-                failures[i, 0], reasons[i] = alone.failures[0, 0], alone.reasons.get(0, "")
+                failures[i, 0], reasons[i] = alone.failures[0, 0] or Status.LOAD, alone.reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
         if (outputs := dense.outputs(good, end)) is None:

@@ -1,6 +1,6 @@
 """Derivatives of steps of `gauss` under loads with memory: the variational equation, collocated at the known stages.
 
-With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory`, `loads.memory`),
+With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory`),
 and Q the inverse of the carrier's inertia, across a constrained axis, the equations of `gauss` are x' = G(t, x, u):
 
     R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),

@@ -204,12 +204,14 @@ def test_a_grid_is_not_made_to_be_checked(written, monkeypatch):
     assert read_run_file(written(BODY + SWEPT.replace("3 }", "10_000_000 }"))).sweep.members == 10_000_000
 
 
-def test_the_nearest_step_is_sieved():
+def test_the_nearest_step_is_sieved(monkeypatch):
     rng = np.random.default_rng(3)
     for _ in range(100):
         N, q = int(rng.integers(2, 60)), int(rng.integers(2, 30))
         x, near = np.unique(rng.integers(1, q, 3)) / q, sorted(range(1, 100), key=lambda n: abs(n - N))
         assert grid.fitting_count(x, N, range(1, 100)) == next((n for n in near if grid.fits(x, n)), None)
+    monkeypatch.setattr(grid, "TRIES", 120)  # the search ends
+    assert grid.fitting_count(np.array([0.5, 0.25, 0.125]), 17, range(1, 100)) is None
 
 
 # files that never end

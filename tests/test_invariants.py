@@ -110,10 +110,9 @@ def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
-def test_a_trajectory_and_its_dataset_have_the_same_drifts_bit_for_bit(name):
+def test_a_balance_needs_the_work_of_its_load(name):
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0.1, 2, 0)}
     run = nt.integrate(BODIES["standard"](), load=None if name == "exact" else PULSE, integrator=name, **how)
-    assert drifts(run) == drifts(run.to_dataset())
     many = nt.simulate_ensemble(BODIES["standard"](), **how | {"material_angular_velocity": [(0.1, 2, 0)] * 2})
     without = drifts(run.to_dataset().drop_vars("load_work"))  # which the balance needs
     assert without == {name: one for name, one in drifts(run).items() if name != "energy_balance"}

@@ -185,7 +185,7 @@ def test_the_commands_take_them(here, write):
 @pytest.mark.usefixtures("newcomers")
 def test_validate_measures_them():
     keep(INTEGRATORS, "munthe-kaas", "energy-momentum", "exact")
-    keep(BODIES, "suslov", "skate")
+    keep(BODIES, "standard", "skate")
     newcomer = INTEGRATORS["munthe-kaas"]
     newcomer.counts = newcomer.counts | {1: (128, 192, 256), 4: (32, 48, 64)}  # in Python: as few as show the order
     result = validate("orders")

@@ -149,7 +149,7 @@ def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
     sound = IVP._at
     monkeypatch.setattr(IVP, "_at", lambda self, *at: np.minimum(sound(self, *at), 0.55))
     with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the output times do not increase up to t_end$"):
-        integrate(BODY, t_end=1, step=0.1, integrator="exact", progress=True, **W)
+        integrate(BODY, t_end=1, step=0.1, integrator="exact", **W)
     with pytest.warns(UserWarning, match="2 of 2 members have failed, the first is 0: step 0 at t = 0 s: the output"):
         many = simulate_ensemble(BODY, t_end=1, step=0.1, store=1, integrator="exact", load_scale=[1, 1], **W)
     assert many.status.values.tolist() == [Status.INCOMPLETE] * 2

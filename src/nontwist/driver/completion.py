@@ -151,11 +151,17 @@ def between(scheme: Integrator, problem: IVP, states: States) -> States | None:
     return whole
 
 
+def increases(problem: IVP) -> bool:
+    """Whether times of states increase, up to the end of the problem where the outputs are not others."""
+    times = problem.stored_times
+    at_end = problem.output_times is not None or times[-1] == problem.t_end
+    return bool(at_end and (times[1:] > times[:-1]).all())
+
+
 def _failed_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
     """Yield members with numbers that are not finite or missing states, their valid states, and the failure."""
-    done, expected, times = outcome.failures[:, 0] == Status.OK, len(problem.stored_times), problem.stored_times
-    at_end = problem.output_times is not None or times[-1] == problem.t_end
-    if not (at_end and (times[1:] > times[:-1]).all()):
+    done, expected = outcome.failures[:, 0] == Status.OK, len(problem.stored_times)
+    if not increases(problem):
         failure = problem.failed(1, Status.INCOMPLETE, NOT_INCREASING)
         yield from ((i, 1, failure) for i in np.flatnonzero(done).tolist())
         return

@@ -22,7 +22,7 @@ TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000  # steps of the automatic step
 MOST_STEPS = 10**11
 REACH = 100_000  # step counts around the requested one that are tried for breakpoints on the grid
-BLOCK = 250_000  # pairs of counts and fractions that are tried at a time
+BLOCK, TRIES = 250_000, 10_000_000  # pairs of counts and fractions that are tried at a time, and in all
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 HIGHER = 5  # times longer are the steps that resolve a load with an order above 2
 NODES_APART = 16  # units in the last place of a time that a step must have
@@ -254,13 +254,15 @@ def fits(x: Array, N: int) -> bool:
 def fitting_count(x: Array, N: int, candidates: range) -> int | None:
     """Return the count nearest `N` among `candidates` whose grid holds all fractions `x` of the span.
 
-    None where there is none. Counts that hold m fractions are multiples of more than m: few are left to compare with
-    many fractions.
+    None where there is none, or none is found among `TRIES` pairs of a count and a fraction: each fraction removes
+    counts, so that few counts are compared with many fractions.
     """
-    left, first = np.array(candidates, dtype=np.float64), 0
+    left, first, tried = np.array(candidates, dtype=np.float64), 0, 0
     while first < len(x) and left.size:
         some = x[first : first + max(1, BLOCK // left.size), None]
-        first += len(some)
+        first, tried = first + len(some), tried + len(some) * left.size
+        if tried > TRIES:
+            return None
         left = left[(abs(some * left - np.rint(some * left)) <= FIT * left).all(axis=0)]
     return int(left[np.argmin(abs(left - N))]) if left.size else None
 

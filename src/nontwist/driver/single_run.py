@@ -56,6 +56,7 @@ class PreparedPlan:
         linear = any(term.dead_force is not None for term in plan.load.potentials)
         self.is_damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
         self.whole, self.is_quiet = whole_of(plan, grid), False  # whether there is nothing to say of its costs
+        self.increases = completion.increases(problem)
         self.unremarkable = unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
@@ -118,7 +119,7 @@ def known(
     """Return the prepared plan of a run that is so plain and small that it is kept; None for others."""
     is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.output_times is None
     is_small = is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
-    return _cached(plan, grid) if is_small else None
+    return prepared if is_small and (prepared := _cached(plan, grid)).increases else None
 
 
 def run_of(

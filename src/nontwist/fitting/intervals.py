@@ -236,12 +236,15 @@ class Search:
     def agreeing(self, fit: Solution, a: int, rows: NDArray[np.intp], floor: float) -> int:
         """Return how many samples beyond a fit from `a` on agree with what it predicts for them."""
         readings = self.recording.speed
-        if not len(rows) or (readings is not None and np.isfinite(readings[rows]).sum() < READINGS):
+        if not len(rows):
             return 0
         at, model, sense = fit.unknowns, fit.problem.model, -1 if rows[0] < a else 1
+        through = np.arange(a, rows[-1] + sense, sense)
+        if readings is not None and np.isfinite(readings[through]).sum() < READINGS:
+            return 0
         times, flip, line, of_speeds = sense * self.time[rows], np.ones(model.size), None, np.zeros((0, 0))
         flip[:3] = sense
-        speed = speed_of(self.recording, np.arange(a, rows[-1] + sense, sense), sense)
+        speed = speed_of(self.recording, through, sense)
         if speed is not None:
             line, of_speeds = speed.line(sense * self.time[a], times[-1], speed.values), speed.rows[0]
         motion = Motion(model, at.inertia, at.more, sense)

@@ -130,6 +130,7 @@ class Starts(NamedTuple):
 
 
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
+AT_REST.quaternion.flags.writeable = AT_REST.velocity.flags.writeable = False  # all runs that begin so share it
 
 
 def starts(
@@ -169,16 +170,20 @@ def starts(
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     else:
         axis = _new_axis(start, systems)
-    factors = as_array(load_scale, "load_scale", (...,))
-    if factors.ndim > 1:
-        raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
-    (p, W, N), scale = begin[:3], factors.reshape(-1)
-    attitudes_name = "rotation" if start is None else "start"
-    m = _common({"system": len(systems), attitudes_name: len(p), name: len(W), "load_scale": len(scale)})
+    p, W, N = begin[:3]
     if angular_velocity is not None:
         R = attitudes(p)
         W = R[:, 0] * W[:, :1] + R[:, 1] * W[:, 1:2] + R[:, 2] * W[:, 2:]
-    begin = _projected(begin._replace(velocity=W), systems, axis, project, t_start)
+        begin = begin._replace(velocity=W)
+    if not many:
+        scale = np.array([as_number(load_scale, "load_scale")])
+        return _projected(begin, systems, axis, project, t_start)._replace(load_scale=scale)
+    factors = as_array(load_scale, "load_scale", (...,))
+    if factors.ndim > 1:
+        raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
+    scale, attitudes_name = factors.reshape(-1), "rotation" if start is None else "start"
+    m = _common({"system": len(systems), attitudes_name: len(p), name: len(W), "load_scale": len(scale)})
+    begin = _projected(begin, systems, axis, project, t_start)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
     return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)

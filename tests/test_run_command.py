@@ -74,7 +74,7 @@ def test_the_first_five_minutes(here):
 
 def test_numbers_as_json_of_the_run_of_simulate(here):
     here(BODY + TIME + START)
-    found = numbers_of("run", "run.toml", "--set", 'title="été"')
+    found = numbers_of("run", "run.toml", "--set", "title='[\"été\"]'")
     run, problem = open_run("run.nc"), Problem.read("run.toml")
     assert np.array_equal(run.directors, simulate(problem).directors)
     derived = package.sensitivities(problem, wrt="material_angular_velocity")  # takes the arguments of a file too
@@ -84,7 +84,7 @@ def test_numbers_as_json_of_the_run_of_simulate(here):
     assert set(drift) == {"kinetic_energy", "spatial_momentum", "orthonormality"}
     assert max(one["relative"] for one in drift.values()) < 1e-14
     assert found.pop("newton_iterations") == int(run.newton_iterations.max()) > 0
-    names = {"file": "run.toml", "result": "run.nc", "written": ["run.nc"], "title": "été"}
+    names = {"file": "run.toml", "result": "run.nc", "written": ["run.nc"], "title": '["été"]'}
     times = {"steps": 10, "step": 0.1, "t_start": 0.0, "t_end": 1.0, "states": 11}
     scheme = {"name": "gauss", "order": 8}
     assert found == names | times | {"status": 0, "message": "done", "integrator": scheme}

@@ -216,9 +216,10 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
 
 def largest_turn(run: xarray.Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
+    from ..recordings.motions import rotation
     from ..viewer.content import turns_between
 
-    return float(turns_between(run["quaternion"].values).max(initial=0.0))
+    return float(turns_between(rotation(run).as_quat()).max(initial=0.0))
 
 
 def smooth(

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     import xarray
 
 ROWS = 2**13  # formatted at a time
+WORDS = {"title", "message", "warning", "run_file"}  # of attributes: they may look like JSON
 STATES, INTERVALS, EVENTS, MEMBERS = "time", "midtime", "event", "member"
 Columns = dict[str, NDArray[Any]]
 
@@ -144,8 +145,8 @@ def write_json(run: xarray.Dataset, stream: TextIO) -> None:
 
 
 def record(run: xarray.Dataset) -> dict[str, Any]:
-    """Return the attributes of a run as plain data, those in JSON decoded."""
-    return {str(name): _plain(value) for name, value in run.attrs.items()}
+    """Return the attributes of a run as plain data, those in JSON decoded; words of users are none."""
+    return {str(name): value if name in WORDS else _plain(value) for name, value in run.attrs.items()}
 
 
 def _plain(value: Any) -> Any:

@@ -16,6 +16,7 @@ Quasi-random: all drawn keys share one scrambled sequence, and member i takes it
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import replace
@@ -52,6 +53,7 @@ from ..units import RATE
 
 Values = dict[str, Array]
 LEAST, MOST = 2.0**-54, 1 - 2.0**-53
+_sequences = threading.local()
 
 
 def values(sweep: Sweep, first: int, last: int) -> Values:
@@ -97,14 +99,25 @@ def _random(seed: int, one: Drawn, first: int, last: int) -> Array:
 
 
 def _quasi_random(name: str, seed: int, dimension: int, first: int, last: int) -> Array:
-    """Return points of the scrambled sequence."""
-    from scipy.stats import qmc
-
-    how: dict[str, Any] = {"seed": np.random.default_rng(seed)}
-    engine = qmc.Sobol(dimension, bits=32, **how) if name == "sobol" else qmc.Halton(dimension, **how)
+    """Return points of the sequence; each thread has an engine, which advances from block to block."""
+    key = (name, seed, dimension)
+    if getattr(_sequences, "key", None) != key:
+        _sequences.key, _sequences.engine = key, _engine(*key)
+    engine = _sequences.engine
+    if engine.num_generated > first:
+        engine.reset()
+    if first > engine.num_generated:
+        engine.fast_forward(first - engine.num_generated)
     if first == 0:  # by itself: Sobol warns of a first block whose length is not a power of 2
         return np.concatenate([engine.random(1), engine.random(last - 1)])
-    return engine.fast_forward(first).random(last - first)
+    return engine.random(last - first)
+
+
+def _engine(name: str, seed: int, dimension: int) -> Any:
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    return qmc.Sobol(dimension, seed=generator, bits=32) if name == "sobol" else qmc.Halton(dimension, seed=generator)
 
 
 # The bodies of many members: from numbers put into the table `[body]` to a stack.

@@ -72,9 +72,10 @@ def plan(members: Members, workers: int, block: int | None = None) -> Plan:
     ValueError
         All members that were tried are refused; a `block` that is no whole number >= 1.
     """
+    most = None if block is None else as_whole(block, "block", 1)
     each, refused, reason = _measured(members)
     m, size = len(members), members.bytes_each
-    fits = _block(m, each, size, workers) if block is None else min(as_whole(block, "block", 1), m)
+    fits = _block(m, each, size, workers) if most is None else min(most, m)
     blocks = -(-m // fits)
     files = (len(members.kept) + 2) * blocks
     seconds = m * each / min(workers, blocks)
@@ -254,18 +255,20 @@ def _store(place: Path, members: Members, count: int, block: int | None) -> Swee
 def _difference(old: str, new: str) -> str:
     """Return the first lines that differ."""
     pairs = zip_longest(old.splitlines(), new.splitlines(), fillvalue="nothing")
-    lines = next([was, now] for was, now in pairs if was != now)
+    lines = next(([was, now] for was, now in pairs if was != now), ["nothing"] * 2)
     at = next((k for k, (a, b) in enumerate(zip(*lines, strict=False)) if a != b), min(map(len, lines)))
     was, now = (_near(line, at) for line in lines)
     return f"it was made with {was}, the file now has {now}; choose another store, or remove this one"
 
 
 def _near(line: str, at: int) -> str:
-    """Return a line, of a long one its key and the letters about the place `at`."""
+    """Return a line, of a long one its key and the value about the letter at which it differs."""
+    key, sign, value = line.partition(" = ")
     if len(line) <= 3 * NEAR:
         return line
-    key, first, last = line.partition(" = ")[0], max(at - NEAR, 0), at + NEAR
-    return f"{f'{key} = ...' * (first > len(key))}{line[first:last]}{'...' * (last < len(line))}"
+    first = max(at - len(key + sign) - NEAR, 0)
+    part = value[first : first + 2 * NEAR]
+    return f"{key}{sign}{'...' * (first > 0)}{part}{'...' * (first + len(part) < len(value))}"
 
 
 def _counter(store: SweepStore, again: list[int], failed: int, report: Report) -> Callable[[Done], None]:

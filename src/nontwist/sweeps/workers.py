@@ -71,9 +71,14 @@ class Workers(NamedTuple):
 
         A worker that dies while Dask restarts it is given up by Dask.
         """
-        workers = getattr(getattr(self.client, "cluster", None), "worker_spec", ())
-        if workers and not self.client.nthreads():
-            self.client.cluster.scale(len(workers))
+        if self.client is None:
+            return
+        import distributed
+
+        dask: Any = distributed
+        cluster = self.client.cluster
+        if isinstance(cluster, dask.LocalCluster) and not self.client.nthreads():
+            cluster.scale(len(cluster.worker_spec))
 
 
 @contextmanager

@@ -316,7 +316,10 @@ def test_a_librating_satellite_has_one_axis_left():
     assert (run.sticking.values == 2).all()
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    ("scheme", "bound", "body", "axes"),
+    [("gauss", 4e-13, nt.standard, "yz"), ("lie-midpoint", 0.2 * 0.05**2, partial(nt.suslov, axis="z"), "y")],
+)
 @pytest.mark.parametrize(
     "load",
     [
@@ -325,12 +328,11 @@ def test_a_librating_satellite_has_one_axis_left():
         nt.dipole((0, 0.3, 1), (1, 2, 0)),
     ],
 )
-@pytest.mark.parametrize(("body", "axes"), [(nt.standard, "yz"), (partial(nt.suslov, axis="z"), "y")])
-def test_potentials_turn_a_body_that_has_one_axis_left(scheme, load, body, axes):
+def test_potentials_turn_a_body_that_has_one_axis_left(scheme, bound, body, axes, load):
     """About x ω' = x·m/J11, the moment as it is in Python; no other axis turns."""
     J = np.array([[2, 0.1, 0.2], [0.1, 2.5, 0.3], [0.2, 0.3, 3]])
     held = load + sum((nt.dry_friction(5, axis) for axis in axes), nt.Load())
-    run = nt.simulate(body(J), t_end=2, step=0.01, load=held, material_angular_velocity=(1, 0, 0), integrator=scheme)
+    run = nt.simulate(body(J), t_end=2, step=0.05, load=held, material_angular_velocity=(1, 0, 0), integrator=scheme)
 
     def slope(t, x):
         q = Rotation.from_rotvec([x[0], 0, 0]).as_matrix().T
@@ -338,9 +340,8 @@ def test_potentials_turn_a_body_that_has_one_axis_left(scheme, load, body, axes)
 
     found = solve_ivp(slope, (0, 2), [0, 1], "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
     q, W = run.quaternion.values[-1], run.material_angular_velocity.values[-1]
-    assert 2 * np.arctan2(q[0], q[3]) == pytest.approx(found[0], abs=1e-10 if scheme == "gauss" else 1e-4)
-    assert W[0] == pytest.approx(found[1], abs=1e-10 if scheme == "gauss" else 1e-4)
-    assert abs(q[1:3]).max() < 1e-15
+    assert [2 * np.arctan2(q[0], q[3]), W[0]] == pytest.approx(found, abs=bound)
+    assert not q[1:3].any()
     assert not W[1:].any()
 
 

@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import hinged_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, dot
 from ..geometry.attitudes import States, attitudes
 from ..kernels.kernel import address_of
 from ..loads import Load
@@ -260,7 +260,7 @@ def internal_states(systems: SystemStack, load: Load, time: float, velocity: Arr
     found = np.tile(load.internal_state, (len(velocity), 1))
     W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
     for wheel, column in wheel_columns(load):
-        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + W @ wheel.direction)
+        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + dot(W, wheel.direction))
     return found
 
 
@@ -370,7 +370,7 @@ def _set_works(problem: IVP, z: Array | None, velocity_integrals: Array, times: 
         if wheel.is_driven and wheel.works:
             factor, h = wheel.scale * problem.load_scale[:, None], z[..., column]
             slope, impulse = factor * wheel.slope_of_torque(times), factor * np.diff(wheel.impulse(times))
-            along = velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3) @ wheel.direction
+            along = dot(velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3), wheel.direction)
             works = work_of(wheel.inertia, times, h, slope, impulse, along[..., 0], along[..., 1])
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
 

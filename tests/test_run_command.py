@@ -1,5 +1,6 @@
 """`run`, `check`, `precision`, `example`, `schema`: what they print and where, what they write, how they end."""
 
+import itertools
 import json
 import os
 import re
@@ -20,6 +21,7 @@ from nontwist.cli import app
 from nontwist.cli.outcomes import code_of
 from nontwist.cli.run_commands import example_names
 from nontwist.errors import RunFileError, Status
+from nontwist.integrators import INTEGRATORS
 from nontwist.loads import Load
 from nontwist.runfile import read_run_file
 from refusals import said, says
@@ -350,6 +352,28 @@ def test_what_cannot_be_resumed(here, change):
     here(REST, "rest.toml")
     ended(0, "run", "run.toml")
     said(ended(3, "check", "rest.toml", "--set", change).stderr)
+
+
+OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
+LONG = [pytest.param(one, marks=pytest.mark.long) for one in example_names() if one != "case1"]
+
+
+@pytest.mark.parametrize("example", ["case1", *LONG])
+def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(here, example):
+    ended(0, "example", example)
+    file, result = f"{example}.toml", f"{example}.nc"
+    for (name, scheme), output in itertools.product(INTEGRATORS.items(), OUTPUTS):
+        step = "" if scheme.any_times and "times" in output else 0.01
+        how = [f'integrator={{ name = "{name}" }}', "sweep=", "time.t_end=0.1", f"time.step={step}", f"time.{output}"]
+        sets = [word for one in [*how, *["time.store="] * ("times" in output)] for word in ("--set", one)]
+        checked = nontwist("check", file, *sets)
+        if checked.exit_code == 3 and "integrator" in checked.stderr:
+            continue  # it does not take the body or a load
+        found = numbers_of("run", file, "--force", *sets)
+        has_steps = "step" in open_run(result).attrs
+        assert ("steps" in found) == ("steps" in numbers_of("info", result)) == has_steps, how
+        has(checked.stdout, f"{found['states']} states" if output != "step=" else "states")
+        assert ("(automatic)" in checked.stdout) == (step == "" and has_steps) or output == "step=", checked.stdout
 
 
 def test_the_dissipation_of_an_integrator_is_told(here):

@@ -1,6 +1,6 @@
 """Wheels with motors: momentum by hand, SciPy, total momentum, continuation, derivatives, what is refused."""
 
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from conftest import cross, thinned
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile.document import checked
 from nontwist.runfile.files import Folder
-from refusals import refused_as
+from refusals import refused_as, warned
 
 RPM = 2 * np.pi / 60
 J = np.diag([3.0, 4.0, 5.0])
@@ -240,6 +240,19 @@ def test_derivatives_are_those_of_differences(body, scheme):
     assert pytest.approx(np.array(rows), abs=2e-9) == found.d_material_angular_velocity.values[-1].T
 
 
+@pytest.mark.parametrize("viscous", [0.0, 0.05])
+@pytest.mark.parametrize("times", [[0.5, 2.0], [1.5, 2.0, 2.5]])
+def test_a_constant_is_added_to_a_table_within_its_times(times, viscous):
+    def run(function, added, **wrt):
+        load = 2 * nt.wheel(AXES[0], 0.2, 30, (times, np.full(len(times), 0.3) + added), viscous)
+        how = {"t_start": 1, "t_end": 3, "step": 0.05, "material_angular_velocity": W0}
+        return function(nt.standard(J), load=load, **how, **wrt)
+
+    found = run(nt.sensitivities, 0.0, wrt="torque").d_material_angular_velocity.values[-1, :, 0]
+    ends = [run(nt.integrate, added).material_angular_velocity[-1] for added in (1e-4, -1e-4)]
+    assert found == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=1e-8)
+
+
 def test_exponents_of_a_free_gyrostat_sum_to_zero():
     found = nt.lyapunov(
         nt.standard(J), t_end=6, step=0.1, material_angular_velocity=W0, load=nt.wheel("x", 0.2, speed=30)
@@ -320,3 +333,26 @@ def test_a_jump_beside_or_of_a_wheel_is_named(name, how):
         nt.simulate(BODIES["top"] if "relay" in name else BODIES["standard"], t_end=20, load=JUMPING[name], **own)
     assert failed.value.status == Status.JUMP
     assert all(said in str(failed.value) for said in (x, y, "dry_friction" if "relay" in name else "use coulomb="))
+
+
+def test_a_run_whose_wheels_do_not_go_on_is_named():
+    """Wheels that the load lacks or has otherwise, states that a run has lost, motions without velocities."""
+    body, own, W = nt.standard(J), nt.wheel("z", 0.05, speed=100), {"material_angular_velocity": W0}
+    push, many = nt.body_moment([0, 1], np.zeros((2, 3))), nt.simulate_ensemble
+    for first, second in ((nt.simulate, nt.simulate), (nt.integrate, nt.simulate), (many, many)):
+        run = first(body, t_end=1, step=0.5, load=own, **W)
+        for load in (None, push, nt.wheel("z", 0.1), nt.wheel("x", 0.05)):
+            with warned("start-other-memory"):
+                second(body, t_end=2, step=0.5, load=load, start=run)
+        with warned():
+            second(body, t_end=2, step=0.5, load=own + push, start=run)
+    run = nt.simulate(body, t_end=1, load=own, **W)
+    with warned("start-other-memory"):
+        nt.stepper(body, 0.1).reset(start=run)
+    with pytest.raises(ValueError, match="lacks internal_state"):
+        nt.simulate(body, t_end=2, load=own, start=run.drop_vars("internal_state"))
+    for call in (partial(nt.simulate, body, t_end=2, load=own), nt.stepper(body, 0.1, load=own).reset):
+        with warned("start-at-rest"):
+            call(start=run.quaternion)
+        with warned():
+            call(start=run.quaternion, **W)

@@ -355,10 +355,12 @@ class Stepper:
         Warns
         -----
         InputWarning
-            `start` is of another inertia: W is kept.
+            `start` is of another inertia or other wheels, or has no velocities.
         """
         W = material_angular_velocity
-        begin = starts(self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time)
+        begin = starts(
+            self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time, load=self.load
+        )
         t = as_number(time, "time") if time is not None else begin.time or 0.0
         h, resolution = self.step_size, float(np.spacing(abs(t)))
         if h < NODES_APART * resolution:

@@ -343,27 +343,26 @@ class Parameters:
         self, term: Rotor | Wheel, field: str, first: int, factor: float, nodes: StepNodes
     ) -> Iterator[Entries]:
         """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum."""
-        t0, ends = self.problem.t_start, (nodes.begin, nodes.end)
+        ends = nodes.begin, nodes.end
         if isinstance(term, Wheel):
-            begin, end = (Slopes.of(self.slopes_of_wheel(term, field, t - t0, factor)) for t in ends)
+            begin, end = (Slopes.of(self.slopes_of_wheel(term, field, t, factor)) for t in ends)
             factor = 1.0
         else:
             begin, end = (rotor_slopes(term, field, t) for t in ends)
         yield from _rotor(begin, end, first, nodes, factor)
 
-    def slopes_of_wheel(self, wheel: Wheel, field: str, since: Array, factor: float) -> Array:
-        """Return the derivatives of h n of a wheel at (n,) times after the start by a parameter, (n, 3, count)."""
-        n, own = wheel.direction, factor * wheel.scale
+    def slopes_of_wheel(self, wheel: Wheel, field: str, times: Array, factor: float) -> Array:
+        """Return the derivatives of h n of a wheel at (n,) times by a parameter, (n, 3, count)."""
+        n, own, t0, systems = wheel.direction, factor * wheel.scale, self.problem.t_start, self.problem.systems
         if field not in ("inertia", "wheel"):
-            return factor * (wheel.slopes_of_momentum(field, since)[:, None] * n)[..., None]
-        t0, systems = self.problem.t_start, self.problem.systems
+            return factor * (wheel.slopes_of_momentum(field, times, t0)[:, None] * n)[..., None]
         W = self.problem.velocity[0] + (0.0 if systems.axis is None else systems.spin_at(t0)[0] * systems.axis[0])
         speed = own * wheel.speed + n @ W
         if field == "inertia":
-            return np.tile(speed * n, (len(since), 1))[..., None]
+            return np.tile(speed * n, (len(times), 1))[..., None]
         if wheel.times.size:
             raise ValueError("runs have no derivatives by the axis of a wheel whose torque is a table")
-        across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(since)
+        across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(times - t0)
         return h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
 
     # ---- a longer last stretch, with as many steps: longer steps, and later nodes

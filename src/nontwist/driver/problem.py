@@ -347,13 +347,13 @@ def prepared(problem: Problem) -> Prepared:
 
 def start_of(problem: Problem) -> Starts:
     """Return the checked start of one run; errors as `simulate`."""
-    return starts(as_system(problem.system), t_start=problem.t_start, **part_of(problem, OfStart))
+    return starts(as_system(problem.system), t_start=problem.t_start, **part_of(problem, OfStart), load=problem.load)
 
 
 def starts_of(problem: Problem) -> Starts:
     """Return the checked starts of many runs; errors as `simulate_ensemble`."""
     how = {"t_start": problem.t_start, "load_scale": problem.load_scale, **part_of(problem, OfStart)}
-    return starts(problem.system, **how, many=True)
+    return starts(problem.system, **how, many=True, load=problem.load)
 
 
 def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan:

@@ -100,7 +100,9 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     if hasattr(motion, "directors"):
         return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
-        raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; read_motion reads a file")
+        raise ValueError(
+            f"the motion must be numbers, got {str(motion)!r}; open_run reads a run, read_motion a recording"
+        )
     array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
         return Motion(array)

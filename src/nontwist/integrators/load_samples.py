@@ -54,7 +54,7 @@ from ..loads.memory import Driven, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import SystemStack, stacked
-from ..models.system import DirectorSystem, euler_inertia
+from ..models.system import PRINCIPAL, DirectorSystem, across, euler_inertia
 from .compiled import Compiled
 from .problem import IVP, Outcome
 
@@ -284,6 +284,11 @@ def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
         raise ValueError(
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
+        )
+    if system.spin is not None and abs(across(J, system.axis)).max() > PRINCIPAL * abs(J).max():
+        raise ValueError(
+            "spin= needs an axis that is principal without the wheels as well, of J - Σ I n nᵀ: put each wheel along it "
+            "or across it, or add one that balances it"
         )
     return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
 

@@ -69,6 +69,10 @@ class VectorRotation(Section):
         return rotation(Rotation.from_rotvec(self.vector, degrees=self.unit.startswith("deg")).as_matrix())
 
 
+ORDERS = "xyz", "yzx", "zxy", "XYZ", "YZX", "ZXY"
+SEQUENCES = "|".join(f"{a}({b}[{a}{c}]?|{c}[{a}{b}]?)?" for a, b, c in ORDERS)
+
+
 class EulerRotation(Section):
     """Euler angles as SciPy has them."""
 
@@ -76,7 +80,7 @@ class EulerRotation(Section):
     sequence: str = entry(
         '1 to 3 axes, neighbours different: capitals for turning axes ("ZYX"), small letters for fixed ones ("xyz"), '
         "as in scipy",
-        pattern="^([xyz]{1,3}|[XYZ]{1,3})$",
+        pattern=f"^({SEQUENCES})$",
     )
     unit: Unit = entry(UNIT)
 

@@ -69,8 +69,8 @@ class VectorRotation(Section):
         return rotation(Rotation.from_rotvec(self.vector, degrees=self.unit.startswith("deg")).as_matrix())
 
 
-ORDERS = "xyz", "yzx", "zxy", "XYZ", "YZX", "ZXY"
-SEQUENCES = "|".join(f"{a}({b}[{a}{c}]?|{c}[{a}{b}]?)?" for a, b, c in ORDERS)
+ORDERS = (axes[i:] + axes[:i] for axes in ("xyz", "XYZ") for i in range(3))
+SEQUENCES = "|".join("{0}({1}[{0}{2}]?|{2}[{0}{1}]?)?".format(*order) for order in ORDERS)
 
 
 class EulerRotation(Section):

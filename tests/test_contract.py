@@ -91,8 +91,8 @@ def refusal(scheme, body, load):
         return "does not act on a body whose spin is prescribed"
     if load == "dry friction" and scheme.endswith("dissipative"):
         return "dissipation= is not possible"
-    if load == "wheels" and body in SPINNING:
-        return "without its wheels, .* along the axis or across it"
+    if load == "wheels" and body in SPINNING:  # without their inertia
+        return "spin needs an axis that is principal"
     if name == "exact":
         is_held_about_d3 = body in PRINCIPAL and SYSTEMS[body].axis[2] == 1
         is_free = body not in HEAVY | SPINNING and (

@@ -187,6 +187,8 @@ def test_stacks_say_which_body_is_wrong():
 def test_statistics_are_those_of_the_full_run(name, integrator):
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
     how = {"t_start": 0.5, "t_end": 2.5, "step": 0.01, "order": 2, "integrator": integrator}
+    if name == "top":
+        arguments["load"] += nt.spring(3.0, (0.1, 0.2, 0.3), (1, -2, 4))
     many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **arguments, **how, reduce=STATISTICS)
     names = ["kinetic_energy", "spatial_momentum", "material_momentum", "twist_rate"]
     names += ["potential_energy"] if name == "top" else ["reaction_moment"]

@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import hinged_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, dot
 from ..geometry.attitudes import States, attitudes
 from ..kernels.kernel import address_of
 from ..loads import Load
@@ -54,7 +54,7 @@ from ..loads.memory import Driven, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import SystemStack, stacked
-from ..models.system import DirectorSystem, euler_inertia
+from ..models.system import PRINCIPAL, DirectorSystem, across, euler_inertia
 from .compiled import Compiled
 from .problem import IVP, Outcome
 
@@ -260,7 +260,7 @@ def internal_states(systems: SystemStack, load: Load, time: float, velocity: Arr
     found = np.tile(load.internal_state, (len(velocity), 1))
     W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
     for wheel, column in wheel_columns(load):
-        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + W @ wheel.direction)
+        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + dot(W, wheel.direction))
     return found
 
 
@@ -279,17 +279,18 @@ def driven_columns(load: Load) -> list[int]:
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
     """Return what carries the wheels of a body; a ValueError where nothing is left of it."""
-    J = system.convected_inertia - sum(one.locked for one in load.wheels)
+    J, n = system.convected_inertia - sum(one.locked for one in load.wheels), system.axis
     if (least := np.linalg.eigvalsh(J)[0]) <= 0:
         raise ValueError(
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
         )
-    try:
-        return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
-    except ValueError as error:  # of a prescribed spin
-        where = "wheels must be along the axis or across it"
-        raise ValueError(f"without its wheels, J - Σ I n nᵀ: {error}; {where}") from None
+    if system.spin is not None and n is not None and abs(across(J, n)).max() > PRINCIPAL * abs(J).max():
+        raise ValueError(
+            "spin= needs an axis that is principal without the wheels as well, of J - Σ I n nᵀ: put wheels along it "
+            "or across it, or add one that balances it"
+        )
+    return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
 
 
 def commanded(load: Load) -> Load:
@@ -374,7 +375,7 @@ def _set_works(problem: IVP, z: Array | None, velocity_integrals: Array, times: 
         if wheel.is_driven and wheel.works:
             factor, h = wheel.scale * problem.load_scale[:, None], z[..., column]
             slope, impulse = factor * wheel.slope_of_torque(times), factor * np.diff(wheel.impulse(times))
-            along = velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3) @ wheel.direction
+            along = dot(velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3), wheel.direction)
             works = work_of(wheel.inertia, times, h, slope, impulse, along[..., 0], along[..., 1])
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
 

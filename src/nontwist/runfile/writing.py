@@ -1,7 +1,7 @@
 """The way back from a `Problem` to a run file: its objects as tables.
 
 A term of the load has its fields as keys, and a body its J, so the file makes the same numbers up to round-off. Of a
-weight that nobody gave as such the constant force on the directors is known, m c ⊗ g: of such a matrix of rank one, g is
+weight that nobody gave as such a constant force on the directors is known, m c ⊗ g: of such a matrix of rank one, g is
 taken of length 9.81 m/s² and m as 1 kg, or, where J is too small for that, so large that m |c|² is nothing.
 """
 

@@ -379,6 +379,9 @@ def _of_run(start: Any) -> Starts:
     if names:
         them = "them" if len(names) > 1 else "it"
         raise ValueError(f"start= lacks {' and '.join(names)}; store {them} with variables= in the earlier run")
+    if "time" not in start.dims:
+        words = "give rotation=start.quaternion, material_angular_velocity=start.material_angular_velocity and t_start="
+        raise ValueError(f"start= has no dimension time; {words}")
     last = in_order(start).isel(time=-1)
     p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
     N = None

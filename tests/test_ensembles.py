@@ -296,7 +296,7 @@ def test_continuing_an_ensemble_and_a_run(integrator):
         )
     with pytest.raises(ValueError, match=r"an ensemble of 5 runs; continue one of them: start.isel\(member=0\)"):
         nt.simulate(bodies[1], start=half, t_end=2, **own)
-    with pytest.raises(ValueError, match="start= has no dimension time; give rotation=start.quaternion"):
+    with pytest.raises(ValueError, match="start= has no dimension time; give rotation="):
         nt.simulate(bodies[1], start=half.isel(member=1, time=-1), t_end=2, **own)
     name = "quaternion" if integrator == "gauss" else "director_velocities"
     with pytest.raises(ValueError, match=rf"start= lacks {name}[;,] (store it with variables=|which energy-momentum)"):

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from ..analysis.datasets import in_order
 from ..analysis.variables import assembled, coordinates
 from ..errors import InputError, InputWarning
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import short_repr
 from ..io.results import open_run
 from ..io.whole import free_memory, require_regular

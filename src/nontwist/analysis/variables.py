@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, dot
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, nearest, short_repr
 from ..loads import Load
@@ -350,7 +350,7 @@ class Wheels(NamedTuple):
 
     def states(self, velocity: Array, internal: Array) -> tuple[dict[str, Array], Array, Array]:
         """Return their variables, Σ I Ω n, (m, k, 3), and ``Σ I Ω (n·W + Ω/2)``, (m, k)."""
-        h, axial = internal[..., self.columns], velocity @ self.axes.T
+        h, axial = internal[..., self.columns], dot(velocity[..., None, :], self.axes)
         turning = h / self.inertia
         speed = turning - axial
         speed = np.where(self.are_dry & (abs(speed) <= ROUND_OFF * (abs(turning) + abs(axial))), 0.0, speed)
@@ -360,7 +360,7 @@ class Wheels(NamedTuple):
         )
         energy = (self.inertia * speed * (axial + speed / 2)).sum(axis=-1)
         found = {"wheel_momentum": h, "wheel_speed": speed, "wheel_work": work, "wheel_loss": loss}
-        return found, (self.inertia * speed) @ self.axes, energy
+        return found, ((self.inertia * speed)[..., None] * self.axes).sum(axis=-2), energy
 
 
 class Acting(NamedTuple):

@@ -303,8 +303,8 @@ class Problem:
 
         Notes
         -----
-        The motion depends on mass times centre of mass alone: the file of a body that was not read from one has the
-        mass 1 kg, or more where its inertia requires it.
+        The motion depends on mass times centre of mass alone: the file of a body of which no more is known, as of a
+        saved run, has the mass 1 kg, or more where its inertia requires it.
         """
         from ..runfile.writing import write
 

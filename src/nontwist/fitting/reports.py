@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -236,6 +237,7 @@ def drawn(fit: Fit, recording: int) -> Axes:
 
     part, found = fit.parts[recording], fit.principal
     first = sum(len(one.time) for one in fit.parts[:recording])
+    told = f"data and model: {Path(part.name).name}" if len(fit.parts) > 1 else "data and model"
     rest = fit.residual[first : first + len(part.time)]
     with style():
         data, left_over, moments = new_axes(columns=2, height=2.6, panels=3)
@@ -244,7 +246,7 @@ def drawn(fit: Fit, recording: int) -> Axes:
             data.plot(part.time, part.measured[:, k], ".", color=colour, markersize=2)
             data.plot(part.time, part.model[:, k], "-", color=colour, linewidth=0.8, label=name)
             left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
-        data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
+        data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title=told)
         low, high = data.get_ylim()
         data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
         data.legend(loc="upper left", ncols=3, handlelength=1.2, columnspacing=0.8)

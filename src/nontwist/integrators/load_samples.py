@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import hinged_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, dot
 from ..geometry.attitudes import States, attitudes
 from ..kernels.kernel import address_of
 from ..loads import Load
@@ -54,7 +54,7 @@ from ..loads.memory import Driven, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import SystemStack, stacked
-from ..models.system import DirectorSystem, euler_inertia
+from ..models.system import PRINCIPAL, DirectorSystem, across, euler_inertia
 from .compiled import Compiled
 from .problem import IVP, Outcome
 
@@ -156,9 +156,9 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     if (hinged := hinged_of(systems)) is not None:
         return stacked(replace(hinged, dead_force=dead[0])), rest
     m = len(dead)
-    axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))
-    E = np.broadcast_to(systems.euler_inertia, (m, 3, 3))
-    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
+    E, own = np.broadcast_to(systems.euler_inertia, (m, 3, 3)), (systems.axis, systems.spin_factor)
+    axis, factor = (x if x is None else np.broadcast_to(x, (m, *x.shape[1:])) for x in own)
+    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead, spin_factor=factor), rest
 
 
 def orbit_of(systems: SystemStack, load: Load, unit: float, scheme: Compiled) -> Array | None:
@@ -260,7 +260,7 @@ def internal_states(systems: SystemStack, load: Load, time: float, velocity: Arr
     found = np.tile(load.internal_state, (len(velocity), 1))
     W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
     for wheel, column in wheel_columns(load):
-        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + W @ wheel.direction)
+        found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + dot(W, wheel.direction))
     return found
 
 
@@ -279,11 +279,16 @@ def driven_columns(load: Load) -> list[int]:
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
     """Return what carries the wheels of a body; a ValueError where nothing is left of it."""
-    J = system.convected_inertia - sum(one.locked for one in load.wheels)
+    J, n = system.convected_inertia - sum(one.locked for one in load.wheels), system.axis
     if (least := np.linalg.eigvalsh(J)[0]) <= 0:
         raise ValueError(
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
+        )
+    if system.spin is not None and n is not None and abs(across(J, n)).max() > PRINCIPAL * abs(J).max():
+        raise ValueError(
+            "spin= needs an axis that is principal without the wheels as well, of J - Σ I n nᵀ: put wheels along it "
+            "or across it, or add one that balances it"
         )
     return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
 
@@ -370,7 +375,7 @@ def _set_works(problem: IVP, z: Array | None, velocity_integrals: Array, times: 
         if wheel.is_driven and wheel.works:
             factor, h = wheel.scale * problem.load_scale[:, None], z[..., column]
             slope, impulse = factor * wheel.slope_of_torque(times), factor * np.diff(wheel.impulse(times))
-            along = velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3) @ wheel.direction
+            along = dot(velocity_integrals.reshape(*velocity_integrals.shape[:2], 2, 3), wheel.direction)
             works = work_of(wheel.inertia, times, h, slope, impulse, along[..., 0], along[..., 1])
             z[..., column + 1] = first[:, column + 1, None] + np.cumsum(np.insert(works, 0, 0.0, axis=1), axis=1)
 

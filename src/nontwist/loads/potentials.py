@@ -38,7 +38,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, dot
 from ..geometry.values import vector_text
 from ..kernels.control import Variables, whilst
 from ..kernels.dual import Dual, plain, tangent
@@ -182,13 +182,15 @@ class Potential(ForceTerm):
         """The dead force that a linear potential is, (3, 3) rows, without the factor; else None."""
         return None
 
+    constant = 0.0  # J: V less that of the dead force, without the factor
+
     def vectors_at(self, times: Array) -> Array:
         """Return the space vectors at times (...), (..., k, 3) or (k, 3) where they stand still."""
         return self.vectors
 
     def energy(self, directors: Array, times: Array) -> Array:
         """Return V at directors (..., 3, 3) and times (...), J, with the factor."""
-        gamma = np.einsum("...jx,...vx->...vj", directors, self.vectors_at(times))
+        gamma = dot(directors[..., None, :, :], self.vectors_at(times)[..., None, :])  # for any number alike: no BLAS
         return self.scale * self.value(gamma)
 
     def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
@@ -207,7 +209,7 @@ class OfOneVector(Potential):
     def value(self, gamma: Array) -> Array:
         """Return V."""
         g = gamma[..., 0, :]
-        return g @ self.linear + np.sum(g @ self.quadratic * g, axis=-1) / 2
+        return dot(g, self.linear + dot(g[..., None, :], self.quadratic) / 2)
 
     def slope(self, gamma: Array) -> Array:
         """Return l + Qγ."""
@@ -267,13 +269,18 @@ class Spring(Potential):
         return self.anchor[None]
 
     @property
+    def constant(self) -> float:  # type: ignore[override]
+        """Return ½ k (|ρ|² + |a|²)."""
+        return self.stiffness * self.square / 2
+
+    @property
     def square(self) -> float:
         """Return |ρ|² + |a|²."""
         return float(self.point @ self.point + self.anchor @ self.anchor)
 
     def length(self, gamma: Array) -> Array:
         """Return ℓ."""
-        return np.sqrt(np.maximum(self.square - 2 * gamma[..., 0, :] @ self.point, 0.0))
+        return np.sqrt(np.maximum(self.square - 2 * dot(gamma[..., 0, :], self.point), 0.0))
 
     def value(self, gamma: Array) -> Array:
         """Return V."""

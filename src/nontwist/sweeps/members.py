@@ -36,7 +36,7 @@ from ..driver.notices import messages
 from ..driver.planning import known_body
 from ..driver.starts import starts
 from ..errors import RunFileError
-from ..geometry.arrays import Array
+from ..geometry.arrays import UNIT, Array, as_direction, norm
 from ..integrators import IVP, Integrator
 from ..integrators.problem import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
@@ -218,8 +218,8 @@ def _at_once(body: Body, values: Values) -> SystemStack:
     E, fixed = kind.at_once(J), None if "axis" in given else kind.make(**kind.sample).axis
     axis = given.get("axis") if fixed is None else np.repeat(fixed[None], m, axis=0)
     if axis is not None:
-        length = np.sqrt(axis[:, 0] * axis[:, 0] + axis[:, 1] * axis[:, 1] + axis[:, 2] * axis[:, 2])
-        axis = axis / np.where(length == 0, 1.0, length)[:, None]
+        for i in np.flatnonzero(axis.any(axis=1) & (abs(norm(axis) - 1) > UNIT)):
+            axis[i] = as_direction(axis[i], "axis")
     is_odd = (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
     alone = np.flatnonzero(doubtful(E, axis) | is_odd).tolist()
     made = _each(alone, lambda i: kind.make(**{name: array[i] for name, array in given.items()}, **how))

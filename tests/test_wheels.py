@@ -286,6 +286,7 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.wheel("x", 1, viscous=-1),
         lambda: nt.wheel("x", 1, friction=lambda speed: -speed),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("x", 3, speed=1)),
+        lambda: nt.simulate(nt.nontwisting([3, 4, 5], spin=0.7), t_end=1, load=nt.wheel((1, 0, 1), 0.3, speed=5)),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="duration"),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="load[1].wheel"),
         lambda: nt.sensitivities(nt.nontwisting(J), t_end=1, load=SKEW, wrt="axis"),

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import as_dataset, in_order
+from ..analysis.datasets import as_dataset
 from ..analysis.trajectory import Trajectory, stretches_from
 from ..errors import SENTENCES, InputWarning, warn
-from ..geometry.arrays import Array, as_array, as_floats, as_number, vector
+from ..geometry.arrays import Array, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..integrators.problem import Stretches
 from ..models.stack import SystemStack, stacked
@@ -161,7 +161,10 @@ def starts(
         name, given = "angular_velocity", angular_velocity
     systems, begin = stacked(system), None
     if start is not None:
-        begin = _of_run(start) if many else last_state(start)
+        start = _of_member(start)
+        begin = _of_run(start) if many or "member" in getattr(start, "dims", ()) else last_state(start)
+        if not many and begin is not None and (m := len(begin.quaternion)) > 1:
+            raise ValueError(f"start= is an ensemble of {m} runs; continue one of them: start.isel(member=0)")
     if begin is None:
         attitude = rotation if start is None else start
         p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first)
@@ -214,6 +217,8 @@ def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:
 
 
 def _vectors(value: Any, name: str, many: bool) -> Array:
+    if hasattr(value, "dims"):
+        value = in_order(value).transpose(..., *{"director", "axis"}.intersection(value.dims))
     if many and (given := as_floats(value, name)).ndim == 2:
         return as_array(given, name, (None, 3))
     return np.array([vector(value, name)], dtype=np.float64)
@@ -354,6 +359,14 @@ def _new_axis(start: Any, systems: SystemStack) -> Array | None:
     return None if abs(found.axis - axis).max() <= SAME else axis
 
 
+def _of_member(start: Any) -> Any:
+    """Return the ensemble of one that a member of an ensemble is; anything else as it is."""
+    if not hasattr(start, "data_vars") or "member" in start.dims:
+        return start
+    is_one = "material_angular_velocity" in start and "director_velocities" not in start
+    return start.expand_dims("member") if is_one or "member" in start.coords else start
+
+
 def _of_run(start: Any) -> Starts:
     """Return the last states of an ensemble, or that of a run."""
     require_states(start)
@@ -366,6 +379,9 @@ def _of_run(start: Any) -> Starts:
     if names:
         them = "them" if len(names) > 1 else "it"
         raise ValueError(f"start= lacks {' and '.join(names)}; store {them} with variables= in the earlier run")
+    if "time" not in start.dims:
+        words = "give rotation=start.quaternion, material_angular_velocity=start.material_angular_velocity and t_start="
+        raise ValueError(f"start= has no dimension time; {words}")
     last = in_order(start).isel(time=-1)
     p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
     N = None

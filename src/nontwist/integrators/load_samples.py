@@ -156,9 +156,9 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     if (hinged := hinged_of(systems)) is not None:
         return stacked(replace(hinged, dead_force=dead[0])), rest
     m = len(dead)
-    axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))
-    E = np.broadcast_to(systems.euler_inertia, (m, 3, 3))
-    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
+    E, own = np.broadcast_to(systems.euler_inertia, (m, 3, 3)), (systems.axis, systems.spin_factor)
+    axis, factor = (x if x is None else np.broadcast_to(x, (m, *x.shape[1:])) for x in own)
+    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead, spin_factor=factor), rest
 
 
 def orbit_of(systems: SystemStack, load: Load, unit: float, scheme: Compiled) -> Array | None:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.datasets import in_order
 from ..errors import InputError, InputWarning, Option
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import counted
 from .attitudes import MEASURED, Motion, of_table
 from .options import ReadOptions

@@ -311,6 +311,7 @@ NAMED = {
 TEXTS = {  # content, options; code and fields
     "a gyroscope": (table(gyroscope()).getvalue(), {}, "gyroscope-alone", {"gyroscope": "Gyr_X, Gyr_Y, Gyr_Z"}),
     "markers": (unlike("{}{}", "Elbow ", "ARM_", "wrist."), {}, "markers", {"markers": "Elbow, ARM, wrist"}),
+    "numbered markers": (unlike("{1}{0}", *"123"), {}, "markers", {"markers": "1, 2, 3"}),
     "no markers": (unlike("{}_{}", "pos", "vel", "force"), {}, "no-orientation", {}),
     "sensors": (unlike("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow"), {}, "no-orientation", {}),
     "three of four": ("qw,qx,qy\n1,0,0\n1,0,0\n", {}, "three-of-four", {"three": "qw, qx, qy", "fourth": "qz"}),
@@ -819,6 +820,17 @@ def test_angular_velocities_are_those_of_one_of_two_devices():
         found = read_rates(table({"device": column, "time": np.repeat(T, 2), **dict(both)}), **told)
         assert np.array_equal(found.rates, Q[:, :3])
         assert (found.left_out, found.warnings) == (0, ())
+
+
+def test_angular_velocities_are_those_of_a_topic_or_an_array(tmp_path):
+    topics = [("/imu0", "sensor_msgs/msg/Imu"), ("/imu1", "sensor_msgs/msg/Imu")]
+    arrays = {"data": {"time": np.arange(60) / 50, "gyro": makers.GYR}, "spare": {"gyro": makers.ACC}}
+    bags = [(partial(makers.ros, version=1, topics=topics[:count]), f"{count}.bag", "/imu0") for count in (1, 2)]
+    for write, file, body in ((partial(makers.mat, arrays=arrays), "a.mat", "data.gyro"), *bags):
+        found = read_rates(
+            makers.needed(made(write, file)).write(tmp_path), body=body, unit="rad/s" if file == "a.mat" else None
+        )
+        assert abs(found.rates - makers.GYR).max() < 1e-9
 
 
 def test_duplicates_in_a_part_alone_are_not_rounded_times():

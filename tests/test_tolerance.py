@@ -293,6 +293,8 @@ def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radiu
     assert run.directors[-1, 2] == pytest.approx([0, 0, -1], abs=1e-8)
     nt.integrate(rod, load=nt.moment(lambda t, directors, w: calls.append(t) or (0, 0, 0)), **how)
     assert len(calls) < 30_000
+    still, rubbing = np.zeros((1, 3)), nt.dry_friction(0.03, "x")
+    assert largest_velocity(stacked(rod), still, rubbing, 0.0, quarter) == pytest.approx(2 * omega, rel=1e-3)
 
 
 def test_the_error_of_a_fast_spin_is_that_of_round_off():

@@ -216,13 +216,15 @@ def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction():
     assert loop.state.wheel_work == pytest.approx(run.wheel_work.values[-1], abs=1e-15)
 
 
+@pytest.mark.filterwarnings("ignore:.*off the grid")
 @pytest.mark.parametrize(("body", "scheme"), thinned(4, BODIES, [("gauss", 8), *SCHEMES[2:]]))
 def test_derivatives_are_those_of_differences(body, scheme):
     scheme, order = scheme
     how = {"t_start": 1, "t_end": 3, "step": 0.05, "integrator": scheme, "order": order, "project": True}
 
-    def loaded(speed=30.0, torque=0.4, inertia=0.2, axis=AXES[0]):
-        return nt.wheel(axis, inertia, speed=speed, torque=torque) + 0.5 * nt.wheel((1, -1, 1), 0.3, -10, 0.2)
+    def loaded(speed=30.0, torque=0.4, inertia=0.2, axis=AXES[0], values=(1.0, 1.0)):
+        gyrostat = 0.5 * nt.wheel((1, -1, 1), 0.3, -10, 0.2) + nt.rotor("y", [1.07, 2.31], values)
+        return nt.wheel(axis, inertia, speed=speed, torque=torque) + gyrostat
 
     def end(W=W0, t_end=3, **changed):
         own = how | {"t_end": t_end, "step": (t_end - 1) / 40}
@@ -232,11 +234,17 @@ def test_derivatives_are_those_of_differences(body, scheme):
     def slope(name, x, change=1.0, e=1e-5):
         return (end(**{name: x + e * change}) - end(**{name: x - e * change})) / (2 * e)
 
-    wrt = ["material_angular_velocity", *(f"load[0].{x}" for x in ("speed", "torque", "inertia", "wheel")), "duration"]
+    wrt = [
+        "material_angular_velocity",
+        *(f"load[0].{x}" for x in ("speed", "torque", "inertia", "wheel")),
+        "duration",
+        "values",
+    ]
     found = nt.sensitivities(BODIES[body], material_angular_velocity=W0, load=loaded(), wrt=wrt, **how)
     rows = [*(slope("W", W0, v) for v in np.eye(3)), slope("speed", 30.0), slope("torque", 0.4)]
     rows += [(4 * slope("inertia", 0.2) - slope("inertia", 0.2, e=2e-5)) / 3]
     rows += [*(slope("axis", AXES[0], v) for v in np.eye(3)), slope("t_end", 3)]
+    rows += [slope("values", np.ones(2), v) for v in np.eye(2)]
     assert pytest.approx(np.array(rows), abs=2e-9) == found.d_material_angular_velocity.values[-1].T
 
 

@@ -104,10 +104,12 @@ class Parameters:
         self.count = first
         if problem.load.memories and (bad := next((one.name for one in self.all if not self._is_of_memory(one)), None)):
             raise ValueError(f"runs with memory have derivatives by {NAMES}; {bad} is none of them")
-        if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
+        turning, beside = [one.name for one in self.all if len(self.inertias_of(one))], bool(problem.load.wheels)
+        if scheme.is_director_scheme and scheme.dissipation and (turning if beside else "inertia" in turning):
+            what = "inertias beside wheels" if beside else "the entries of the inertia"
             raise ValueError(
-                "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
-                "principal axes that its equations are written in; use principal_inertia"
+                f"energy-momentum with dissipation has no derivatives by {what}, which turn the principal axes that "
+                f"its equations are written in; {'leave dissipation out' if beside else 'use principal_inertia'}"
             )
         self._scale = float(problem.load_scale[0])
         self.changes = list[Changes]()  # of the numbers of terms that depend on the state, for each of "terms"

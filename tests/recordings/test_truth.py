@@ -214,10 +214,6 @@ TURNED = {
     "ZXZ": (columns("{} (rad)", "abc", R.as_euler("ZXZ")), {"euler": "ZXZ", "columns": [f"{x} (rad)" for x in "abc"]}),
     "rotation vector": (vector("rotvec_{}", ROTVEC), {"rotation_vector": True}),
     "rx ry rz, deg": (vector("r{}", np.degrees(ROTVEC)), {"rotation_vector": True, "angle_unit": "deg"}),
-    "rv_x beside Accelerometer x": (
-        vector("rv_{}", ROTVEC) | vector("Accelerometer {}", makers.ACC),
-        {"rotation_vector": True},
-    ),
     "rounded matrix": (makers.matrix("r{}{}", values=np.round(MATRICES, 2)), {"normalize": True, "within": 1e-2}),
 }
 VARIANTS |= {f"columns {name}": made(table, **options) for name, (table, options) in COLUMNS.items()}

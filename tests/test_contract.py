@@ -92,7 +92,7 @@ def refusal(scheme, body, load):
     if load == "dry friction" and scheme.endswith("dissipative"):
         return "dissipation= is not possible"
     if load == "wheels" and body in SPINNING:  # without their inertia
-        return "spin needs an axis that is principal"
+        return "spin= needs an axis that is principal"
     if name == "exact":
         is_held_about_d3 = body in PRINCIPAL and SYSTEMS[body].axis[2] == 1
         is_free = body not in HEAVY | SPINNING and (

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.special import ellipk
 
 import nontwist as nt
 from conftest import ended
@@ -70,6 +71,16 @@ def test_two_crossings_between_two_times_are_found(integrator):
     events = [lambda t, state, middle=t: (state.time - middle) ** 2 - 1e-4 for t in (0.52, 0.751)]
     run = nt.integrate(BODY, t_end=2, step=0.5, integrator=integrator, events=events)
     assert np.array(run.t_events) == pytest.approx(np.array([[0.51, 0.53], [0.741, 0.761]]), abs=1e-12)
+
+
+@pytest.mark.parametrize(("value", "integrator"), [(1e-3, "continuous"), (1e-5, "gauss"), (1e-7, "gauss")])
+def test_a_pendulum_is_slow_around_each_turning(value, integrator):
+    """At the turnings, every half a period 4 K(sin θ/2)/ω, it accelerates by ω² sin θ."""
+    omega, angle = np.sqrt(9.81 / 1.01), np.radians(10)
+    how = {"t_end": 10, "rotation": nt.rotations.exp((angle, 0, 0)), "events": nt.spin_below(value)}
+    (found,) = nt.integrate(nt.heavy_top([1.01, 1.01, 0.01], 1, (0, 0, -1)), integrator=integrator, **how).t_events
+    turnings = np.arange(1, 10) * 2 * ellipk(np.sin(angle / 2) ** 2) / omega
+    assert found == pytest.approx(turnings - value / (omega**2 * np.sin(angle)), abs=3e-9)
 
 
 def test_functions_that_cross_zero_between_the_same_times_have_roots_of_their_own():

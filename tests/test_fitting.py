@@ -102,6 +102,7 @@ def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body
     assert alone[0].cross_validation.size == 0
     with pytest.warns(UserWarning, match=r"^the residuals are \S+ times what noise explains: "):
         fit = whole(recordings)
+    assert fit.plot(2).get_title() == "data and model: recording 3"
     assert fit.cross_validation[3] > 2 > fit.cross_validation[:3].max()
 
 
@@ -298,6 +299,9 @@ def test_gyroscopes_are_found_by_their_headers(header, unit):
     assert [one[1] for one in three_axes([*three, "ax", "ay", "az"], ACCELEROMETER)] == [("ax", "ay", "az")]
 
 
+OF_FILES = {"unit": "deg/s", "rate": 400, "columns": ["a", "b", "c"], "body": "a", "time_unit": "ms"}
+
+
 def test_files_say_what_they_are(tmp_path):
     time, rates = free_part()
 
@@ -320,6 +324,7 @@ def test_files_say_what_they_are(tmp_path):
         (named, "no-gyroscope", {}),
         (named, "no-column", {"columns": ["a", "b", "d"]}),
         (timeless, "no-time", {}),
+        *(((time, rates), "option-without-effect", {name: one}) for name, one in OF_FILES.items()),
     ):
         with refused(code):
             nt.fit_inertia(source, **how)
@@ -328,6 +333,8 @@ def test_files_say_what_they_are(tmp_path):
 def test_runs_are_recordings(tmp_path):
     run = nt.simulate(nt.standard([1, 2, 2.5]), t_end=1, step=0.005, material_angular_velocity=(3, 8, 1))
     nt.save_run(run, tmp_path / "run.nc")
+    with refused("option-without-effect", name="unit"):
+        nt.fit_inertia(tmp_path / "run.nc", unit="deg/s")
     for recording in (run, tmp_path / "run.nc"):
         fit = whole(recording)
         assert abs(fit.principal.moments - np.array([1, 2, 2.5]) / 5.5).max() < 1e-5
@@ -359,7 +366,7 @@ def test_the_command():
         (2, "throw.csv -", ""),
         (5, "nothing.csv", ""),
         (3, "throw.csv --unit rad/s", "state deg/s, but --unit is rad/s; omit it, or rename the columns\n"),
-        (3, "plain.csv --unit rad/s", "or is the unit deg/s?"),
+        (3, "plain.csv --unit rad/s", "or are rates in deg/s, or times in ms?"),
     ):
         stderr = ended(status, "fit", *given.split()).stderr
         assert words in stderr

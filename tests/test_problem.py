@@ -228,7 +228,9 @@ def test_a_body_too_light_for_a_kilogram_is_written_with_more(tmp_path):
     """J of 1e-4 kg m² about the pivot leaves no room for 1 kg at 8 mm: only mass times centre acts."""
     top = nt.heavy_top([1e-4, 1e-4, 1e-4], mass=2.0, centre_of_mass=(0, 0, 0.004))
     how = {"t_end": 0.2, "material_angular_velocity": (1, 2, 30)}
-    Problem(top, **how).write(tmp_path / "top.toml")
+    Problem(top, **how).write(tmp_path / "own.toml")
+    assert Problem.read(tmp_path / "own.toml").system.dead_force.tobytes() == top.dead_force.tobytes()
+    Problem(nt.DirectorSystem.from_json(top.to_json()), **how).write(tmp_path / "top.toml")
     again = Problem.read(tmp_path / "top.toml")
     np.testing.assert_allclose(again.system.dead_force, top.dead_force, rtol=1e-12)
     np.testing.assert_allclose(again.system.inertia, top.inertia, rtol=1e-9)

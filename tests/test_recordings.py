@@ -311,6 +311,7 @@ NAMED = {
 TEXTS = {  # content, options; code and fields
     "a gyroscope": (table(gyroscope()).getvalue(), {}, "gyroscope-alone", {"gyroscope": "Gyr_X, Gyr_Y, Gyr_Z"}),
     "markers": (unlike("{}{}", "Elbow ", "ARM_", "wrist."), {}, "markers", {"markers": "Elbow, ARM, wrist"}),
+    "numbered markers": (unlike("{1}{0}", *"123"), {}, "markers", {"markers": "1, 2, 3"}),
     "no markers": (unlike("{}_{}", "pos", "vel", "force"), {}, "no-orientation", {}),
     "sensors": (unlike("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow"), {}, "no-orientation", {}),
     "three of four": ("qw,qx,qy\n1,0,0\n1,0,0\n", {}, "three-of-four", {"three": "qw, qx, qy", "fourth": "qz"}),
@@ -821,6 +822,17 @@ def test_angular_velocities_are_those_of_one_of_two_devices():
         assert (found.left_out, found.warnings) == (0, ())
 
 
+def test_angular_velocities_are_those_of_a_topic_or_an_array(tmp_path):
+    topics = [("/imu0", "sensor_msgs/msg/Imu"), ("/imu1", "sensor_msgs/msg/Imu")]
+    arrays = {"data": {"time": np.arange(60) / 50, "gyro": makers.GYR}, "spare": {"gyro": makers.ACC}}
+    bags = [(partial(makers.ros, version=1, topics=topics[:count]), f"{count}.bag", "/imu0") for count in (1, 2)]
+    for write, file, body in ((partial(makers.mat, arrays=arrays), "a.mat", "data.gyro"), *bags):
+        found = read_rates(
+            makers.needed(made(write, file)).write(tmp_path), body=body, unit="rad/s" if file == "a.mat" else None
+        )
+        assert abs(found.rates - makers.GYR).max() < 1e-9
+
+
 def test_duplicates_in_a_part_alone_are_not_rounded_times():
     """A logger that hung for half the recording; a file that is in there twice is no file to sort."""
     t = np.arange(2000) / 100
@@ -866,3 +878,11 @@ def test_units_stand_in_a_line_of_their_own_below_a_title_and_headers(tmp_path):
     found = read_rates(made(f"Trial 7\ntime,gx,gy,gz\n(s),(deg/s),(deg/s),(deg/s)\n{rows}").write(tmp_path))
     assert found.time[-1] == pytest.approx(3.9)
     assert found.rates[-1] == pytest.approx(np.radians([39, 0, 1]), rel=1e-12)
+
+
+def test_an_accelerometer_is_no_rotation_vector():
+    columns = [f"{name} {x}" for name in ("Accelerometer", "rv") for x in "xyz"]
+    table = ",".join(columns) + "\n" + "0,0,9.8,0,0,0.3\n" * 3
+    assert read_motion(io.StringIO(table), rotation_vector=True).values[0, 2:] == pytest.approx(
+        [np.sin(0.15), np.cos(0.15)]
+    )

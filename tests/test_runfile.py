@@ -108,6 +108,7 @@ ONE_LINE = {
     "two forms": f"{BODY}{TIME}[start]\nrotation = {{ matrix = 1, vector = 2 }}",
     "quaternion": f'{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 1, 0, 0], order = "wxyz" }}',
     "no order": f"{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 0, 0, 0] }}",
+    "Euler axis twice": f'{BODY}{TIME}[start]\nrotation = {{ euler = [1, 2, 3], sequence = "ZZX", unit = "deg" }}',
     "spin": f"{HELD}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 0.5] }}",
     "load kind": f'{BODY}{TIME}[[load]]\nkind = "impulse"\n',
     "no load kind": f"{BODY}{TIME}[[load]]\n",

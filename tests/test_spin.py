@@ -111,6 +111,14 @@ def test_members_of_several_spins_are_runs(scheme):
         assert (many.spin.values == rates).all()
 
 
+def test_members_of_one_spun_body_have_their_own_potentials():
+    load, c = nt.dipole((0, 0, 1), (0, 3, 1)), np.array([1.0, 2])
+    how = {"t_end": 2, "material_angular_velocity": (1, 0, 0.5), "variables": ("kinetic_energy", "potential_energy")}
+    many = nt.simulate_ensemble(nt.nontwisting([3, 3, 3], spin=0.5), load=load, load_scale=c, store=1, **how)
+    energy = many.kinetic_energy + many.potential_energy  # the drive of a round body does no work
+    assert abs(energy.values - 1.875 + c[:, None]).max() < 1e-9  # ½ 3 (1² + 0.5²) J, less 1 J of the dipole
+
+
 def test_the_start_may_have_the_prescribed_spin():
     """Or none; another is refused, and with project=True removed."""
     for spin, t_start, c in ((0.7, 0.0, 0.7), (TABLE, 0.75, 1.7)):

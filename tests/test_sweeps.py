@@ -16,8 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from conftest import ended, nontwist, problems_of
 from nontwist import (
+    DirectorSystem,
     Problem,
     exact,
+    heavy_top,
     moment,
     nontwisting,
     open_sweep,
@@ -696,3 +698,15 @@ def test_a_store_of_other_values_is_told_by_those_that_differ(tmp_path):
     with pytest.raises(SweepStoreError, match=words) as caught:
         sweep(problem, tmp_path / "store", over={key: [*numbers[:-1], 7.5]}, variables=["kinetic_energy"])
     assert len(str(caught.value)) < 400 + len(str(tmp_path))
+
+
+@pytest.mark.parametrize(("name", "values"), [("mass", [1.5, 2.0]), ("centre_of_mass", [[0, 0, 0.6], [0.1, 0, 0.5]])])
+def test_the_weight_of_a_top_made_in_python_is_swept_from_what_was_given(name, values, tmp_path):
+    how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (1, 2, 3)}
+    own = {"inertia": [2.0, 2.2, 1.0], "mass": 1.5, "centre_of_mass": [0, 0, 0.6], "gravity": [0, 0, -1.6]}
+    over, kept = {f"body.{name}": values}, ["kinetic_energy"]
+    many = sweep(Problem(heavy_top(**own), **how), tmp_path / "store", over=over, variables=kept)
+    for found, value in zip(many.kinetic_energy.values, values, strict=True):
+        assert found == simulate(heavy_top(**own | {name: value}), **how).kinetic_energy[-1]
+    with pytest.raises(ValueError, match=rf"body.{name}: of this body a force is known, no mass"):
+        sweep(Problem(DirectorSystem.from_json(heavy_top(**own).to_json()), **how), tmp_path / "none", over=over)

@@ -474,6 +474,14 @@ def test_dates_of_two_files(case):
             twist(one, relative_to=other, clocks="shared")
 
 
+def test_speeds_of_one_clock_that_are_unlike_are_said():
+    t = np.arange(400) / 20
+    one, other = (Rotation.from_rotvec(np.outer(np.cumsum(2 + np.sin(w * t)), [0.03, 0.02, 0.04])) for w in (6, 2.2))
+    for clocks in (None, "shared"):
+        with warned(*["clocks-unlike"] * (clocks is None)):
+            twist(one, t, relative_to=other, relative_time=t + 0.02, clocks=clocks)
+
+
 @pytest.mark.parametrize(("late", "is_said"), [(-0.07, False), (0.13, True), (-0.13, True)])
 def test_a_shift_by_less_than_a_sample_of_each_is_not_said(late, is_said):
     t = np.arange(400) / 20

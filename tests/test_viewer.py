@@ -253,7 +253,7 @@ def test_the_command_writes_the_page(case3, here, monkeypatch):
     np.savetxt("recorded.csv", np.column_stack([case3[1].time, q]), delimiter=",", header="t,qx,qy,qz,qw", comments="")
     for page, words, *arguments in (
         ("a-view.html", "", "a.nc"),
-        ("twist-view.html", "recorded motion, second run", "twist.nc", "recorded.csv"),
+        ("twist-view.html", "recorded motion, recorded", "twist.nc", "recorded.csv"),
         ("named-view.html", "<title>Own</title>", "named.nc", "--title", "Own"),
     ):
         ended(0, "view", *arguments, "--no-open")

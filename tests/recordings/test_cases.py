@@ -146,6 +146,7 @@ START_DAY = datetime(2026, 3, 31, 12, 59, 59, 500_000)
 UTC_START = int(START_DAY.replace(tzinfo=UTC).timestamp()) - 7200  # two hours before that, s since 1970
 DATES = [START_DAY + timedelta(milliseconds=20 * k) for k in range(N)]
 LATE = [d + timedelta(hours=11) for d in DATES]  # into the next day
+YPR, ROTVEC = ("yaw", "pitch", "roll"), R.as_rotvec(degrees=True)
 DATES_6 = [START_DAY + timedelta(milliseconds=20 * k) for k in range(301)]
 MS = 20 * np.arange(N)
 MARKS = np.stack([np.sin(T), 1.2 + np.cos(T), 0.3 + 0.4 * T, 2 - T], axis=1)  # m, of something that is no rotation
@@ -169,6 +170,12 @@ def clocked(header, times, **dialect):
 
 def structured(names, *fields):
     return partial(makers.npy, arrays=np.rec.fromarrays(fields, names=names))
+
+
+def twice(pattern, letters, values):
+    """Columns of zeros before others with the same headers."""
+    other = columns(f"{pattern}#", letters, 0 * values)
+    return text({"time": T, **other, **columns(pattern, letters, values)}).replace("#", "")
 
 
 def zipped():
@@ -343,6 +350,21 @@ CASES = {
         says="Year Month Day Hour Minute Second"),
     "B11, a unit of dates": own(clocked("time", [f"{d}" for d in DATES]), options=("--time-unit", "ms"), value=None,
         refusal="has no effect"),
+    "C1, a header twice": own(twice("{} (deg)", YPR, np.degrees(EULER)), options=("--euler", "ZYX", "--columns",
+        "yaw (deg).1,pitch (deg).1,roll (deg).1")),
+    "C1, sibling: a vector": own(twice("r{}_deg", "xyz", ROTVEC), options=("--rotation-vector", "--columns",
+        "rx_deg.1,ry_deg.1,rz_deg.1")),
+    "C1, sibling: no columns": own(twice("{} (deg)", YPR, EULER), options=("--euler", "ZYX"), value=None,
+        refusal="not clear"),
+    "C1, sibling: no unit": own(vector("r{}", np.outer(T, [0, 0, 57.3])), options=("--rotation-vector",),
+        value=57.3 * T[-1], says="67.61 rad long.*--angle-unit"),
+    "C2, a matrix beside": own({**columns("{} (deg)", YPR, np.degrees(EULER)), **makers.matrix("r{}{}")}, "a.csv",
+        ("--euler", "XYZ"), THREE, within=1e-3, says="ZYX about moving axes.*wrong"),
+    "C2, sibling: Qualisys": own(makers.qualisys({"arm": R, "leg": R.inv()}), "a.tsv", ("--body", "arm", "--euler",
+        "ZYX", "--angle-unit", "deg"), of_angles("ZYX", R.as_euler("XYZ")[:, ::-1], False), within=3e-3,
+        says="XYZ about moving axes.*wrong"),
+    "C3, lost packets": own(text({"PacketCounter": KEPT, **quat("q{}", values=makers.WXYZ[KEPT])}), within=2e-3,
+        says="numbers 5 samples .* before line 22; --rate"),
     "B11, ms by the gyroscope": own(text({"time": MS // 20, **PLAIN, **vector("gyr_{} (rad/s)", 20 * GYR)}),
         says="^(?!.*no reading).*in ms, by the gyroscope", duration=0.059),
     "B11, sibling: elapsed ms": own(clocked("Elapsed_ms", MS, sep=";"), "a.txt", duration=1.18),

@@ -6,11 +6,11 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
+from ..geometry.arrays import in_order
 from ..geometry.values import short_repr
 from .variables import VARIABLES
 
 RUN = "a run of nontwist.simulate"
-ORDERS = ("0 1 2", "1 2 3", "d1 d2 d3", "x y z", "x y z w")  # of the labels of directors, axes and quaternions
 
 
 def as_dataset(
@@ -35,16 +35,6 @@ def as_dataset(
         if name not in data.attrs:
             raise ValueError(f"expected {what} with the attribute {name!r}; this Dataset does not have it")
     return in_order(data)
-
-
-def in_order(data: Any) -> Any:
-    """Return a Dataset or DataArray with directors, axes and components of quaternions in the order of their labels."""
-    for dim in ("director", "axis", "quat"):
-        own = [str(label) for label in data[dim].values] if dim in data.dims and dim in data.coords else []
-        order = next((one for one in map(str.split, ORDERS) if sorted(own) == sorted(one)), own)
-        if own != order:
-            data = data.isel({dim: [own.index(label) for label in order]})
-    return data
 
 
 def recorded(run: Any, name: str) -> Any:

@@ -135,7 +135,8 @@ def twist_command(
     if second is not None:
         own = dict(reading) if relative_options is None else read_otherwise(ctx, second, relative_options)
         own |= {"columns": names_of(relative_columns), "body": relative_body}
-        with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second):
+        words = _of_the_second(second, has_own=relative_to is not None)
+        with about(f"cannot read {second}", OSError), about(second, ValueError), words:
             other = nontwist.read_motion(second, **own)
     with about(data, ValueError):
         result = nontwist.twist(
@@ -170,13 +171,13 @@ def _named(out: Path) -> Path:
 
 
 @contextmanager
-def _of_the_second(file: str) -> Iterator[None]:
+def _of_the_second(file: str, has_own: bool) -> Iterator[None]:
     """Name the options of the second file where a message names those of the first."""
     try:
         yield
     except InputError as error:
         own = ShellOptions(body="--relative-body", columns="--relative-columns")
-        sentence = SENTENCES[error.code]
+        sentence = SENTENCES[error.code] if has_own else ""
         needs_more = "{option[" in sentence and not any(f"[{name}]" in sentence for name in ("body", "columns"))
         more = '; for this file alone: --relative-options "..."' if needs_more else ""
         raise CommandError(f"{file}: {error.worded(own)}{more}", BAD_DATA) from error
@@ -367,7 +368,9 @@ def fit_command(
     ] = None,
     loss: Annotated[Literal["linear", "soft_l1"], Opt("With soft_l1, outliers have less weight.")] = "linear",
     out: Annotated[Path | None, Opt("Write the motion of the first recording as a run file.", "PATH")] = None,
-    figure: Annotated[Path | None, Opt("Draw data, model, residuals and moments: .pdf, .svg, .png.", "PATH")] = None,
+    figure: Annotated[
+        Path | None, Opt("Draw data, model, residuals and moments of the first recording: .pdf, .svg, .png.", "PATH")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,

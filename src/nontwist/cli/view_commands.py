@@ -170,6 +170,7 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
     with about(str(path), ValueError):
         motion = nontwist.read_motion(path, **how)
         found = nontwist.twist(_part(motion, span))
+    found.encoding["source"] = str(path)
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
     again = shlex.join(["nontwist", "twist", str(path), *given, "--axis", "AXIS"])
     say(f"to choose the axis: {again}, then nontwist view of its result")

@@ -8,7 +8,8 @@ the function, where it has one; otherwise it is found by Brent's method, to 1e-1
 
 Between two times of one sign a function may fall to zero and rise again. Beside a value that is low, less than those
 before and after and than a third of their sum, it is evaluated at more times, and at the lowest point of the polynomial
-through them: where its sign is another one there, it has crossed zero twice. A function that touches zero is missed.
+through them: where its sign is another one there, it has crossed zero twice. Where no polynomial follows it, as at the
+corner of a magnitude, the lowest point is searched for. A function that touches zero is missed.
 
 A run with events goes from node to node in parts, each of which continues the one before bit for bit, and ends in the
 part in which a terminal event occurs. What is stored of it is put together from pieces.
@@ -39,6 +40,7 @@ FIRST, LARGEST = 64, 4096  # steps of the first part, of the largest
 TIMES = 10**6  # in a run without steps, at most
 RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
 DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
+CORNER = 1e-6  # of the largest coefficient: what the last ones of a polynomial have where it does not follow
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 LOW, ZERO = 1 / 3, 1e-9  # of the sum of the values before and after: a low value, one that is as good as zero
 SAME = 16  # units in the last place between an output time and the node that it is, to round-off
@@ -295,10 +297,30 @@ class Search:
             if sign[i] * x > 0 > depths.min():
                 begin, end = times[i, [0, -1]].tolist()
                 t = (begin + end) / 2 + (end - begin) / 2 * float(FINE[depths.argmin()])
-                x = float(self._values(part, [one], np.array([[t]]))[0][0, 0])
+                x = self._value(part, one, t)
+            if sign[i] * x > 0 and abs(series[i, -2:]).max() > CORNER * abs(series[i]).max():
+                ends = times[i, max(k - 1, 0)], times[i, min(k + 1, DEGREE)]
+                t, x = self._lowest(part, one, ends, float(sign[i]))
             if sign[i] * x < 0:
                 yield one._replace(times=(one.times[0], t), values=(one.values[0], x))
                 yield one._replace(times=(t, one.times[1]), values=(x, one.values[1]))
+
+    def _lowest(self, part: Part, one: Crossing, ends: tuple[float, float], sign: float) -> tuple[float, float]:
+        """Return where a function, times a sign, is lowest between two times, and its value there."""
+        from scipy.optimize import minimize_scalar
+
+        begin, length = ends[0], ends[1] - ends[0]
+        found = minimize_scalar(
+            lambda since: sign * self._value(part, one, begin + since),
+            bounds=(0.0, length),
+            method="bounded",
+            options={"xatol": XTOL * length},
+        )
+        return begin + float(found.x), sign * float(found.fun)
+
+    def _value(self, part: Part, one: Crossing, t: float) -> float:
+        """Return the value of a function at one time."""
+        return float(self._values(part, [one], np.array([[t]]))[0][0, 0])
 
     def _solved(self, part: Part, crossed: list[Crossing]) -> Iterator[Root]:
         """Yield the roots, of polynomials through values of the functions where these have one, else by Brent."""
@@ -342,7 +364,7 @@ class Search:
         known = dict(zip(one.times, one.values, strict=True))
 
         def value(t: float) -> float:
-            return known[t] if t in known else float(self._values(part, [one], np.array([[t]]))[0][0, 0])
+            return known[t] if t in known else self._value(part, one, t)
 
         longest = part.problem.t_end - part.problem.t_start if part.problem.off_grid else part.problem.grid.longest
         t = float(brentq(value, *one.times, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))

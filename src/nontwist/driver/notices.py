@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
 STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
 COARSE_STEP = "the step is coarse"
+SMOOTH = "make smooth, over a scale that steps resolve, what switches or saturates with the state"
 COARSE, FINE = 0.1, 0.002  # rad at the end: that is reported, and that of the step that is advised
 
 
@@ -165,13 +166,14 @@ def failure_message(problem: IVP, failure: Failure) -> str:
     broken = "the directors are no longer orthonormal"
     if failure.status is Status.BROKEN and not failure.turn > 0:
         return f"{where}: {broken} (defect {failure.residual:.3g}); try a smaller step"
-    remedy = float(f"{h * min(0.5, 0.5 / max(failure.turn, 1e-3)):.0e}")
+    smooth, remedy = "", float(f"{h * min(0.5, 0.5 / max(failure.turn, 1e-3)):.0e}")
     cause = f"the body turns {failure.turn:.2g} rad in one step"
     if failure.status is Status.BROKEN:
         cause = f"{broken} ({cause})"
     if failure.status is Status.STALLED:
         cause = f"Newton's iteration stalled at a residual of {failure.residual:.3g} ({cause})"
-    return f"{where}: {cause}; try step <= {remedy:g}"
+        smooth = f", or {SMOOTH}" if problem.load.called.terms else ""
+    return f"{where}: {cause}; try step <= {remedy:g}{smooth}"
 
 
 def messages(problem: IVP, outcome: Outcome) -> dict[int, str]:

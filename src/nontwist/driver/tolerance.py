@@ -55,6 +55,7 @@ from ..integrators.problem import Stretches, stretched
 from ..loads import Load
 from . import completion
 from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of
+from .notices import SMOOTH
 from .planning import Plan
 from .starts import Starts
 
@@ -67,7 +68,7 @@ ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6  # refinements; the largest at a time; up 
 SAMPLES = 64  # states of a coarse run that show the size of W
 HARMONICS = 1.5  # rates in a motion over the largest |w|
 STEADY = 2.0  # rad, at which c is measured: of every order above round-off; a gyration in a step that is resolved
-OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
+OVERRATED = 1.6  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENDED = (Status.INTERRUPTED, Status.JUMP)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
@@ -145,9 +146,10 @@ def controlled(
             if FLOORS * floor > plan.goal:
                 slowest = 1.0 / (plan.t_end - plan.t_start)
                 floor = _distance(coarse, other, slowest, ends=True) / LARGER
-            goal = _within_reach(plan, floor)
+            fastest = float(coarse.speeds[coarse.done].max(initial=0.0))
+            goal = _within_reach(plan, floor, fastest)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(linear, begin, float(coarse.speeds[coarse.done].max(initial=0.0)), swing)
+            scheme, better = first_step(linear, begin, fastest, swing)
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
                 grid = _grid(linear, begin, scheme, h)
@@ -156,6 +158,8 @@ def controlled(
         if fine.has(*ENDED):
             return fine, goal, np.inf
         if fine.has(*COARSE):
+            if 2 * coarse.grid.steps > ENOUGH:
+                break
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
             continue
         p, N, gap = _order(scheme), coarse.grid.steps, _distance(coarse, fine)
@@ -169,6 +173,8 @@ def controlled(
         before, level = (N, d), level + (is_seen and slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
         whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))
+        if level > 1 and d <= goal:  # of round-off
+            return fine, goal, d
         if is_seen and (level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH):
             break
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
@@ -326,14 +332,17 @@ def moved(begin: Starts) -> Starts:
     return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal)
 
 
-def _within_reach(plan: Plan, floor: float) -> float:
-    """Return the tolerance that is aimed at; a ValueError where one that is asked for is below ten floors."""
-    least = FLOORS * floor
+def _within_reach(plan: Plan, floor: float, fastest: float) -> float:
+    """Return the tolerance that is aimed at; a ValueError where one is asked for that floor or times do not permit."""
+    resolution = float(np.spacing(max(abs(plan.t_start), abs(plan.t_end))))
+    least = max(FLOORS * floor, clock := fastest * resolution / 2)
     if plan.tolerance is not None and plan.tolerance < least:
         reason = _amplified(floor) if least > VAGUE else _moved(floor)
+        if clock == least:
+            reason = f"times are resolved to {resolution:.2g} s; count them from a start at 0"
         raise ValueError(
             f"tolerance = {plan.tolerance:g} cannot be reached: {reason}; "
-            f"use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
+            f"{'or ' * (clock == least)}use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
         )
     return max(plan.goal, least)
 
@@ -350,11 +359,12 @@ def _moved(floor: float) -> str:
 
 
 def _unreached(scheme: Integrator, load: Load, fine: Trial, goal: float, d: float, slope: float) -> str:
-    smooth = "make smooth, as with tanh, what switches or saturates with the state, " if load.called.terms else ""
+    ways = f"{SMOOTH}, " if load.called.terms else ""
+    if load.terms:
+        ways += "name the times where the load jumps or has kinks with breakpoints=, "
     return (
         f"tolerance = {goal:.3g} is not reached: with {fine.grid.steps} steps of order {_order(scheme):g} the error is "
-        f"estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; {smooth}name the times where the load "
-        "jumps or has kinks with breakpoints=, ask for less, or give step="
+        f"estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; {ways}ask for less, or give step="
     )
 
 

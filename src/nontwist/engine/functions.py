@@ -14,7 +14,7 @@ from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.derivatives import differenced, slopes_of, value_of
-from ..loads.functions import REMEDY, Moment, c_function, response_of
+from ..loads.functions import REMEDY, SMALLER, Moment, c_function, response_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
 from ..spec import specs
@@ -107,7 +107,7 @@ class StateFunctions:
                 self.error = error
         if isinstance(self.error, Exception):
             return self.error
-        return f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}"
+        return f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}{SMALLER}"
 
     def require_no_interrupt(self) -> None:
         """Raise what has interrupted a function in Python, Ctrl-C or `SystemExit`: it could not pass the kernel."""

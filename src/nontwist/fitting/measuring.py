@@ -55,6 +55,7 @@ from ..geometry.rotations import dexp, exp
 from ..geometry.values import short_repr
 from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
+from ..recordings.options import require_plain
 from ..recordings.reading import Rates, of_run, read_motion, read_rates
 from .bodies import Model, of_keys
 from .motions import Line
@@ -320,6 +321,9 @@ def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: di
     many = recording if isinstance(recording, list) else [recording]
     if not many:
         raise ValueError("recording is an empty list: name at least one file")
+    if not any(isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)) for one in many):
+        own = {key: value for key, value in reading.items() if key not in ("speed", "speed_unit")}
+        require_plain(own | attitudes)
     names = [f"recording {k + 1}" for k in range(len(many))] if len(many) > 1 else ["the recording"]
     found = [_reading(one, name, reading, use, attitudes) for one, name in zip(many, names, strict=True)]
     kinds = {(one.has_gyroscope, one.quaternions is not None) for one in found}

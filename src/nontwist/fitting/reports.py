@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..geometry.attitudes import ENTRIES
+from .estimating import UNLIKELY
 from .measuring import IDEAL, PLACES, UNITS
 from .shooting import STRAY
 from .telling import FEWEST, quantile
@@ -189,7 +191,7 @@ def worth(fit: Fit) -> list[str]:
             f"the recording does not determine {' nor '.join(one.name for one in fit.untold)}: turn the body about a "
             "second axis, or longer"
         )
-    if fit.solution.problem.model.wheel is not None and not (fit.solution.is_settled or fit.untold):
+    if not (fit.solution.is_settled or fit.untold):
         said.append(
             "the fit ended before it settled, in a long valley: neither inertia nor intervals are to be trusted; "
             "a longer motion, or one about another axis, tells more"
@@ -216,6 +218,11 @@ def worth(fit: Fit) -> list[str]:
             f"{_wide(fit)}; its noise is slow, the sensor filters, something moves in the body, or the air acts "
             "(--damping, damping=)"
         )
+    elif fit.solution.unlike > UNLIKELY:
+        said.append(
+            f"an error of the gyroscope is {fit.solution.unlike:.3g} times its standard deviation: if it may be so "
+            "large, state it (--bias, bias=; --scale, scale=); if not, the inertia is not to be trusted"
+        )
     return said
 
 
@@ -230,6 +237,7 @@ def drawn(fit: Fit, recording: int) -> Axes:
 
     part, found = fit.parts[recording], fit.principal
     first = sum(len(one.time) for one in fit.parts[:recording])
+    told = f"data and model: {Path(part.name).name}" if len(fit.parts) > 1 else "data and model"
     rest = fit.residual[first : first + len(part.time)]
     with style():
         data, left_over, moments = new_axes(columns=2, height=2.6, panels=3)
@@ -238,7 +246,7 @@ def drawn(fit: Fit, recording: int) -> Axes:
             data.plot(part.time, part.measured[:, k], ".", color=colour, markersize=2)
             data.plot(part.time, part.model[:, k], "-", color=colour, linewidth=0.8, label=name)
             left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
-        data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
+        data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title=told)
         low, high = data.get_ylim()
         data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
         data.legend(loc="upper left", ncols=3, handlelength=1.2, columnspacing=0.8)

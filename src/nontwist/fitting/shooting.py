@@ -321,13 +321,13 @@ def require_turning(model: Model, time: Array, rates: Array, where: str) -> None
     if turned < LEAST_TURN:
         raise ValueError(
             f"{where}: the body turns by only {turned:.2g} rad in {time[-1] - time[0]:.3g} s, too little to determine "
-            "an inertia: turn it faster, throw it higher; or is the unit rad/s?"
+            "an inertia: turn it faster, throw it higher; or are rates in rad/s, or times in s?"
         )
     between = float(np.median(np.diff(time)) * speed.max())
     if between > MOST_TURN:
         raise ValueError(
             f"{where}: the body turns by up to {between:.3g} rad from one sample to the next, too coarse: record at "
-            f"{speed.max() / 0.5:.3g} Hz or more, or turn it more slowly; or is the unit deg/s?"
+            f"{speed.max() / 0.5:.3g} Hz or more, or turn it more slowly; or are rates in deg/s, or times in ms?"
         )
 
 

@@ -30,6 +30,7 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 FEW = 2**12  # numbers that BLAS sums in one thread
 LINE = 8  # numbers
 UNIT = 8 * float(np.finfo(np.float64).eps)  # from length 1, up to which a direction is taken as it is
+ORDERS = ("0 1 2", "1 2 3", "d1 d2 d3", "x y z", "x y z w")  # of the labels of directors, axes and quaternions
 LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
     "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",
@@ -87,12 +88,22 @@ def as_plain(value: Any, name: str) -> NDArray[Any]:
     """Return `value` as an array of whatever it holds; a ValueError where it is not an array, or has masked values."""
     try:
         masked = _masked(value)
-        array = np.asarray(0.0 if masked else value)
+        array = np.asarray(0.0 if masked else in_order(value) if hasattr(value, "dims") else value)
     except Exception as error:  # conversions of foreign objects raise exceptions of any kind
         raise ValueError(f"{name} must be an array of numbers, got {short_repr(value)}") from error
     if masked:
         raise ValueError(f"{name} has masked values; np.ma.filled({name}, number) puts a number in their place")
     return array
+
+
+def in_order(data: Any) -> Any:
+    """Return a Dataset or DataArray with directors, axes and components of quaternions in the order of their labels."""
+    for dim in ("director", "axis", "quat"):
+        own = [str(label) for label in data[dim].values] if dim in data.dims and dim in data.coords else []
+        order = next((one for one in map(str.split, ORDERS) if sorted(own) == sorted(one)), own)
+        if own != order:
+            data = data.isel({dim: [own.index(label) for label in order]})
+    return data
 
 
 def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST) -> Array:

@@ -54,7 +54,7 @@ from ..loads.memory import Driven, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import SystemStack, stacked
-from ..models.system import DirectorSystem, euler_inertia
+from ..models.system import PRINCIPAL, DirectorSystem, across, euler_inertia
 from .compiled import Compiled
 from .problem import IVP, Outcome
 
@@ -156,9 +156,9 @@ def as_marched(problem: IVP, is_director_scheme: bool) -> tuple[SystemStack, Loa
     if (hinged := hinged_of(systems)) is not None:
         return stacked(replace(hinged, dead_force=dead[0])), rest
     m = len(dead)
-    axis = None if systems.axis is None else np.broadcast_to(systems.axis, (m, 3))
-    E = np.broadcast_to(systems.euler_inertia, (m, 3, 3))
-    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead), rest
+    E, own = np.broadcast_to(systems.euler_inertia, (m, 3, 3)), (systems.axis, systems.spin_factor)
+    axis, factor = (x if x is None else np.broadcast_to(x, (m, *x.shape[1:])) for x in own)
+    return replace(systems, euler_inertia=E, axis=axis, dead_force=dead, spin_factor=factor), rest
 
 
 def orbit_of(systems: SystemStack, load: Load, unit: float, scheme: Compiled) -> Array | None:
@@ -183,9 +183,10 @@ def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array
     found = np.empty((len(begin), len(middles), 6))
     found[:, :, :3] = first[:, None] + middles[:, None] * change[:, None]
     found[:, :, 3:] = (change / length[:, None])[:, None]
-    if len(middles) > 1 and any(isinstance(one, Driven) for one in load.rotors):
+    driven = Load(tuple(one for one in load.rotors if isinstance(one, Driven)))
+    if len(middles) > 1 and driven.terms:
         times = begin[:, None] + middles * length[:, None]
-        found += beside_chord(load.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape), length, middles)
+        found += beside_chord(driven.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape), length, middles)
     found[:, :, :3] /= unit
     return found.reshape(-1, 6)
 
@@ -279,11 +280,16 @@ def driven_columns(load: Load) -> list[int]:
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
     """Return what carries the wheels of a body; a ValueError where nothing is left of it."""
-    J = system.convected_inertia - sum(one.locked for one in load.wheels)
+    J, n = system.convected_inertia - sum(one.locked for one in load.wheels), system.axis
     if (least := np.linalg.eigvalsh(J)[0]) <= 0:
         raise ValueError(
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
+        )
+    if system.spin is not None and n is not None and abs(across(J, n)).max() > PRINCIPAL * abs(J).max():
+        raise ValueError(
+            "spin= needs an axis that is principal without the wheels as well, of J - Σ I n nᵀ: put wheels along it "
+            "or across it, or add one that balances it"
         )
     return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
 

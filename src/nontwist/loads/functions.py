@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
 MOMENTS = 6  # numbers of the moments of a term with memory: in space, along the moving frame
 Call = Callable[[Callable[..., Any], tuple[Any, ...], tuple[int, ...]], list[Any]]
-REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
+REMEDY = "let it return 3 finite numbers (N m) at every time and state"
+SMALLER = ", or try a smaller step"
 OF_POTENTIALS = "let function return a finite number (J) and gradient its derivatives by γ (N m) for every γ"
 FINITE = {(): "a finite number (N m)", (3,): "3 finite numbers (N m)", (3, 3): "3 rows of 3 finite numbers (N m)"}
 GIVEN = {
@@ -88,21 +89,21 @@ def checked(function: Callable[..., Any], arguments: tuple[Any, ...], shape: tup
     name = "load" if is_of_time else "gradient" if shape else "potential"
     name = f"the {name} {getattr(function, '__name__', None) or repr(function)}"
     wanted = FINITE.get(shape) or f"as many finite numbers as state0, {shape[0]},"
-    remedy = REMEDY.replace(FINITE[3,], wanted) if is_of_time else OF_POTENTIALS
+    remedy, smaller = (REMEDY.replace(FINITE[3,], wanted), SMALLER) if is_of_time else (OF_POTENTIALS, "")
     try:
-        value = as_floats(function(*arguments), name)
+        value = as_floats(function(*arguments), "what it returns")
     except Exception as error:
         if isinstance(error, TypeError) and not _takes(function, *arguments):
-            remedy = f"it is called with {GIVEN[len(arguments)] if is_of_time else 'γ'}"
+            remedy, smaller = f"it is called with {GIVEN[len(arguments)] if is_of_time else 'γ'}", ""
         raise ValueError(
-            f"{name} raised {type(error).__name__} at {_place(arguments[0])}: {error}; {remedy}"
+            f"{name} raised {type(error).__name__} at {_place(arguments[0])}: {error}; {remedy}{smaller}"
         ) from error
     if value.shape != shape:
         counted = {(): "a number", (3, 3): "3 rows of 3 numbers"}.get(shape) or f"{shape[0]} numbers"
         at = f"at {_place(arguments[0])} it returned shape {value.shape}"
         raise ValueError(f"{name} must return {counted}, {at}; {remedy}")
     if not np.isfinite(value).all():
-        raise ValueError(f"{name} is not finite at {_place(arguments[0])}: {value.tolist()}; {remedy}")
+        raise ValueError(f"{name} is not finite at {_place(arguments[0])}: {value.tolist()}; {remedy}{smaller}")
     return value.ravel().tolist()
 
 

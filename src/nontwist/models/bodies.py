@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..errors import warn
 from ..geometry.arrays import Array, as_array, as_axis, as_positive
 from .spin import Spin
-from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_mass, require_principal
+from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, keep, require_mass, require_principal
 
 D3 = np.array([0.0, 0.0, 1.0])
 
@@ -192,7 +192,9 @@ def heavy_top(
     array([50., 50.])
     """
     body = standard(inertia, physical=physical)
-    return replace(with_gravity(body, mass, centre_of_mass, gravity), name="heavy_top")
+    top = with_gravity(body, mass, centre_of_mass, gravity)
+    keep(top, name="heavy_top")
+    return top
 
 
 def with_gravity(
@@ -243,7 +245,10 @@ def with_gravity(
     if not rho.any():
         warn("the centre of mass is the fixed point, so gravity has no moment about it")
     force: Array = system.dead_force + m * np.outer(rho, g)
-    return replace(system, dead_force=force, name=f"{system.name} under gravity")
+    heavy = replace(system, dead_force=force, name=f"{system.name} under gravity")
+    if not system.dead_force.any():
+        keep(heavy, weight={"mass": m, "centre_of_mass": rho.tolist(), "gravity": g.tolist()})
+    return heavy
 
 
 KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity", "spin", "physical")  # of the table [body]

@@ -21,7 +21,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -245,6 +245,7 @@ class DirectorSystem:
     name: str = "body"
     spin: Any = None
     physical: bool = True
+    weight: ClassVar[dict[str, Any]] = {}  # keys of a run file, where `with_gravity` made it; copies do not have them
 
     def __post_init__(self) -> None:
         E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")

@@ -63,8 +63,8 @@ def of_table(content: Content, how: ReadOptions) -> Motion:
     table, of_rows = own_rows(table, names)
     beside = _beside(table, found, how)
     time = clock(table, how)
-    forms = [one.headers for one in headers.orientations(beside.headers) if len(one.headers) == 4 and one.ordered]
-    form = beside.vectors(forms[0]) if forms and found is None else None
+    forms = [_attitudes(beside, one) for one in headers.orientations(beside.headers) if found is None and one.ordered]
+    form = next((one for one in forms if one is not None), None)
     given = evidence_of(beside, len(table), time.time, form)
     if found is not None:
         how.require_without("angle_unit", "no angles are read")
@@ -257,7 +257,11 @@ def _angles(
     is_decided, is_form = GYROSCOPE in given.beside or OTHER in given.beside, bool(how.euler or how.rotation_vector)
     if not (is_form or is_decided):
         raise InputError("angles", three=names)
-    unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
+    unit = how.angle_unit or stated
+    if unit is None and how.rotation_vector:
+        unit, longest = "rad", float(np.fmax.reduce(np.linalg.norm(table.vectors(three), axis=1), initial=0))
+        if longest > 2 * np.pi and not is_decided:
+            warnings.warn(InputWarning("long-vectors", longest=longest), stacklevel=2)
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
     told = how.angle_unit or of_file or (None if is_form else stated)
@@ -324,7 +328,7 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
         if which.any():
             first = place(int(which.argmax()), lines)
             told.append(f"missing: {counted(int(which.sum()), 'row')}, {why}, the first is {first}")
-    gone = bad | lost
+    gone = bad | lost | ~flat.any(axis=1)
     if gone.any() or normalize:
         values = values.copy()
     values[gone] = np.nan

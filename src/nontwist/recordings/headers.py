@@ -123,6 +123,11 @@ def _body(headers: Sequence[str], letter: str) -> str:
     return re.sub(rf"(?i)(?:[ _.\-/]*(?:quaternions?|quat|orientation|mat|rot|rotation)|{single})$", "", name)
 
 
+def _first(header: str) -> str:
+    """Return a header without the number of one that repeats it."""
+    return _REPEATED.sub(r"\1", header)
+
+
 def lacks(headers: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     """Return three columns of a quaternion and the plain name of the fourth, where only that is not there."""
     for k, letter in enumerate("wxyz"):
@@ -137,7 +142,7 @@ def markers(headers: Sequence[str]) -> list[str]:
     axes: dict[str, set[str]] = defaultdict(set)
     for header in headers:
         name = split_unit(header)[0]
-        if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])|([XYZ]))|([xyzXYZ])[ _.:\-]+(.+)", name):
+        if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])|([XYZ]))|([xyzXYZ])(?:[ _.:\-]+|(?=\d))(.+)", name):
             axes[found[1] or found[5]].add((found[2] or found[3] or found[4]).lower())
     long = tuple(name for name in OF_SENSORS if len(name) > 2)
     whole = [name for name, letters in axes.items() if letters == {*"xyz"}]
@@ -146,7 +151,8 @@ def markers(headers: Sequence[str]) -> list[str]:
 
 def angle_unit(headers: Iterable[str]) -> str | None:
     """Return ``deg`` or ``rad`` where all headers state it, in brackets or as their last word."""
-    return common(known(unit or re.split(r"[\s_.\-/]", name)[-1], ANGLE) for name, unit in map(split_unit, headers))
+    named = map(split_unit, map(_first, headers))
+    return common(known(unit or re.split(r"[\s_.\-/]", name)[-1], ANGLE) for name, unit in named)
 
 
 def common(units: Iterable[str | None]) -> str | None:
@@ -156,8 +162,8 @@ def common(units: Iterable[str | None]) -> str | None:
 
 
 def _bare(header: str) -> str:
-    """Return the plain name of a header without a unit of angles at its end."""
-    name = plain(header)
+    """Return the plain name of a header without a unit of angles at its end, nor the number of one that repeats."""
+    name = plain(_first(header))
     return re.sub(r"(deg|degrees|rad|radians)$", "", name) or name
 
 
@@ -179,6 +185,8 @@ def _axis_of_angle(header: str) -> str | None:
 def rotation_vector(headers: Sequence[str]) -> tuple[str, ...] | None:
     """Return the three columns of a rotation vector, or None where that is not clear."""
     threes = [(before, three) for before, after, three in groups(headers, "xyz", _bare) if not after]
+    others = tuple(name for name in (*GYROSCOPE, *ACCELEROMETER, *OTHER) if len(name) > 2)  # accelerometer ends with r
+    threes = [(one, three) for one, three in threes if not one.endswith(others)]
     long = [three for one, three in threes if one in ROTATION_VECTOR or (one.endswith(ROTATION_VECTOR) and one[3:])]
     return long[0] if len(long) == 1 else None
 
@@ -208,5 +216,5 @@ def _without_rate(header: str) -> str:
 def rate_unit(*headers: str) -> str | None:
     """Return the unit of angular velocity that all headers state, in brackets or as their last word."""
     last = re.compile(rf"(?i)[ _.\-/]({_RATE_WORDS})$")
-    named = ((unit, last.search(name)) for name, unit in map(split_unit, headers))
+    named = ((unit, last.search(name)) for name, unit in map(split_unit, map(_first, headers)))
     return common(known(unit or (found and found[1]), RATE) for unit, found in named)

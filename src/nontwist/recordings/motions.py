@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.datasets import in_order
 from ..errors import InputError, InputWarning, Option
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import counted
 from .attitudes import MEASURED, Motion, of_table
 from .options import ReadOptions
@@ -100,7 +99,8 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     if hasattr(motion, "directors"):
         return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
-        raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; read_motion reads a file")
+        readers = "open_run reads a run, read_motion a recording"
+        raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; {readers}")
     array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
         return Motion(array)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from ..errors import SENTENCES, InputError, Option
 from ..spec import Spec, require_types
@@ -71,6 +71,14 @@ class ReadOptions:
             raise InputError("option-without-effect", name=Option(name), why=why)
 
 
+def require_plain(options: Mapping[str, Any]) -> None:
+    """Refuse options of files where arrays or a run are given; that these are in SI units may be said."""
+    for name, value in options.items():
+        if not (value is None or value is False or {"unit": "rad/s", "time_unit": "s"}.get(name) == value):
+            why = "arrays and runs are in s and rad/s, and have no columns"
+            raise InputError("option-without-effect", name=Option(name), why=why)
+
+
 SHARED = "; {option[clocks='shared']} uses their times unchanged, if both come from one clock"
 SHAKE = "; {option[shake=T0,T1]} names times when both were shaken together, with the joint at rest" + SHARED
 NO_CLOCKS, ENOUGH = "the clocks cannot be aligned: ", "clocks are aligned from at least {least} samples; there are "
@@ -134,6 +142,8 @@ SENTENCES |= {
     "angles": "the columns {three} are angles: {option[euler]} gives their order, as ZYX about moving, zyx fixed axes",
     "angle-unit-stated": "the columns {three} state {stated}, but {option[angle_unit]} is {unit}" + OMIT,
     "no-angle-unit": "the columns {three} do not state the unit of their angles: {option[angle_unit]} is deg or rad",
+    "long-vectors": "the rotation vectors are up to {longest:.4g} rad long, more than a turn, and do not state their "
+    "unit: {option[angle_unit]} is deg or rad",
     "several-readings": "several readings are possible ({readings}): state the one that is meant",
     "no-reading-fits": "no reading of the attitudes agrees with the {what} beside them, {best:.2f} of 1 at best: check "
     "axes and units of both",
@@ -172,6 +182,8 @@ SENTENCES |= {
     "clock-goes-back": "the clock goes back by {back:.6g} s at {place}: read recordings that follow each other one by "
     "one; {option[rate=HZ]} counts rows where times are wrong",
     # samples
+    "lost-samples": "the column {name!r} numbers {samples} that the file lacks, the first before {place}; "
+    "{option[rate=HZ]} makes gaps of them",
     "missing-rows": "dropped {rows} with a zero or missing attitude or a missing time, the first is {place}",
     "unsorted-times": "times are not in order, the first at {place}; rows are sorted by time",
     "duplicate-times": "dropped {rows} with duplicate timestamps, the first is {place}",
@@ -207,6 +219,8 @@ SENTENCES |= {
     "{alike:.2f} without): {option[clocks='shift']} does, {option[clocks='shared']} takes the times as they are",
     "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
     "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
+    "clocks-unlike": "the angular speeds correlate by {alike:.2f}: nothing shows that the times are of one clock; "
+    "{option[clocks='shift']} looks for a shift, {option[clocks='shared']} takes the times as they are",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "
     "{other_last:.6g} s; {option[clocks='shift']} finds how their clocks differ",
     "not-covered": "dropped {rows} at times that relative_to does not cover",

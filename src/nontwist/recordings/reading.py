@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from ..analysis.datasets import in_order
 from ..analysis.variables import assembled, coordinates
 from ..errors import InputError, InputWarning
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import short_repr
 from ..io.results import open_run
 from ..io.whole import free_memory, require_regular
@@ -24,7 +23,7 @@ from .checks import sensor
 from .formats import BEGINNINGS, READERS
 from .headers import ACCELEROMETER, GYROSCOPE, plain, rate_unit, sensors
 from .motions import kept_rows
-from .options import ReadOptions
+from .options import ReadOptions, require_plain
 from .table import Content, Lines, Table, listed, named_columns, of_one_sensor, own_rows
 from .text import read_text
 from .times import clock
@@ -209,11 +208,12 @@ def read_rates(
     if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
         if speed is not None:
             raise InputError("no-speed", speed=speed)
+        require_plain({"columns": columns, "unit": unit, **options})
         return of_run(open_run(source), name, quaternions)
     content = read_content(source, how)
     table, how, told = (content.table, how, ()) if quaternions is not None else of_one_sensor(content.table, how)
     three, how = named_columns(table, how, (3,), "3 columns of the angular velocity")
-    three = three or _one(table, how.body)
+    three = three or _one(table, None if {how.body} == {*content.bodies} else how.body)
     if quaternions is None:
         table, more = own_rows(table, three)
         told += more
@@ -253,7 +253,7 @@ def of_run(run: Any, name: str, quaternions: Array | None) -> Rates:
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:
     there = sensors(table.headers, GYROSCOPE)
-    found = [three for before, three in there if body is None or before == plain(body)]
+    found = [three for before, three in there if body is None or plain(body) in (before, plain(three[0])[:-1])]
     if len(found) != 1:
         sets = "; ".join(map(", ".join, found))
         raise InputError("several-gyroscopes" if found else "no-gyroscope", names=listed(table.headers), sets=sets)

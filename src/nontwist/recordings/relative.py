@@ -74,6 +74,7 @@ MOVES = np.radians(3)  # a pose that turns by more is no rest
 HALF_HOUR, MOST_ZONES, DAY = 1800.0, 28, 86400.0  # s, of which time zones are whole numbers, up to 14 h
 CLOCKS = ("shared", "shift", "drift")
 CLOSE, SURE = 0.95, 0.97  # least correlation of recordings, and of those that were shaken together
+ALIKE = 0.3  # least correlation of neighbouring segments on one clock, which move on their own
 OVERLAP = 0.3  # of the shorter recording that must overlap
 SHORTEST = 50  # samples
 WHOLE, SHAKEN = 0.5, 0.75  # of the points, that a second shift must have: one that loses a shake is none
@@ -159,6 +160,8 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         facts = (f"clock of relative_to: {which}, {begins} (correlation of the angular speeds {alike:.3f})",)
         if clocks is None and alike < CLOSE and (shift := _shift_by_speeds(A, t, B, s)):
             notes.append(InputWarning("clocks-differ", shift=shift, alike=alike))
+        elif not is_dated and alike < ALIKE:
+            notes.append(InputWarning("clocks-unlike", alike=alike))
     inside = _covered(t, s)
     if inside.sum() < 2:
         raise InputError("no-overlap", first=t[0], last=t[-1], other_first=s[0], other_last=s[-1])

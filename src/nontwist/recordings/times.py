@@ -8,6 +8,7 @@ clock that starts again is counted on where its period is known: counters of 8 t
 from __future__ import annotations
 
 import re
+import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -17,15 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, as_plain
+from ..geometry.values import counted
 from ..units import TIME, known, split_unit
 from .options import ReadOptions
-from .table import Table, listed, number
+from .table import Table, listed, number, place
 
 EPOCH = (3e8, 4.2e9)  # s since 1970 that are taken for dates: 1979 to 2103
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
 FINE = 1e-4  # days between samples at most, else they are no days but seconds of a clock that is as fine
+WIDE = 1.5  # of the usual step of a counter: beyond it samples are lost
 COARSE = 5.0  # whole numbers without a unit that are as far apart are not seconds
 # Words of times, and words that may be beside them; words of numbers of samples.
 TIMES = {"t", "time", "timestamp", "stamp", "datetime", "seconds", "secs", "sec", "epoch", "epoc", "datenum"}
@@ -122,6 +125,7 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         raise unknown
     if counter is not None:
         notes.append(f"time: none; the column {counter!r} numbers the samples, a rate makes times of it")
+        _warn_of_lost(table, counter)
     for h, one in tried(1, 2, 3):
         if isinstance(one, Clock) and one.start is not None and _increases(one):
             return one
@@ -129,6 +133,19 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
         notes.append(may_be if isinstance(one, Clock) else not_used(one))
     how.require_without("time_unit", "no column of times is found")
     return Clock(notes=() if notes else ("time: none; a rate gives times",))
+
+
+def _warn_of_lost(table: Table, name: str) -> None:
+    """Warn of samples that a column numbers and a file without times lacks."""
+    ticks = counted_on(table.numbers(name), BITS)[0] if table.columns[name].dtype.kind in "iuf" else np.empty(0)
+    rows = np.flatnonzero(np.isfinite(ticks))
+    steps = np.diff(ticks[rows])
+    usual = float(np.median(steps)) if steps.size and steps.min() > 0 else np.inf
+    wide = np.flatnonzero(steps > WIDE * usual)
+    if wide.size:
+        samples = counted(round(float((steps[wide] / usual - 1).sum())), "sample")
+        first = place(int(rows[wide[0] + 1]), table.lines)
+        warnings.warn(InputWarning("lost-samples", name=name, samples=samples, place=first), stacklevel=2)
 
 
 def ignored(what: str, time: Array | None) -> str:

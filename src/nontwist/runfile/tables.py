@@ -69,6 +69,10 @@ class VectorRotation(Section):
         return rotation(Rotation.from_rotvec(self.vector, degrees=self.unit.startswith("deg")).as_matrix())
 
 
+ORDERS = (axes[i:] + axes[:i] for axes in ("xyz", "XYZ") for i in range(3))
+SEQUENCES = "|".join("{0}({1}[{0}{2}]?|{2}[{0}{1}]?)?".format(*order) for order in ORDERS)
+
+
 class EulerRotation(Section):
     """Euler angles as SciPy has them."""
 
@@ -76,7 +80,7 @@ class EulerRotation(Section):
     sequence: str = entry(
         '1 to 3 axes, neighbours different: capitals for turning axes ("ZYX"), small letters for fixed ones ("xyz"), '
         "as in scipy",
-        pattern="^([xyz]{1,3}|[XYZ]{1,3})$",
+        pattern=f"^({SEQUENCES})$",
     )
     unit: Unit = entry(UNIT)
 

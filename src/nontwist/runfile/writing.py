@@ -1,8 +1,8 @@
 """The way back from a `Problem` to a run file: its objects as tables.
 
-A term of the load has its fields as keys, and a body its J, so the file makes the same numbers. A weight is a constant
-force on the directors, m c ⊗ g: of such a matrix of rank one, g is taken of length 9.81 m/s² and m as 1 kg, or, where
-J is too small for that, so large that m |c|² is nothing.
+A term of the load has its fields as keys, and a body its J, so the file makes the same numbers up to round-off. Of a
+weight that nobody gave as such a constant force on the directors is known, m c ⊗ g: of such a matrix of rank one, g is
+taken of length 9.81 m/s² and m as 1 kg, or, where J is too small for that, so large that m |c|² is nothing.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
     if (spin := system.spin) is not None:
         turning = {"times": spin.times.tolist(), "values": spin.values.tolist()}
         table["spin"] = turning if spin.times.size > 1 else float(spin.values[0])
-    if system.dead_force.any():
+    if system.weight and system.dead_force.any():
+        table |= system.weight
+    elif system.dead_force.any():
         left, sizes, right = np.linalg.svd(system.dead_force)
         if sizes[1] > RANK * sizes[0]:
             raise ValueError("the body has forces on several directors, as no weight has: a run file has none")

@@ -31,6 +31,7 @@ from ..errors import SweepError, SweepStoreError, warn
 from ..geometry.values import as_function, as_path, as_whole, short_repr
 from ..integrators.costs import Cost
 from ..io.whole import locked
+from ..models.system import as_system
 from ..runfile import RunFile, read_run_file
 from ..runfile.document import checked, forecast
 from ..runfile.files import Folder, bounded, parsed, plain
@@ -227,7 +228,10 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
         raise ValueError(f"over must be a mapping of keys to values, got {short_repr(over)}")
     problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "run_file"))
     whole = file_of(problem, Path("problem.toml") if problem.file is None else problem.file.folder / "problem.toml")
+    unknown = problem.file is None and whole.body.mass is not None and not as_system(problem.system).weight
     for key, one in over.items():
+        if unknown and str(key).startswith(("body.mass", "body.centre_of_mass", "body.gravity")):
+            raise ValueError(f"{key}: of this body a force is known, no mass; make it by heavy_top or with_gravity")
         if isinstance(one, Mapping) and "key" in one:
             raise ValueError(f"over[{short_repr(key)}] has a key of its own, {short_repr(one['key'])}; leave it out")
     each = {key: one if isinstance(one, Mapping) else {"kind": "list", "values": one} for key, one in over.items()}

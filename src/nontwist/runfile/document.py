@@ -317,8 +317,9 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         ready = None if made is None else made[1]
         if data.get("sweep") is not None and time is not None and scheme is not None:
             further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
-        if file is not None and sweep is not None and not any(fault.key.startswith("sweep") for fault in further):
-            further += key_problems(sweep, file.model_dump(exclude_none=True))
+        if sweep is not None and all(fault.key.partition(".")[0] == "sweep" for fault in faults):
+            whole = file or RunFile.model_validate({key: one for key, one in data.items() if key != "sweep"})
+            further += key_problems(sweep, whole.model_dump(exclude_none=True))
         if ready is not None and sweep is not None and not ready.plan.load.wheels:
             with further.of("sweep", sweep, "variables"):
                 require_no_wheels(sweep.variables)

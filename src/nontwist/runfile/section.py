@@ -212,7 +212,9 @@ class Faults(list[Fault]):
             yield
         except ValueError as error:
             said, keys = str(error), type(table).model_fields
-            named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=(?!True|False)", said) for word in pair if word in keys]
+            named = [
+                word for pair in re.findall(r"^(\w+)|\b(\w+)=(?!True|False)", said) for word in pair if word in keys
+            ]
             name = named[0] if named else name
             value = getattr(table, name)
             given = f"{'missing' if value is None else shown(value)} ({in_toml(said)})"

@@ -352,7 +352,7 @@ def _defect(values: Array) -> Array:
 
 
 def _lost(flat: Array, good: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return exact identities where attitudes jump far more than elsewhere, and repeated rows before such a jump."""
+    """Return exact identities where attitudes jump far more than elsewhere, and repeated rows before one such jump."""
     units, signs = (np.eye(4)[[0, 3]], (1, -1)) if flat.shape[1] == 4 else (np.eye(3).reshape(1, 9), (1,))
     same, (lost, held) = (flat[:, None] == units).all(axis=2).any(axis=1), np.zeros((2, len(flat)), dtype=np.bool_)
     steps = np.min([np.linalg.norm(flat[1:] - sign * flat[:-1], axis=1) for sign in signs], axis=0)
@@ -362,5 +362,5 @@ def _lost(flat: Array, good: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDAr
         most = JUMP * float(np.quantile(others, 0.99)) if others.size else 0.0
         far = np.concatenate([[True], steps > (most or np.inf), [True]])
         for first, last in np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]))).reshape(-1, 2):
-            found[first:last] = far[last] and (far[first] if which is same else last < len(flat))
+            found[first:last] = far[last] and (far[first] if which is same else not far[min(last + 1, len(flat))])
     return lost & good & ~same.all(), held & good & ~lost

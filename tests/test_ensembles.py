@@ -288,16 +288,11 @@ def test_continuing_an_ensemble_and_a_run(integrator):
     assert abs(overlap) == pytest.approx(1, abs=1e-14)
     assert rest.director_velocities[:, -1].values == pytest.approx(whole.director_velocities[:, -1].values, abs=1e-12)
     own = {"load": load["load_scale"][1] * load["load"], "step": 0.01, "integrator": integrator}
-    for name in ("simulate", "simulate_ensemble"):
-        one = getattr(nt, name)(bodies[1], start=half.isel(member=1), t_end=2, **own)
-        assert one.time.values[0] == 1
-        assert one.material_angular_velocity.values[..., -1, :].ravel() == pytest.approx(
-            whole.material_angular_velocity.values[1, -1], abs=1e-12
-        )
-    with pytest.raises(ValueError, match=r"an ensemble of 5 runs; continue one of them: start.isel\(member=0\)"):
-        nt.simulate(bodies[1], start=half, t_end=2, **own)
-    with pytest.raises(ValueError, match="start= has no dimension time; give rotation="):
-        nt.simulate(bodies[1], start=half.isel(member=1, time=-1), t_end=2, **own)
+    one = nt.simulate(bodies[1], start=half.isel(member=1), t_end=2, **own)
+    assert one.directors.values[-1] == pytest.approx(whole.directors.values[1, -1], abs=1e-12)
+    for start, words in ((half, "5 runs; continue one of them"), (half.isel(member=1, time=-1), "no dimension time")):
+        with pytest.raises(ValueError, match=words):
+            nt.simulate(bodies[1], start=start, t_end=2, **own)
     name = "quaternion" if integrator == "gauss" else "director_velocities"
     with pytest.raises(ValueError, match=rf"start= lacks {name}[;,] (store it with variables=|which energy-momentum)"):
         nt.simulate_ensemble(stack, start=half.drop_vars(name), t_end=2, integrator=integrator)
@@ -371,11 +366,7 @@ def test_an_ensemble_keeps_what_it_returns_alone(how, times):
 
 
 def test_velocities_are_read_by_their_labels():
-    W = np.array([[1.0, 2, 3], [2, 1, 0], [0, 1, 1]])
+    W = np.arange(9.0).reshape(3, 3)
     labelled = xarray.DataArray(W.T[::-1], dims=("director", "member"), coords={"director": [3, 2, 1]})
-    run = nt.propagator(nt.standard([3, 4, 5]), t_end=1, step=0.1)
     many = nt.simulate_ensemble(nt.standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=labelled)
-    for k in range(3):
-        one = run(material_angular_velocity=labelled.isel(member=k)).material_angular_velocity
-        assert (one == many.material_angular_velocity.values[k]).all()
-        assert (one[0] == W[k]).all()
+    assert (many.material_angular_velocity.values[:, 0] == W).all()

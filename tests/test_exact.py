@@ -195,6 +195,7 @@ test_refusals = refused_as(
         "not a body": lambda: nt.exact.free_standard([1, 1, 3], [1, 0, 0], [1]),
         "no rotation": lambda: nt.exact.free_standard([1, 1, 1], [1, 0, 0], [1], 1.1 * np.eye(3)),
         "not symmetric": lambda: nt.exact.symmetric_top([3, 4, 5], [1, 2, 3], [1]),
+        "nearly symmetric": lambda: nt.exact.symmetric_top([3e-5, 3.0001e-5, 5e-5], [1, 2, 3], [1]),
         "not principal": lambda: nt.exact.free_nontwisting(FULL, [1, 0, 0], [1]),
         "twisting": lambda: nt.exact.free_nontwisting(PAPER_J, [1, 0, 0.1], [1]),
     }

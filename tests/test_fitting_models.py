@@ -76,6 +76,39 @@ def by_scipy(inertia, arm, drag, start, times):
     return solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
 
 
+def read_at_random(seed, count, seconds, inertia, start, noise, arm=0.0):
+    """Random times, and what a gyroscope reads there of a motion by SciPy from W, or from a random one of this size."""
+    rng = np.random.default_rng(seed)
+    times, W = np.append(0, np.sort(rng.uniform(0, seconds, count - 1))), rng.normal(size=3)
+    W = W * start / np.linalg.norm(W) if np.ndim(start) == 0 else start
+    W = by_scipy(inertia, arm * CENTRE, 0.0, [*W, 0.6, 0, -0.8, 0, 0, 0, 1], times)[:, :3]
+    return times, W + noise * rng.normal(size=W.shape)
+
+
+@pytest.mark.filterwarnings("ignore:.*gaps longer")
+def test_times_may_be_random():
+    read = read_at_random(0, 400, 2, J, (2, -3, 6), 1e-3, 9.81 * MASS)
+    assert farthest(whole(read, gravity=GRAVITIES["centre"]), J) < 4
+
+
+@pytest.mark.filterwarnings("ignore:.*gaps longer")
+@pytest.mark.parametrize("has_known_noise", [False, True])
+def test_short_arcs_of_round_bodies(has_known_noise):
+    inertia = np.diag((0.312, 0.344, 0.344) if has_known_noise else (0.24, 0.38, 0.38))  # no disc that has a bias
+    seed, count, seconds, start, noise, bias = (
+        (6, 800, 1, 4, 2e-4, 0.005) if has_known_noise else (2, 150, 2, 5, 8e-3, 0.2)
+    )
+    read = read_at_random(seed, count, seconds, inertia, start, noise)
+    assert farthest(whole(read, bias=bias, noise=noise if has_known_noise else None), inertia) < 4
+
+
+def test_an_unlikely_error_of_the_gyroscope_is_said():
+    recording = recorded(nt.standard(FREE), 2, (3, -4, 5), sensor={"bias": (0.05, 0, 0)})
+    with pytest.warns(UserWarning, match="an error of the gyroscope is 9.9. times its"):
+        whole(recording, bias=0.005)
+    whole(recording, bias=0.05)
+
+
 # The model
 
 

@@ -878,3 +878,11 @@ def test_units_stand_in_a_line_of_their_own_below_a_title_and_headers(tmp_path):
     found = read_rates(made(f"Trial 7\ntime,gx,gy,gz\n(s),(deg/s),(deg/s),(deg/s)\n{rows}").write(tmp_path))
     assert found.time[-1] == pytest.approx(3.9)
     assert found.rates[-1] == pytest.approx(np.radians([39, 0, 1]), rel=1e-12)
+
+
+def test_an_accelerometer_is_no_rotation_vector():
+    columns = [f"{name} {x}" for name in ("Accelerometer", "rv") for x in "xyz"]
+    table = ",".join(columns) + "\n" + "0,0,9.8,0,0,0.3\n" * 3
+    assert read_motion(io.StringIO(table), rotation_vector=True).values[0, 2:] == pytest.approx(
+        [np.sin(0.15), np.cos(0.15)]
+    )

@@ -293,6 +293,8 @@ def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radiu
     assert run.directors[-1, 2] == pytest.approx([0, 0, -1], abs=1e-8)
     nt.integrate(rod, load=nt.moment(lambda t, directors, w: calls.append(t) or (0, 0, 0)), **how)
     assert len(calls) < 30_000
+    still, rubbing = np.zeros((1, 3)), nt.dry_friction(0.03, "x")
+    assert largest_velocity(stacked(rod), still, rubbing, 0.0, quarter) == pytest.approx(2 * omega, rel=1e-3)
 
 
 def test_the_error_of_a_fast_spin_is_that_of_round_off():
@@ -374,3 +376,11 @@ def test_a_body_at_rest_follows_a_fast_sine():
     run = nt.simulate(nt.standard([20, 80, 90]), times=times, load=nt.sine([1, 0, 0], 50, phase=phase))
     exact = (np.cos(phase) - np.cos(rate * times + phase)) / (20 * rate)
     assert abs(run.material_angular_velocity.values[:, 0] - exact).max() < 1e-8 * abs(exact).max()
+
+
+def test_times_far_from_0_bound_what_can_be_reached():
+    how = {"t_start": 1e9, "times": [1e9 + 1, 1e9 + 5], "material_angular_velocity": (1, 2, 0)}
+    run, exact = (nt.simulate(nt.standard([3, 4, 5]), integrator=name, **how) for name in ("gauss", "exact"))
+    assert 1e-8 < abs(run.directors - exact.directors).max() < run.tolerance
+    with pytest.raises(ValueError, match="count them from a start at 0; or use tolerance >= "):
+        nt.simulate(nt.standard([3, 4, 5]), tolerance=1e-8, **how)

@@ -1,6 +1,6 @@
 """Wheels with motors: momentum by hand, SciPy, total momentum, continuation, derivatives, what is refused."""
 
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from conftest import cross, thinned
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile.document import checked
 from nontwist.runfile.files import Folder
-from refusals import refused_as
+from refusals import refused_as, warned
 
 RPM = 2 * np.pi / 60
 J = np.diag([3.0, 4.0, 5.0])
@@ -216,13 +216,15 @@ def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction():
     assert loop.state.wheel_work == pytest.approx(run.wheel_work.values[-1], abs=1e-15)
 
 
+@pytest.mark.filterwarnings("ignore:.*off the grid")
 @pytest.mark.parametrize(("body", "scheme"), thinned(4, BODIES, [("gauss", 8), *SCHEMES[2:]]))
 def test_derivatives_are_those_of_differences(body, scheme):
     scheme, order = scheme
     how = {"t_start": 1, "t_end": 3, "step": 0.05, "integrator": scheme, "order": order, "project": True}
 
-    def loaded(speed=30.0, torque=0.4, inertia=0.2, axis=AXES[0]):
-        return nt.wheel(axis, inertia, speed=speed, torque=torque) + 0.5 * nt.wheel((1, -1, 1), 0.3, -10, 0.2)
+    def loaded(speed=30.0, torque=0.4, inertia=0.2, axis=AXES[0], values=(1.0, 1.0)):
+        gyrostat = 0.5 * nt.wheel((1, -1, 1), 0.3, -10, 0.2) + nt.rotor("y", [1.07, 2.31], values)
+        return nt.wheel(axis, inertia, speed=speed, torque=torque) + gyrostat
 
     def end(W=W0, t_end=3, **changed):
         own = how | {"t_end": t_end, "step": (t_end - 1) / 40}
@@ -232,12 +234,31 @@ def test_derivatives_are_those_of_differences(body, scheme):
     def slope(name, x, change=1.0, e=1e-5):
         return (end(**{name: x + e * change}) - end(**{name: x - e * change})) / (2 * e)
 
-    wrt = ["material_angular_velocity", *(f"load[0].{x}" for x in ("speed", "torque", "inertia", "wheel")), "duration"]
+    wrt = [
+        "material_angular_velocity",
+        *(f"load[0].{x}" for x in ("speed", "torque", "inertia", "wheel")),
+        "duration",
+        "values",
+    ]
     found = nt.sensitivities(BODIES[body], material_angular_velocity=W0, load=loaded(), wrt=wrt, **how)
     rows = [*(slope("W", W0, v) for v in np.eye(3)), slope("speed", 30.0), slope("torque", 0.4)]
     rows += [(4 * slope("inertia", 0.2) - slope("inertia", 0.2, e=2e-5)) / 3]
     rows += [*(slope("axis", AXES[0], v) for v in np.eye(3)), slope("t_end", 3)]
+    rows += [slope("values", np.ones(2), v) for v in np.eye(2)]
     assert pytest.approx(np.array(rows), abs=2e-9) == found.d_material_angular_velocity.values[-1].T
+
+
+@pytest.mark.parametrize("viscous", [0.0, 0.05])
+@pytest.mark.parametrize("times", [[0.5, 2.0], [1.5, 2.0, 2.5]])
+def test_a_constant_is_added_to_a_table_within_its_times(times, viscous):
+    def run(function, added, **wrt):
+        load = 2 * nt.wheel(AXES[0], 0.2, 30, (times, np.full(len(times), 0.3) + added), viscous)
+        how = {"t_start": 1, "t_end": 3, "step": 0.05, "material_angular_velocity": W0}
+        return function(nt.standard(J), load=load, **how, **wrt)
+
+    found = run(nt.sensitivities, 0.0, wrt="torque").d_material_angular_velocity.values[-1, :, 0]
+    ends = [run(nt.integrate, added).material_angular_velocity[-1] for added in (1e-4, -1e-4)]
+    assert found == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=1e-8)
 
 
 def test_exponents_of_a_free_gyrostat_sum_to_zero():
@@ -321,3 +342,26 @@ def test_a_jump_beside_or_of_a_wheel_is_named(name, how):
         nt.simulate(BODIES["top"] if "relay" in name else BODIES["standard"], t_end=20, load=JUMPING[name], **own)
     assert failed.value.status == Status.JUMP
     assert all(said in str(failed.value) for said in (x, y, "dry_friction" if "relay" in name else "use coulomb="))
+
+
+def test_a_run_whose_wheels_do_not_go_on_is_named():
+    """Wheels that the load lacks or has otherwise, states that a run has lost, motions without velocities."""
+    body, own, W = nt.standard(J), nt.wheel("z", 0.05, speed=100), {"material_angular_velocity": W0}
+    push, many = nt.body_moment([0, 1], np.zeros((2, 3))), nt.simulate_ensemble
+    for first, second in ((nt.simulate, nt.simulate), (nt.integrate, nt.simulate), (many, many)):
+        run = first(body, t_end=1, step=0.5, load=own, **W)
+        for load in (None, push, nt.wheel("z", 0.1), nt.wheel("x", 0.05)):
+            with warned("start-other-memory"):
+                second(body, t_end=2, step=0.5, load=load, start=run)
+        with warned():
+            second(body, t_end=2, step=0.5, load=own + push, start=run)
+    run = nt.simulate(body, t_end=1, load=own, **W)
+    with warned("start-other-memory"):
+        nt.stepper(body, 0.1).reset(start=run)
+    with pytest.raises(ValueError, match="lacks internal_state"):
+        nt.simulate(body, t_end=2, load=own, start=run.drop_vars("internal_state"))
+    for call in (partial(nt.simulate, body, t_end=2, load=own), nt.stepper(body, 0.1, load=own).reset):
+        with warned("start-at-rest"):
+            call(start=run.quaternion)
+        with warned():
+            call(start=run.quaternion, **W)

@@ -124,7 +124,8 @@ def stepper(
         "lie-midpoint", "gauss" or "energy-momentum", or an instance of these; by default that of the problem, or
         "lie-midpoint": the moments of a controller jump from step to step, and its step is the cheapest.
     order : int, optional
-        2 by default for every integrator. A higher order, which only `gauss` has, pays off only for long steps.
+        2 by default for every integrator: a steady turn by θ a step then lags by θ³/12 a step, at 0.1 rad by 5° after
+        1000 steps. `gauss` has higher orders; of order 4 it is θ⁵/720.
     load : Load, optional
         What acts in addition to the moments of each step: disturbances, damping, functions of the state, wheels. Under
         dry friction, of the body or of a wheel, a step takes some milliseconds.
@@ -355,10 +356,12 @@ class Stepper:
         Warns
         -----
         InputWarning
-            `start` is of another inertia: W is kept.
+            `start` is of another inertia or other wheels, or has no velocities.
         """
         W = material_angular_velocity
-        begin = starts(self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time)
+        begin = starts(
+            self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time, load=self.load
+        )
         t = as_number(time, "time") if time is not None else begin.time or 0.0
         h, resolution = self.step_size, float(np.spacing(abs(t)))
         if h < NODES_APART * resolution:

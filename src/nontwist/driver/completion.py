@@ -78,10 +78,8 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
             observed=np.stack([_observed(scheme, problem.member(i)) for i in range(len(problem))])
         )
     elif outcome.observed is not None and (V := sum(one.scale * one.constant for one in load.potentials)):
-        over = np.array([1.0, 1.0, 1.0, problem.t_end - problem.t_start])  # first, least, most, integral
-        outcome.observed[:, :, COLUMN_NAMES == "potential_energy"] += (problem.load_scale[:, None] * V * over)[
-            ..., None
-        ]
+        over = np.reshape([1.0, 1.0, 1.0, problem.t_end - problem.t_start], (4, 1))  # first, least, most, integral
+        outcome.observed[:, :, COLUMN_NAMES == "potential_energy"] += problem.load_scale[:, None, None] * V * over
     reasons = dict(outcome.reasons)
     for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
         if (failure := named_jump(scheme, problem.member(i), outcome.failure(i))) is not None:

@@ -401,7 +401,8 @@ class Propagator:
     def _begin(self, start: Any, rotation: Any, scalar_first: bool | None, W: Any, w: Any, scale: float) -> Starts:
         """Return the start of a run, from what a call is given."""
         t_start = self._plan.t_start
-        return starts(self.system, start, rotation, scalar_first, W, w, scale, self._project, t_start)
+        load = self._plan.load
+        return starts(self.system, start, rotation, scalar_first, W, w, scale, self._project, t_start, load=load)
 
     def _plain(self, W: Any, rotation: Any, scalar_first: bool | None) -> tuple[Any, Any, float, bool]:
         """Return the quaternion and W of a start, what was removed of it, and whether it is admissible."""

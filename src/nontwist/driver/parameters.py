@@ -104,10 +104,12 @@ class Parameters:
         self.count = first
         if problem.load.memories and (bad := next((one.name for one in self.all if not self._is_of_memory(one)), None)):
             raise ValueError(f"runs with memory have derivatives by {NAMES}; {bad} is none of them")
-        if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
+        turning, beside = [one.name for one in self.all if len(self.inertias_of(one))], bool(problem.load.wheels)
+        if scheme.is_director_scheme and scheme.dissipation and (turning if beside else "inertia" in turning):
+            what = "inertias beside wheels" if beside else "the entries of the inertia"
             raise ValueError(
-                "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
-                "principal axes that its equations are written in; use principal_inertia"
+                f"energy-momentum with dissipation has no derivatives by {what}, which turn the principal axes that "
+                f"its equations are written in; {'leave dissipation out' if beside else 'use principal_inertia'}"
             )
         self._scale = float(problem.load_scale[0])
         self.changes = list[Changes]()  # of the numbers of terms that depend on the state, for each of "terms"
@@ -343,27 +345,26 @@ class Parameters:
         self, term: Rotor | Wheel, field: str, first: int, factor: float, nodes: StepNodes
     ) -> Iterator[Entries]:
         """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum."""
-        t0, ends = self.problem.t_start, (nodes.begin, nodes.end)
+        ends = nodes.begin, nodes.end
         if isinstance(term, Wheel):
-            begin, end = (Slopes.of(self.slopes_of_wheel(term, field, t - t0, factor)) for t in ends)
+            begin, end = (Slopes.of(self.slopes_of_wheel(term, field, t, factor)) for t in ends)
             factor = 1.0
         else:
             begin, end = (rotor_slopes(term, field, t) for t in ends)
         yield from _rotor(begin, end, first, nodes, factor)
 
-    def slopes_of_wheel(self, wheel: Wheel, field: str, since: Array, factor: float) -> Array:
-        """Return the derivatives of h n of a wheel at (n,) times after the start by a parameter, (n, 3, count)."""
-        n, own = wheel.direction, factor * wheel.scale
+    def slopes_of_wheel(self, wheel: Wheel, field: str, times: Array, factor: float) -> Array:
+        """Return the derivatives of h n of a wheel at (n,) times by a parameter, (n, 3, count)."""
+        n, own, t0, systems = wheel.direction, factor * wheel.scale, self.problem.t_start, self.problem.systems
         if field not in ("inertia", "wheel"):
-            return factor * (wheel.slopes_of_momentum(field, since)[:, None] * n)[..., None]
-        t0, systems = self.problem.t_start, self.problem.systems
+            return factor * (wheel.slopes_of_momentum(field, times, t0)[:, None] * n)[..., None]
         W = self.problem.velocity[0] + (0.0 if systems.axis is None else systems.spin_at(t0)[0] * systems.axis[0])
         speed = own * wheel.speed + n @ W
         if field == "inertia":
-            return np.tile(speed * n, (len(since), 1))[..., None]
+            return np.tile(speed * n, (len(times), 1))[..., None]
         if wheel.times.size:
             raise ValueError("runs have no derivatives by the axis of a wheel whose torque is a table")
-        across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(since)
+        across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(times - t0)
         return h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
 
     # ---- a longer last stretch, with as many steps: longer steps, and later nodes

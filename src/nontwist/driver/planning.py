@@ -270,7 +270,7 @@ def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float
     if found != count:
         raise ValueError(
             f"start= ends with {found} internal states, and the load has {count}; continue with the load of that run, "
-            "or start from its rotation and angular velocity"
+            "or start from its rotation and angular velocity, with speed= of wheels"
         )
     return np.broadcast_to(begin.internal, (len(begin.quaternion), count))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 from numpy.typing import ArrayLike
 
 from ..integrators import DEFAULT, Integrator
-from ..loads import Load, Term
+from ..loads import Load, Term, as_load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords
@@ -347,13 +347,14 @@ def prepared(problem: Problem) -> Prepared:
 
 def start_of(problem: Problem) -> Starts:
     """Return the checked start of one run; errors as `simulate`."""
-    return starts(as_system(problem.system), t_start=problem.t_start, **part_of(problem, OfStart))
+    how = {"t_start": problem.t_start, "load": as_load(problem.load), **part_of(problem, OfStart)}
+    return starts(as_system(problem.system), **how)
 
 
 def starts_of(problem: Problem) -> Starts:
     """Return the checked starts of many runs; errors as `simulate_ensemble`."""
     how = {"t_start": problem.t_start, "load_scale": problem.load_scale, **part_of(problem, OfStart)}
-    return starts(problem.system, **how, many=True)
+    return starts(problem.system, **how, many=True, load=as_load(problem.load))
 
 
 def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan:

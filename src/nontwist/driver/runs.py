@@ -65,10 +65,10 @@ def simulate(
         By default 0, or the end of `start`.
     start : Dataset or Trajectory, optional
         Continue from the last state of a run, including the director velocities. A motion without velocities (see
-        `rotation`) provides only its last attitude. If whole steps of that run lead to `t_end`, its time grid is
-        continued as well: with lie-midpoint and energy-momentum the states are then, bit for bit, those of a single
-        run; otherwise they agree to round-off, or to the tolerance where steps are chosen for one. Of a body with
-        another inertia W is kept, with a warning.
+        `rotation`) provides only its last attitude, with a warning where it has times. If whole steps of that run lead
+        to `t_end`, its time grid is continued as well: with lie-midpoint and energy-momentum the states are then, bit
+        for bit, those of a single run; otherwise they agree to round-off, or to the tolerance where steps are chosen
+        for one. Of a body with another inertia W is kept, of other wheels their momenta, with a warning.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
         Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms; Euler angles
         are ``Rotation.from_euler("ZXZ", angles)`` of SciPy, modified Rodrigues parameters ``Rotation.from_mrp(p)``.

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import as_dataset
+from ..analysis.datasets import as_dataset, recorded
 from ..analysis.trajectory import Trajectory, stretches_from
 from ..errors import SENTENCES, InputWarning, warn
 from ..geometry.arrays import Array, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..integrators.problem import Stretches
+from ..loads import Load
+from ..loads.kinds import load_in_words
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import is_too_short
@@ -113,6 +115,14 @@ SENTENCES["start-other-inertia"] = (
     "attitude and angular velocity are kept, and the momentum jumps; to start another body, give its rotation and "
     "angular velocity"
 )
+SENTENCES["start-other-memory"] = (
+    "the run that is continued has {had}, and the load {has}: {kept}; continue with the load of that run, or start "
+    "from its rotation and angular velocity, with speed= of wheels"
+)
+SENTENCES["start-at-rest"] = (
+    "start= has times and attitudes, but no velocities: only its last attitude is taken, at rest at t = {time} s; "
+    "open_run reads a run with its velocities, and rotation= is an attitude without time"
+)
 
 
 class Starts(NamedTuple):
@@ -144,8 +154,11 @@ def starts(
     project: bool = False,
     t_start: float | None = None,
     many: bool = False,
+    load: Load | None = None,
 ) -> Starts:
     """Return checked starts; parameters as in `nontwist.simulate`, of `many` as in `nontwist.simulate_ensemble`.
+
+    A load that does not carry on the wheels and the memory of the run to continue is warned of.
 
     Raises
     ------
@@ -166,6 +179,8 @@ def starts(
         if not many and begin is not None and (m := len(begin.quaternion)) > 1:
             raise ValueError(f"start= is an ensemble of {m} runs; continue one of them: start.isel(member=0)")
     if begin is None:
+        if given is None and hasattr(start, "time"):
+            warn(InputWarning("start-at-rest", time=t_start or 0))
         attitude = rotation if start is None else start
         p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first)
         begin, axis = Starts(p, np.zeros((1, 3)) if given is None else _vectors(given, name, many)), systems.axis
@@ -173,6 +188,8 @@ def starts(
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     else:
         axis = _new_axis(start, systems)
+        if load is not None:
+            _require_memory(start, load, begin)
     p, W, N = begin[:3]
     if angular_velocity is not None:
         R = attitudes(p)
@@ -357,6 +374,24 @@ def _new_axis(start: Any, systems: SystemStack) -> Array | None:
     if axis is None or found.axis is None or found.axis.shape != axis.shape:
         return axis
     return None if abs(found.axis - axis).max() <= SAME else axis
+
+
+def _require_memory(start: Any, load: Load, begin: Starts) -> None:
+    """Warn of wheels and a memory that the load does not carry on; a ValueError where a run has lost their states."""
+    if isinstance(start, Trajectory):
+        records = start.load
+    else:
+        records = recorded(start, "load") if "load" in start.attrs else []
+        records = recorded(start, "joined")[-1]["load"] if "joined" in start.attrs else records
+    before, now = ([one for one in many if one["kind"] == "memory"] for many in (records, load.description))
+    if before and now and begin.internal is None:
+        raise ValueError("start= lacks internal_state, from which its wheels and memory continue; keep all variables")
+    a, b = ([[*one["wheel"], one["inertia"]] for one in many if "wheel" in one] for many in (before, now))
+    is_same = (len(before), len(a)) == (len(now), len(b)) and np.allclose(a, b, rtol=SAME, atol=0.0)
+    if before and not is_same:
+        had, has = (load_in_words(many) if many else "none" for many in (before, now))
+        kept = "momenta and internal states are kept, and speeds are not" if now else "what they have is lost"
+        warn(InputWarning("start-other-memory", had=had, has=has, kept=kept))
 
 
 def _of_member(start: Any) -> Any:

@@ -146,9 +146,10 @@ def controlled(
             if FLOORS * floor > plan.goal:
                 slowest = 1.0 / (plan.t_end - plan.t_start)
                 floor = _distance(coarse, other, slowest, ends=True) / LARGER
-            goal = _within_reach(plan, floor)
+            fastest = float(coarse.speeds[coarse.done].max(initial=0.0))
+            goal = _within_reach(plan, floor, fastest)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(linear, begin, float(coarse.speeds[coarse.done].max(initial=0.0)), swing)
+            scheme, better = first_step(linear, begin, fastest, swing)
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
                 grid = _grid(linear, begin, scheme, h)
@@ -331,14 +332,17 @@ def moved(begin: Starts) -> Starts:
     return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal)
 
 
-def _within_reach(plan: Plan, floor: float) -> float:
-    """Return the tolerance that is aimed at; a ValueError where one that is asked for is below ten floors."""
-    least = FLOORS * floor
+def _within_reach(plan: Plan, floor: float, fastest: float) -> float:
+    """Return the tolerance that is aimed at; a ValueError where one is asked for that floor or times do not permit."""
+    resolution = float(np.spacing(max(abs(plan.t_start), abs(plan.t_end))))
+    least = max(FLOORS * floor, clock := fastest * resolution / 2)
     if plan.tolerance is not None and plan.tolerance < least:
         reason = _amplified(floor) if least > VAGUE else _moved(floor)
+        if clock == least:
+            reason = f"times are resolved to {resolution:.2g} s; count them from a start at 0"
         raise ValueError(
             f"tolerance = {plan.tolerance:g} cannot be reached: {reason}; "
-            f"use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
+            f"{'or ' * (clock == least)}use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
         )
     return max(plan.goal, least)
 

@@ -65,12 +65,12 @@ def weak_rows(time: Array, rates: Array, width: float, moments: Array, momenta: 
     """
     speed = np.sqrt((rates**2).sum(axis=1).mean())
     steps = np.diff(time)
-    interval = np.median(steps)
+    interval = np.quantile(steps, 0.8)
     half = min(max(width / max(speed * haste, 1e-300), FEWEST * interval), time[-1] - time[0]) / 2
     centres = np.arange(time[0] + half, time[-1] - half * (1 - 1e-9), half / 2)
     centres = centres if len(centres) else np.array([(time[0] + time[-1]) / 2])
     first, last = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half, "right")
-    gaps = steps > 3 * interval
+    gaps = steps > max(3 * interval, half / FEWEST)
     lost = np.concatenate([[0], np.cumsum(gaps)])  # before each sample
     whole = (last - first >= FEWEST) & (lost[last - 1] == lost[np.minimum(first, len(time) - 1)])
     weight = np.gradient(np.concatenate([[0.0], np.cumsum(np.where(gaps, interval, steps))]))
@@ -202,6 +202,7 @@ ROUGH = 1e-4  # of cost and unknowns in the first stage, relative
 ROUNDS, SETTLED = 4, 0.02
 HOPELESS = 0.05  # of the speed, and rad: residuals that no motion of the model leaves
 MOST_ENDS = 4  # starts from which the whole is fitted, where something acts
+UNLIKELY = 5.0  # standard deviations, of errors of the gyroscope before anything is known
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
 INSIDE = 0.01  # of tr J: second moments of a first inertia beside m c cᵀ at least
 
@@ -294,6 +295,8 @@ def estimate(
     hopeless = is_hopeless(found)
     while not hopeless and (finer := _with_more_knots(found)) is not None:
         found = solve(*finer, accuracy=ROUGH, calls=stage)
+    for _ in range(ROUNDS * (known_noise and not hopeless and model.wheel is None)):
+        found = found if found.is_settled else solve(found.problem, found.unknowns, calls=stage)
     if not hopeless:
         found = _settled(found, calls) if known_noise else _with_its_noise(found, calls)
     return found.of_trace_one()
@@ -312,8 +315,8 @@ def _settled(found: Solution, calls: int) -> Solution:
 
 
 def explains(solution: Solution) -> bool:
-    """Return whether a solution leaves about the noise."""
-    return 2 * solution.cost < GOOD * len(solution.problem)
+    """Return whether a solution leaves about the noise, with errors of the gyroscope that are likely."""
+    return solution.unlike < UNLIKELY and 2 * solution.cost < GOOD * len(solution.problem)
 
 
 def _joined(found: Solution, many: int, calls: int) -> Solution:

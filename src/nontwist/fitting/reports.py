@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.attitudes import ENTRIES
+from .estimating import UNLIKELY
 from .measuring import IDEAL, PLACES, UNITS
 from .shooting import STRAY
 from .telling import FEWEST, quantile
@@ -190,7 +191,7 @@ def worth(fit: Fit) -> list[str]:
             f"the recording does not determine {' nor '.join(one.name for one in fit.untold)}: turn the body about a "
             "second axis, or longer"
         )
-    if fit.solution.problem.model.wheel is not None and not (fit.solution.is_settled or fit.untold):
+    if not (fit.solution.is_settled or fit.untold):
         said.append(
             "the fit ended before it settled, in a long valley: neither inertia nor intervals are to be trusted; "
             "a longer motion, or one about another axis, tells more"
@@ -216,6 +217,11 @@ def worth(fit: Fit) -> list[str]:
             f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals "
             f"{_wide(fit)}; its noise is slow, the sensor filters, something moves in the body, or the air acts "
             "(--damping, damping=)"
+        )
+    elif fit.solution.unlike > UNLIKELY:
+        said.append(
+            f"an error of the gyroscope is {fit.solution.unlike:.3g} times its standard deviation: if it may be so "
+            "large, state it (--bias, bias=; --scale, scale=); if not, the inertia is not to be trusted"
         )
     return said
 

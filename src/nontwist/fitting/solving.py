@@ -89,6 +89,12 @@ class Solution:
         """What it leaves of the angular velocities, or of the attitudes where there is no gyroscope, (n, 3)."""
         return self.left_over if self.problem.has_gyroscope else self.turned_by
 
+    @property
+    def unlike(self) -> float:
+        """The largest error of the gyroscope, over its standard deviation before anything is known."""
+        (mean, deviation), free = self.problem.gyroscope, self.problem.gyroscope.free
+        return float(abs((self.unknowns.gyroscope - mean[free]) / deviation[free]).max(initial=0.0))
+
     @cached_property
     def weighted(self) -> tuple[Array, Array]:
         """Residuals and derivatives, by J along the basis of the model first, weighted as the loss does."""

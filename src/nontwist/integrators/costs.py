@@ -238,7 +238,7 @@ def largest_velocity(
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
     reached = np.sqrt(energy / smallest)
-    is_driven = load.potentials or load.rotors or load.frictions
+    is_driven = load.potentials or load.rotors or (is_bound and load.frictions)
     if systems.axis is None and not (by_energy or is_driven):
         reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))

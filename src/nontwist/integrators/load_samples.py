@@ -183,9 +183,10 @@ def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array
     found = np.empty((len(begin), len(middles), 6))
     found[:, :, :3] = first[:, None] + middles[:, None] * change[:, None]
     found[:, :, 3:] = (change / length[:, None])[:, None]
-    if len(middles) > 1 and any(isinstance(one, Driven) for one in load.rotors):
+    driven = Load(tuple(one for one in load.rotors if isinstance(one, Driven)))
+    if len(middles) > 1 and driven.terms:
         times = begin[:, None] + middles * length[:, None]
-        found += beside_chord(load.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape), length, middles)
+        found += beside_chord(driven.rotor_torque(times.ravel()).reshape(found[:, :, 3:].shape), length, middles)
     found[:, :, :3] /= unit
     return found.reshape(-1, 6)
 

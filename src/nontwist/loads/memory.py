@@ -267,10 +267,10 @@ class Wheel(Memory):
             return [0.0 * h] * 3, [0.0 * h] * count
         n, W = Vector(*self.wheel), Vector(*W)
         speed = h * (1.0 / self.inertia) - n @ W
-        torque = self.torque + 0.0 * speed
+        torque = (0.0 if self.times.size else self.torque) + 0.0 * speed
         for k in range(len(self.times) - 1):
             (a, b), (y, z) = self.times[k : k + 2].tolist(), self.values[k : k + 2].tolist()
-            torque = torque + select((t >= a) & (t < b), y + (z - y) / (b - a) * (t - a), 0.0)
+            torque = torque + select((t >= a) & (t < b), self.torque + y + (z - y) / (b - a) * (t - a), 0.0)
         if self.motor is not None:
             torque = torque + call(self.motor, (t, speed), ())[0]
         if self.is_commanded:
@@ -286,8 +286,10 @@ class Wheel(Memory):
         """The text."""
         return self.responses
 
-    def slopes_of_momentum(self, name: str, times: Array) -> Array:
-        """Return the derivatives of the factor times h at (n,) times after the start by a parameter.
+    def slopes_of_momentum(self, name: str, times: Array, begin: float) -> Array:
+        """Return the derivatives of the factor times h at (n,) times of a run that begins at one by a parameter.
+
+        What is added to the torque of a table acts as long as the table does.
 
         Raises
         ------
@@ -296,7 +298,8 @@ class Wheel(Memory):
         """
         if name == "scale" and self.times.size:
             raise ValueError("runs have no derivatives by the factor of a wheel whose torque is a table")
-        speed, torque = self.inertia * np.ones(len(times)), times
+        ends = self.times[[0, -1]] if self.times.size else (-np.inf, np.inf)
+        speed, torque = self.inertia * np.ones(len(times)), np.clip(times, *ends) - np.clip(begin, *ends)
         found: dict[str, Array] = {"speed": self.scale * speed, "torque": self.scale * torque}
         return found[name] if name in found else self.speed * speed + self.torque * torque
 

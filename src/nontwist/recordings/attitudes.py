@@ -329,7 +329,7 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
         if which.any():
             first = place(int(which.argmax()), lines)
             told.append(f"missing: {counted(int(which.sum()), 'row')}, {why}, the first is {first}")
-    gone = bad | lost | held
+    gone = bad | lost | held | ~flat.any(axis=1)
     if gone.any() or normalize:
         values = values.copy()
     values[gone] = np.nan

@@ -185,6 +185,8 @@ def _axis_of_angle(header: str) -> str | None:
 def rotation_vector(headers: Sequence[str]) -> tuple[str, ...] | None:
     """Return the three columns of a rotation vector, or None where that is not clear."""
     threes = [(before, three) for before, after, three in groups(headers, "xyz", _bare) if not after]
+    others = tuple(name for name in (*GYROSCOPE, *ACCELEROMETER, *OTHER) if len(name) > 2)  # accelerometer ends with r
+    threes = [(one, three) for one, three in threes if not one.endswith(others)]
     long = [three for one, three in threes if one in ROTATION_VECTOR or (one.endswith(ROTATION_VECTOR) and one[3:])]
     return long[0] if len(long) == 1 else None
 

@@ -1,5 +1,6 @@
 """`run`, `check`, `precision`, `example`, `schema`: what they print and where, what they write, how they end."""
 
+import itertools
 import json
 import os
 import re
@@ -20,6 +21,7 @@ from nontwist.cli import app
 from nontwist.cli.outcomes import code_of
 from nontwist.cli.run_commands import example_names
 from nontwist.errors import RunFileError, Status
+from nontwist.integrators import INTEGRATORS
 from nontwist.loads import Load
 from nontwist.runfile import read_run_file
 from refusals import said, says
@@ -304,6 +306,14 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
         "no order can be observed: the runs differ by round-off only",
         "take longer steps, or a lower order: --set integrator.order=2",
     ]
+    shape = "{ cuboid = { mass = 0.19, lengths = [0.147, 0.0715, 0.0078] } }"  # about its middle axis round-off grows
+    here(f'[body]\nkind = "standard"\ninertia = {shape}\n{START}{TIME}')
+    for step, verdict in (
+        (0.005, "no order can be observed: the runs differ by round-off only"),
+        (0.05, "expected 8: PASS"),
+    ):
+        how = ["start.angular_velocity.body=[0, 9.4, 5e-5]", "time.t_end=8", f"time.step={step}"]
+        assert verdict in ended(0, "precision", "run.toml", *(word for one in how for word in ("--set", one))).stdout
     steps = '"exact" -> one that steps: "gauss", "lie-midpoint", "energy-momentum", "split"'
     code, _, errors = told("precision", "run.toml", "--set", 'integrator.name="exact"')
     assert (code, errors) == (3, f"run.toml: integrator.name: {steps}\n")
@@ -326,6 +336,7 @@ def test_a_run_file_resumes_a_run_bit_for_bit(here):
     here(REST, "rest.toml")
     ended(0, "run", "run.toml")
     ended(0, "run", "rest.toml")
+    assert "expected 2: PASS" in ended(0, "precision", "rest.toml").stdout
     ended(0, "run", "run.toml", "--set", "time.t_end=2.0", "--out", "whole.nc")
     joined, whole = join_runs(open_run("run.nc"), open_run("rest.nc")), open_run("whole.nc")
     assert np.array_equal(joined["directors"], whole["directors"])
@@ -350,6 +361,28 @@ def test_what_cannot_be_resumed(here, change):
     here(REST, "rest.toml")
     ended(0, "run", "run.toml")
     said(ended(3, "check", "rest.toml", "--set", change).stderr)
+
+
+OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
+LONG = [pytest.param(one, marks=pytest.mark.long) for one in example_names() if one != "case1"]
+
+
+@pytest.mark.parametrize("example", ["case1", *LONG])
+def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(here, example):
+    ended(0, "example", example)
+    file, result = f"{example}.toml", f"{example}.nc"
+    for (name, scheme), output in itertools.product(INTEGRATORS.items(), OUTPUTS):
+        step = "" if scheme.any_times and "times" in output else 0.01
+        how = [f'integrator={{ name = "{name}" }}', "sweep=", "time.t_end=0.1", f"time.step={step}", f"time.{output}"]
+        sets = [word for one in [*how, *["time.store="] * ("times" in output)] for word in ("--set", one)]
+        checked = nontwist("check", file, *sets)
+        if checked.exit_code == 3 and "integrator" in checked.stderr:
+            continue  # it does not take the body or a load
+        found = numbers_of("run", file, "--force", *sets)
+        has_steps = "step" in open_run(result).attrs
+        assert ("steps" in found) == ("steps" in numbers_of("info", result)) == has_steps, how
+        has(checked.stdout, f"{found['states']} states" if output != "step=" else "states")
+        assert ("(automatic)" in checked.stdout) == (step == "" and has_steps) or output == "step=", checked.stdout
 
 
 def test_the_dissipation_of_an_integrator_is_told(here):

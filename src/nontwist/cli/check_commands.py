@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -83,6 +84,7 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
+    from ..driver.tolerance import moved
 
     given = list(overrides or ())
     if target is not None:
@@ -101,8 +103,10 @@ def precision_command(
         first = prepared.run(bar)
         with catch_warnings():
             simplefilter("ignore")  # of the same as the first
-            runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
-    numbers = {"file": str(file), **measured(runs, first.integrator.order)}  # type: ignore[attr-defined]
+            finer = [prepared.refined(first, n).run(bar) for n in (2, 4)]
+            again = replace(prepared.refined(first, 1), begin=moved(prepared.begin)).run(bar)
+            other, *runs = map(dataset_of, (again, first, *finer))
+    numbers = {"file": str(file), **measured(runs, other, first.integrator.order)}  # type: ignore[attr-defined]
     if in_words(numbers, as_json, quiet):
         print_precision(numbers)
     if not numbers["agrees"]:
@@ -169,16 +173,23 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
             say_next(("run", file), sets=given)
 
 
-def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
-    """Return quotients and orders at five times, their median, and what they say of the error of the first run."""
+def measured(runs: list[xarray.Dataset], moved: xarray.Dataset, order: int) -> dict[str, Any]:
+    """Return quotients and orders at five times, their median, and what they say of the error of the first run.
+
+    None is told of differences that are round-off, by the rule of `comparison`: `moved` is the first run from a start
+    that is moved, which shows how much round-off grows.
+    """
     import numpy as np
 
     from ..analysis.statistics import second_quotient
+    from ..comparison.comparing import CLEAR
+    from ..driver.tolerance import CHANGE, EPS
 
     quotient = second_quotient(*runs)
-    x = [run["directors"].values.reshape(run.sizes["time"], -1)[1:] for run in runs]
-    coarse, fine = (np.linalg.norm(a - b, axis=1) for a, b in pairwise(x))
-    clear = np.minimum(coarse, fine) > NOISE
+    x = [run["directors"].values.reshape(run.sizes["time"], -1)[1:] for run in (moved, *runs)]
+    moves, coarse, fine = (np.linalg.norm(a - b, axis=1) for a, b in pairwise(x))
+    noise = EPS / CHANGE * moves * np.sqrt(np.ptp(moved["time"].values) / runs[2].attrs["step"])
+    clear = np.minimum(coarse, fine) > np.maximum(NOISE, CLEAR * noise)
     quotients = np.where(clear, quotient.values, np.nan)
     orders = np.log2(quotients)
     median = float(np.median(orders[clear])) if clear.any() else None

@@ -182,8 +182,7 @@ def _facts(run: xarray.Dataset, path: Path, body: DirectorSystem | None) -> dict
             for name, variable in run.data_vars.items()
         },
     }
-    if "step" in run.attrs and len(time):
-        facts["steps"] = steps_of(run)
+    facts |= steps_of(run)
     if "t_events" in run:
         facts["event_times"] = times_of_events(run)
     if "twist_angle" in run and len(time):

@@ -270,7 +270,8 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
     automatic = " (automatic)" if run_file.time.step is None else ""
     if scheme.any_times:
-        rows["output"] = f"{forecast.states} states, {span}, every {forecast.step:.6g} s{automatic}"
+        every = "" if run_file.prepared.plan.off_grid else f", every {forecast.step:.6g} s{automatic}"
+        rows["output"] = f"{forecast.states} states, {span}{every}"
     else:
         most = "at most " * (len(run_file.prepared.grid.sizes) > 1)
         rows["steps"] = f"{forecast.steps} of {most}{forecast.step:.6g} s{automatic}, {span}"
@@ -288,14 +289,16 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     return rows
 
 
-def steps_of(run: xarray.Dataset) -> int:
-    """Return how many steps a run has taken."""
+def steps_of(run: xarray.Dataset) -> dict[str, int]:
+    """Return how many steps a run has taken, as {"steps": N}; nothing of a run without steps or states."""
     from ..analysis.trajectory import stretches_from
     from ..integrators.problem import FIT
 
-    time, grid = run["time"].values, stretches_from(run.attrs.get("stretches"))
+    time, grid, h = run["time"].values, stretches_from(run.attrs.get("stretches")), run.attrs.get("step")
+    if h is None or not len(time):
+        return {}
     span = float(time[-1] - time[0])
-    return math.ceil(span / run.attrs["step"] * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1]))
+    return {"steps": math.ceil(span / h * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1]))}
 
 
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
@@ -305,7 +308,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
 
     time, iterations = run["time"].values, run.get("newton_iterations")
     numbers = {name: value for name, value in record(run).items() if name in TOLD}
-    numbers |= {"steps": steps_of(run), "t_start": float(time[0]), "t_end": float(time[-1]), "states": len(time)}
+    numbers |= {**steps_of(run), "t_start": float(time[0]), "t_end": float(time[-1]), "states": len(time)}
     numbers["newton_iterations"] = None if iterations is None or not iterations.size else int(iterations.values.max())
     if (grid := stretches_from(run.attrs.get("stretches"))) is not None:
         numbers["stretches"] = len(grid.sizes)

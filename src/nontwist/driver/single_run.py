@@ -353,7 +353,8 @@ class Prepared:
         """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""
         grid, store = run.stretches, self.plan.store
         assert grid is not None
-        finer = stretched(grid.borders, n * np.diff(grid.numbers))
+        own = (self.plan.t_start, *grid.borders[1:]), (0, *grid.numbers[1:])  # not those of a run that it continues
+        finer = stretched(own[0], n * np.diff(own[1]))
         kept = store if isinstance(store, str) else n * store
         return Prepared(self.plan._replace(scheme=run.integrator, grid=finer, store=kept), self.begin)
 

@@ -303,6 +303,9 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.lyapunov(nt.standard(J), t_end=1, load=RUBBING),
         lambda: nt.integrate(nt.standard(J), t_end=1, material_angular_velocity=W0).observables("wheel_speed"),
         lambda: nt.integrate(nt.standard(J), t_end=1, material_angular_velocity=W0).wheel_momentum,
+        *(partial(nt.wheel, "z", 0.1, friction=one) for one in (lambda t, speed: speed, lambda: 0.0, 1e-4)),
+        partial(nt.wheel, "z", 0.1, torque=lambda t: 1.0),
+        lambda: nt.wheel("z", 0.1, torque=0.1, breakpoints=[1]),
     ]
 )
 
@@ -324,6 +327,14 @@ def test_the_work_of_a_motor_between_steps_is_that_of_its_table_from_the_start_o
 def test_a_torque_of_another_form_is_refused(torque):
     with pytest.raises(ValueError, match=r"^torque must be a number, \(times, values\) or a function"):
         nt.wheel((0, 0, 1), 0.1, torque=torque)
+
+
+def test_the_torque_of_a_motor_that_jumps_at_a_time_is_exact():
+    load = nt.wheel("z", 0.1, torque=lambda t, speed: 0.2 * (t > 3.7), breakpoints=[3.7])
+    run = nt.simulate(nt.standard(J), t_end=10, load=load)
+    assert run.wheel_momentum.values[-1, 0] == pytest.approx(0.2 * 6.3, abs=1e-12)
+    with pytest.raises(SimulationError, match="it is called with the time and the speed"):
+        nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 0.1, torque=lambda t: 1.0, compiled=False))
 
 
 JUMPING = {

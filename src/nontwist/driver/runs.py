@@ -123,8 +123,9 @@ def simulate(
     Warns
     -----
     UserWarning
-        A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`; a
-        load is a Python function, which costs about 0.1 ms per step; or the run will take more than 10 s or 1 GB.
+        A breakpoint of the load is off the step grid; a table of moments or forces ends at a non-zero value before
+        `t_end`; a load is a Python function, which costs about 0.1 ms per step; or the run will take more than 10 s or
+        1 GB.
 
     Examples
     --------

@@ -423,6 +423,7 @@ def wheel(
     coulomb: float = 0.0,
     friction: Callable[[float], float] | None = None,
     *,
+    breakpoints: Sequence[float] = (),
     compiled: bool = True,
 ) -> Load:
     """Return a wheel that the body carries, driven by a motor or free.
@@ -450,6 +451,8 @@ def wheel(
         missed: give a step that resolves the torque.
     friction : function ``f(speed) -> float``, N m, optional
         Friction of the sign of Ω, which is taken off the torque.
+    breakpoints : sequence of float, s
+        Times at which a torque that is a function or its derivatives jump.
     compiled : bool
         Compile the functions, as in `nontwist.moment`.
 
@@ -486,11 +489,19 @@ def wheel(
     is_number = not (is_table or is_motor or torque is None)
     if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
         raise ValueError(f"torque must be a number, (times, values) or a function, got {short_repr(torque)}")
+    if len(breakpoints) and not is_motor:
+        raise ValueError("breakpoints are times where a torque that is a function jumps; a table has its own")
+    if friction is not None and not callable(friction):
+        raise ValueError(
+            f"friction must be a function of the speed, got {short_repr(friction)}; use viscous= or coulomb="
+        )
     number, motor = (torque if is_number else 0.0), (torque if is_motor else None)
     table = torque if is_table else ((), ())
     given = axis, inertia, speed, number, *table, viscous, coulomb, friction, motor
     has_function = motor is not None or friction is not None
-    return of_function(Wheel, *given, compiled=compiled) if has_function else Wheel(*given).load
+    if not has_function:
+        return Wheel(*given).load
+    return of_function(Wheel, *given, breakpoints=breakpoints, compiled=compiled)
 
 
 def director_forces(

@@ -44,6 +44,7 @@ OF_POTENTIALS = "let function return a finite number (J) and gradient its deriva
 FINITE = {(): "a finite number (N m)", (3,): "3 finite numbers (N m)", (3, 3): "3 rows of 3 finite numbers (N m)"}
 GIVEN = {
     1: "the time",
+    2: "the time and the speed",
     3: "the time, the directors and the angular velocity",
     4: "the time, the internal states, the directors and the angular velocity",
 }
@@ -94,21 +95,30 @@ def checked(function: Callable[..., Any], arguments: tuple[Any, ...], shape: tup
         value = as_floats(function(*arguments), "what it returns")
     except Exception as error:
         if isinstance(error, TypeError) and not _takes(function, *arguments):
-            remedy, smaller = f"it is called with {GIVEN[len(arguments)] if is_of_time else 'γ'}", ""
-        raise ValueError(
-            f"{name} raised {type(error).__name__} at {_place(arguments[0])}: {error}; {remedy}{smaller}"
-        ) from error
+            remedy, smaller = f"it is called with {_given(arguments, shape)}", ""
+        place = _place(arguments, shape)
+        raise ValueError(f"{name} raised {type(error).__name__} at {place}: {error}; {remedy}{smaller}") from error
     if value.shape != shape:
         counted = {(): "a number", (3, 3): "3 rows of 3 numbers"}.get(shape) or f"{shape[0]} numbers"
-        at = f"at {_place(arguments[0])} it returned shape {value.shape}"
+        at = f"at {_place(arguments, shape)} it returned shape {value.shape}"
         raise ValueError(f"{name} must return {counted}, {at}; {remedy}")
     if not np.isfinite(value).all():
-        raise ValueError(f"{name} is not finite at {_place(arguments[0])}: {value.tolist()}; {remedy}{smaller}")
+        raise ValueError(f"{name} is not finite at {_place(arguments, shape)}: {value.tolist()}; {remedy}{smaller}")
     return value.ravel().tolist()
 
 
-def _place(first: Any) -> str:
-    return f"t = {first:.12g} s" if isinstance(first, float) else f"γ = {first.tolist()}"
+def _given(arguments: tuple[Any, ...], shape: tuple[int, ...]) -> str:
+    """Return what a function is called with: one that gives a number for one number is friction, of the speed."""
+    if np.ndim(arguments[0]):
+        return "γ"
+    return GIVEN[len(arguments)] if shape or len(arguments) > 1 else "the speed"
+
+
+def _place(arguments: tuple[Any, ...], shape: tuple[int, ...]) -> str:
+    given, first = _given(arguments, shape), arguments[0]
+    if given == "γ":
+        return f"γ = {first.tolist()}"
+    return f"a speed of {first:.6g} rad/s" if given == "the speed" else f"t = {first:.12g} s"
 
 
 def _takes(function: Callable[..., Any], *arguments: Any) -> bool:
@@ -263,7 +273,13 @@ def slopes_function(term: Term) -> MachineFunction | None:
 
 
 def _traced(term: Term, x: tuple[Any, ...]) -> list[Any]:
-    return term.text(lambda function, given, shape: traced(function, given, shape, _name(function)), x)
+    def called(function: Any, given: tuple[Any, ...], shape: tuple[int, ...]) -> list[Any]:
+        if not _takes(getattr(function, "py_func", function), *given):
+            what = _given(given, shape)
+            raise ValueError(f"the load {_name(function)} cannot be compiled: it is called with {what}")
+        return traced(function, given, shape, _name(function))
+
+    return term.text(called, x)
 
 
 def _numbers(term: Term, t: Any, first: Pointer, second: Pointer) -> tuple[Any, ...]:

@@ -571,6 +571,8 @@ def test_messages_about_the_second_file_name_its_options(command):
         (single, "the second recording: a twist needs at least 2 samples; 1 of 1 are left"),
     ):
         assert told in command(one, "--relative-to", other, code=3).stderr
+    of_one_file = command(two, "--body", "a", "--relative-columns", "b_qx,b_qy,b_qz", code=3).stderr
+    assert "--relative-options" not in of_one_file
 
 
 def test_headers_that_tell_the_scalar_tell_it_where_they_are_named():

@@ -238,9 +238,15 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
         if path in seen:
             continue
         seen.add(path)
-        text = shown(given)
+        text, word = shown(given), str(path[-1])
         if one["type"] == "extra_forbidden":
-            text, accepted = "unknown key", _known(str(path[-1]), table, kinds, root)
+            text, accepted, outer = (
+                "unknown key",
+                _known(word, table, kinds, root),
+                _described(one["loc"][:-2], root)[0],
+            )
+            if outer not in (table, root) and word in outer.known():
+                accepted = f"did you mean {dotted((*at, *path[:-2], word))}? {accepted}"
         elif one["type"] == "missing" or given is None:
             text = "missing"
         else:
@@ -309,7 +315,7 @@ def _described(loc: Keys, root: Any) -> tuple[Any, str, Mapping[str, Any]]:
             table, kinds = forms[str(part)], forms
         elif part in table.model_fields:
             accepted, forms = words_of(table, str(part)), _forms(table, str(part))
-            table = forms.get("", table)
+            table, kinds = (forms[""], {}) if "" in forms else (table, kinds)
     return table, accepted, kinds
 
 

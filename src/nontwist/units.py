@@ -44,10 +44,7 @@ def is_unit(text: str) -> bool:
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
-    """Return the name of a column and the unit in brackets at its end; an index like ``[1]`` is none.
-
-    Behind the unit may be the number of a header that repeats another: ``yaw (deg).1``.
-    """
+    """Return the name of a column and the unit in brackets at its end, also ``(deg).1``; an index ``[1]`` is none."""
     match = re.match(r"^(.*?)\s*[\[(]\s*((?=[^\[\]]*[^\d\s\[\]()])[^\[\]]*?)[\])]\s*(\.\d+)?$", header.strip())
     return (match[1], match[2].strip()) if match else (header.strip(), None)
 

@@ -288,6 +288,8 @@ CASES = {
         "a.tsv", **GONE),
     "B2, sibling: repeated identities": own(makers.motive({"hand": lost(Q, [0, 0, 0, 1])}), **GONE),
     "B2, sibling: far from length 1": own({**quat("q{}", values=lost(scalar_first(R), [0.01, 0, 0, 0.02]))}, **GONE),
+    "B2, sibling: a row that is held": own({**quat("q{}", values=lost(scalar_first(R), scalar_first(R)[19]))},
+        says="5 rows, which repeat the one before, until a jump, the first is line 22", within=2e-3),
     "B2, sibling: identities at the start": own(text({"time": T,
         **quat("q{}", values=np.where(T[:, None] < 0.1, [1.0, 0, 0, 0], makers.WXYZ))}), within=2e-4,
         value=TWIST - quad(lambda t: makers.spins(np.array([t]))[0, 2], 0, T[5])[0], says="dropped 5 rows"),

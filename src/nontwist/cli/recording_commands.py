@@ -135,8 +135,7 @@ def twist_command(
     if second is not None:
         own = dict(reading) if relative_options is None else read_otherwise(ctx, second, relative_options)
         own |= {"columns": names_of(relative_columns), "body": relative_body}
-        words = _of_the_second(second, has_own=relative_to is not None)
-        with about(f"cannot read {second}", OSError), about(second, ValueError), words:
+        with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second, relative_to):
             other = nontwist.read_motion(second, **own)
     with about(data, ValueError):
         result = nontwist.twist(
@@ -171,13 +170,13 @@ def _named(out: Path) -> Path:
 
 
 @contextmanager
-def _of_the_second(file: str, has_own: bool) -> Iterator[None]:
-    """Name the options of the second file where a message names those of the first."""
+def _of_the_second(file: str, given: str | None) -> Iterator[None]:
+    """Name the options of the second file, where one is given, where a message names those of the first."""
     try:
         yield
     except InputError as error:
         own = ShellOptions(body="--relative-body", columns="--relative-columns")
-        sentence = SENTENCES[error.code] if has_own else ""
+        sentence = SENTENCES[error.code] if given else ""
         needs_more = "{option[" in sentence and not any(f"[{name}]" in sentence for name in ("body", "columns"))
         more = '; for this file alone: --relative-options "..."' if needs_more else ""
         raise CommandError(f"{file}: {error.worded(own)}{more}", BAD_DATA) from error

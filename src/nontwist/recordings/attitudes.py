@@ -308,7 +308,7 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
     size, off = np.linalg.norm(flat, axis=1) / math.sqrt(1 if is_quaternion else 3), _defect(values)
     if not good.any():
         return values, ()
-    bad, lost = good & ~(off <= MEASURED), good & _lost_identities(flat)
+    bad, (lost, held) = good & ~(off <= MEASURED), _lost(flat, good)
     what, plural = ("quaternion", "quaternions") if is_quaternion else ("matrix", "matrices")
     told = list[str]()
     if bad.any() and bad.sum() > RARE * good.sum() and len(np.unique(flat[bad], axis=0)) > SENTINELS:
@@ -324,11 +324,12 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
             rows = counted(int(bad.sum()), "row")
             raise InputError("scaled", rows=rows, place=place(k, lines), what=what, size=size[k], looks=looks)
         bad = rare
-    for which, why in ((bad, f"which are not valid {plural}"), (lost, "whose identities stand for lost ones")):
+    kinds = {f"which are not valid {plural}": bad, "whose identities stand for lost ones": lost}
+    for why, which in (kinds | {"which repeat the one before, until a jump": held & ~bad}).items():
         if which.any():
             first = place(int(which.argmax()), lines)
             told.append(f"missing: {counted(int(which.sum()), 'row')}, {why}, the first is {first}")
-    gone = bad | lost | ~flat.any(axis=1)
+    gone = bad | lost | held | ~flat.any(axis=1)
     if gone.any() or normalize:
         values = values.copy()
     values[gone] = np.nan
@@ -350,16 +351,16 @@ def _defect(values: Array) -> Array:
     return np.asarray(abs(np.swapaxes(values, 1, 2) @ values - np.eye(3)).max(axis=(1, 2)))
 
 
-def _lost_identities(flat: Array) -> NDArray[np.bool_]:
-    """Return which rows are exact identities, from and to which the attitudes jump far more than between others."""
+def _lost(flat: Array, good: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return exact identities where attitudes jump far more than elsewhere, and repeated rows before one such jump."""
     units, signs = (np.eye(4)[[0, 3]], (1, -1)) if flat.shape[1] == 4 else (np.eye(3).reshape(1, 9), (1,))
-    same, lost = (flat[:, None] == units).all(axis=2).any(axis=1), np.zeros(len(flat), dtype=np.bool_)
-    if not same.any() or same.all():
-        return lost
+    same, (lost, held) = (flat[:, None] == units).all(axis=2).any(axis=1), np.zeros((2, len(flat)), dtype=np.bool_)
     steps = np.min([np.linalg.norm(flat[1:] - sign * flat[:-1], axis=1) for sign in signs], axis=0)
-    others = steps[np.isfinite(steps) & ~same[1:] & ~same[:-1]]
-    most = float(np.quantile(others, 0.99)) if others.size else 0.0
-    far = np.concatenate([[True], steps > (JUMP * most if most > 0 else np.inf), [True]])
-    for first, last in np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]))).reshape(-1, 2):
-        lost[first:last] = far[first] and far[last]
-    return lost
+    repeated = np.append(False, steps == 0)
+    for found, which, apart in ((lost, same, same), (held, repeated, same | repeated)):
+        others = steps[np.isfinite(steps) & ~apart[1:] & ~apart[:-1]]
+        most = JUMP * float(np.quantile(others, 0.99)) if others.size else 0.0
+        far = np.concatenate([[True], steps > (most or np.inf), [True]])
+        for first, last in np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]))).reshape(-1, 2):
+            found[first:last] = far[last] and (far[first] if which is same else not far[min(last + 1, len(flat))])
+    return lost & good & ~same.all(), held & good & ~lost

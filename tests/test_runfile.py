@@ -368,6 +368,12 @@ def test_what_is_wrong_with_a_csv_file(case, write):
     said(line)
 
 
+def test_a_csv_file_of_a_rotor_is_named(write):
+    write("t,h\n0,1\n0,2\n", "load.csv")
+    (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "rotor"\naxis = "z"\nfile = "load.csv"\n')
+    assert line.startswith('load.0.file: "load.csv" (times must increase')
+
+
 def test_overrides(write):
     text = f'{BODY}{TIME}[[load]]\nkind = "damping"\ncoefficient = 1\n'
     run_file = read(

@@ -206,14 +206,16 @@ class Faults(list[Fault]):
     def of(self, at: str, table: Section, name: str, accepted: str = "") -> Iterator[None]:
         """Take a ValueError for what is wrong with a key of the table that is `at` this place.
 
-        It is the key with which the message begins, or that it names as an argument, ``step=``; else `name`.
+        It is the key with which the message begins, or that it names as an argument, ``step=``; else, or where that is
+        missing and `name` is not, `name`.
         """
         try:
             yield
         except ValueError as error:
             said, keys = in_toml(str(error)), type(table).model_fields
             named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
-            name = named[0] if named else name
+            if named and (getattr(table, named[0]) is not None or getattr(table, name) is None):
+                name = named[0]
             value = getattr(table, name)
             given = f"{'missing' if value is None else shown(value)} ({said})"
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))

@@ -124,6 +124,9 @@ ONE_LINE = {
     "option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ rtoll = 1e-9 }}\n',
     "value of an option": f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ method = "RK4" }}\n',
     "path": f'{BODY}{TIME}[output]\npath = "run.csv"\n',
+    "unit in capitals": f'{BODY}{TIME}[start]\nangular_velocity = {{ body = [1, 0, 0], unit = "RPM" }}',
+    "gravity by its letter": f"{BODY}g = [0, 0, -9.81]\n{TIME}",
+    "times beside a step": f'{BODY}{TIME}times = [0, 1]\n[integrator]\nname = "exact"\n',
     "an axis of length zero": f"{BODY}{TIME}[[load]]\nkind = 'rotor'\naxis = [0, 0, 0]\nmomentum = 1\n",
 }
 

@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 import pandas
 import pytest
+import xarray
 from scipy.spatial.transform import Rotation
 
 from conftest import ended
@@ -159,6 +160,35 @@ def test_other_times_on_one_clock_are_interpolated_to_order_four():
         errors.append(abs(found.twist_angle.values - (expected[inside] - expected[inside][0])).max())
     assert errors[0] / errors[1] > 2**3
     assert errors[1] < 1e-4
+
+
+@pytest.mark.parametrize("start", ["2026-01-01", "2026-01-01 02:00+01:00", "26:00:00"])
+def test_dates_and_durations_of_arrays_and_tables_are_of_one_clock(start):
+    t, fore, s, arm, expected, _ = recordings(20, (200, 80), 0.0, 0.3, MOUNTED)
+    t, fore, expected = (one[t >= s[0]] for one in (t, fore, expected))
+    first = (pandas.Timedelta if "26:" in start else pandas.Timestamp)(start)
+    one, other = ([*map(first.__add__, pandas.to_timedelta(x, unit="s"))] for x in (t, s))
+    one, other = pandas.Series(one), pandas.Series([None, *other])
+    arm = np.concatenate([np.zeros((1, 4)), arm.as_quat()])  # lost, and so is its time
+    table = pandas.DataFrame(fore.as_quat(), columns=["qx", "qy", "qz", "qw"]).assign(time=one)
+    labelled = xarray.DataArray(fore.as_quat(), {"time": one.to_numpy("datetime64[ns]")}, ("time", "quat"))
+    for motion, time in ((fore, one), (table, None), *([(labelled, None)] if "+" not in start else [])):
+        with warned("missing-rows"):
+            found = twist(motion, time, relative_to=arm, relative_time=other, scalar_first=False)
+        assert found.twist_angle.values == pytest.approx(expected - expected[0], abs=1e-4)
+
+
+def test_times_have_the_unit_that_they_state():
+    time = ("time", 1e3 * T, {"units": "ms"})
+    turns = xarray.DataArray(Rotation.from_rotvec(np.outer(T, [0, 0, 1])).as_quat(), {"time": time}, ("time", "quat"))
+    for given in (twist(turns), twist(turns.drop_vars("time"), turns.time)):
+        assert given.twist_rate.values == pytest.approx(1)
+
+
+@pytest.mark.parametrize("one", [Rotation.identity(), np.eye(3), np.ones((2, 3, 4)) / 2])
+def test_a_motion_has_one_attitude_for_each_time(one):
+    with pytest.raises(ValueError, match=r"one attitude for each time, \(n, 4\) or \(n, 3, 3\), got \("):
+        twist(one, scalar_first=False)
 
 
 def test_static_alignment_makes_up_for_mountings():
@@ -435,7 +465,7 @@ def test_euler_angles_of_two_sensors_in_one_file_are_named_by_their_bodies(facts
 
 HOUR = 3600.0
 DATED = {  # how far the clock of the second file is ahead, what is warned of, and how the clocks are aligned
-    "overlap": (0.0, (), "that of the dates of both files, by which it begins 1 s after the other"),
+    "overlap": (0.0, (), "that of the dates of both, by which it begins 1 s after the other"),
     "1 h": (-HOUR, ("time-zones",), ""),
     "5.5 h": (5.5 * HOUR, ("time-zones",), ""),
     "14 h": (14 * HOUR, ("time-zones",), ""),
@@ -540,6 +570,8 @@ def test_messages_about_the_second_file_name_its_options(command):
         (single, "the second recording: a twist needs at least 2 samples; 1 of 1 are left"),
     ):
         assert told in command(one, "--relative-to", other, code=3).stderr
+    of_one_file = command(two, "--body", "a", "--relative-columns", "b_qx,b_qy,b_qz", code=3).stderr
+    assert "--relative-options" not in of_one_file
 
 
 def test_headers_that_tell_the_scalar_tell_it_where_they_are_named():

@@ -393,9 +393,10 @@ def _move(s: View, order: Any, d1: Vector, d3: Vector) -> None:
         s.great = transported(s.great, s.path.last, d3, none)
         is_node = add_sample(s.path, d3)
         v = Variables(d1=s.great)
+        earlier = s.before
         s.before = s.twist
         for _ in when(is_node & (order == 4)):
-            settled = _settled_twist(s)
+            settled = _settled_twist(s, earlier)
             s.before, s.twist = settled, settled
             v.d1 = s.path.newest
         for _ in when(logical_not(is_node) & (order == 4)):
@@ -404,12 +405,12 @@ def _move(s: View, order: Any, d1: Vector, d3: Vector) -> None:
         s.twist = _nearest(_angle(d1, d3, v.d1) - s.base, s.twist)
 
 
-def _settled_twist(s: View) -> Any:
-    """Return the twist of the last sample, with the frame that has settled now that the path has moved on."""
+def _settled_twist(s: View, earlier: Any) -> Any:
+    """Return the twist of the last sample, with the frame that has settled, counted on from that of one earlier."""
     v = Variables(d1=s.path.settled)
     for _ in when(s.is_node == 0.0):
         v.d1 = transported(v.d1, s.path.n2, s.d3, 0.0 * s.time)
-    return _nearest(_angle(s.body, s.d3, v.d1) - s.base, s.twist)
+    return _nearest(_angle(s.body, s.d3, v.d1) - s.base, earlier)
 
 
 def _start_again(s: View, d1: Vector, d3: Vector) -> None:

@@ -84,7 +84,7 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
             if error.code != "scalar-unknown" or scalar_first is None:
                 raise
             found = of_table(content, ReadOptions(scalar_first=scalar_first))
-        return Motion(found.values, found.time)
+        return Motion(found.values, found.time, found.start)
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
         if not known and "twist_angle" in motion.data_vars:
@@ -93,9 +93,10 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
             raise ValueError(f"the dataset has neither directors nor quaternion; it has {', '.join(motion.data_vars)}")
         motion = motion[known[0]]
     if hasattr(motion, "dims"):
-        time, line = (motion[name].values if name in motion.coords else None for name in ("time", "line"))
+        line = motion["line"].values if "line" in motion.coords else None
         lines = line if line is not None and line.ndim == 1 else None
-        return Motion(_of_dataarray(motion, scalar_first), time, motion.attrs.get("start"), lines)
+        time, start = seconds(motion["time"]) if "time" in motion.coords else (None, None)
+        return Motion(_of_dataarray(motion, scalar_first), time, motion.attrs.get("start", start), lines)
     if hasattr(motion, "directors"):
         return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
@@ -212,8 +213,10 @@ class Samples:
 def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
     """Return a motion with its times; a ValueError names what does not fit."""
     found = raw_motion(motion, scalar_first)
-    start, given = (found.start, found.time) if time is None else (None, time)
-    t = None if given is None else seconds(given)
+    shape = found.values.shape if isinstance(found.values, np.ndarray) else found.values.as_quat().shape
+    if len(shape) != (2 if shape[-1] == 4 else 3):
+        raise ValueError(f"a motion has one attitude for each time, (n, 4) or (n, 3, 3), got {shape}")
+    t, start = (found.time, found.start) if time is None else seconds(time)
     if t is not None and t.shape != (len(found.values),):
         raise InputError("time-shape", name=name, count=len(found.values), shape=t.shape)
     return replace(found, time=t, start=None if start is None else float(start))

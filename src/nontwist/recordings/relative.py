@@ -140,7 +140,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
     starts = [one for one in (motion.start, beside.start) if one is not None]
     is_dated, which = len(starts) == 2, "times as they are"
     if is_dated:
-        late, which = starts[1] - starts[0], "that of the dates of both files"
+        late, which = starts[1] - starts[0], "that of the dates of both"
         s = s + (late - DAY * round(late / DAY) if min(starts) < DAY else late)  # a time of day, or a date
     is_shared = len(starts) != 1 and bool(s[0] < t[-1] and s[-1] > t[0])
     if is_dated and clocks is None and not is_shared and (zone := _zone(t, s)):

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, as_plain
@@ -371,19 +371,25 @@ def _of_24_hours(time: re.Match[str]) -> str:
 
 def _dated(values: NDArray[Any], name: str, order: str) -> Clock:
     """Return the time of dates, or of durations as are times of day, from the first on."""
-    kind, is_known = values.dtype.kind, values.size and not np.isnat(values[0])
-    start = float(values[0].astype(f"{kind}8[ns]").astype(np.int64) / 1e9) if is_known else None
-    times, over = counted_on(seconds(values), PERIODS if kind == "m" else {})
-    told = f"dates{order}" if kind == "M" else f"from its first{over}"
+    ahead, start = seconds(values)
+    times, over = counted_on(ahead, PERIODS if values.dtype.kind == "m" else {})
+    told = f"dates{order}" if values.dtype.kind == "M" else f"from its first{over}"
     return Clock(times, start, (f"time: column {name!r}, {told}",))
 
 
-def seconds(times: ArrayLike) -> Array:
-    """Return times as float seconds; dates and durations count from the first."""
-    values = as_plain(times, "time")
+def seconds(times: Any) -> tuple[Array, float | None]:
+    """Return times as float seconds, by their unit if they have one, and what dates and durations count from.
+
+    That is the first of them: s since 1970, or of the day.
+    """
+    has_zone = getattr(getattr(times, "dtype", None), "tz", None) is not None
+    values = as_plain(np.asarray(times, "datetime64[ns]") if has_zone else times, "time")
     if values.dtype.kind in "mM" and values.ndim == 1 and values.size:
-        return np.where(np.isnat(values), np.nan, (values - values[0]) / np.timedelta64(1, "s"))
-    return as_floats(times, "time")
+        first = values[np.isnat(values).argmin()]
+        ahead, start = (one / np.timedelta64(1, "s") for one in (values - first, first - np.array(0, values.dtype)))
+        return np.where(np.isnat(values), np.nan, ahead), None if np.isnat(first) else float(start)
+    unit = known(str(getattr(times, "attrs", {}).get("units", getattr(times, "unit", None))), TIME)
+    return as_floats(values, "time") * TIME[unit or "s"], None
 
 
 def _of_counter(table: Table, name: str | None, rate: float) -> Clock:

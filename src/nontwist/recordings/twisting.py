@@ -81,7 +81,8 @@ def twist(
     motion : Rotation, (n, 3, 3) Λ, (n, 4) quaternions, run, trajectory, DataArray or DataFrame
         Attitudes, body to space; all forms of `nontwist.rotation`. Signs of quaternions do not matter.
     time : (n,) array, optional
-        s, or dates or durations. Taken from `motion` where it has times. Without times there is no `twist_rate`.
+        s or the unit that it states, or dates or durations, which count from the first; those of two recordings tell
+        when each begins. Taken from `motion` where it has times. Without times there is no `twist_rate`.
     axis : (3,) array or str
         Of any length but zero; or "x", "y", "z", "-x", "-y", "-z", in small letters or capitals.
     axis_frame : "body" or "space"

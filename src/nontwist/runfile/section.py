@@ -42,7 +42,7 @@ ALIASES = {  # names of other programs
     **dict.fromkeys(("duration", "tspan"), "t_end"),
     **dict.fromkeys(("J", "I"), "inertia"),
     **dict.fromkeys(("attitude", "orientation"), "rotation"),
-    **{"m": "mass", "solver": "name"},
+    **{"m": "mass", "g": "gravity", "solver": "name"},
 }
 REPEATED = ("load", "event", "sweep")  # of lists of tables
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
@@ -52,7 +52,7 @@ def in_toml(text: str) -> str:
     """Return a message with the keys of run files for the arguments in Python."""
     for python, toml in IN_TOML.items():
         text = text.replace(python, toml)
-    return text
+    return re.sub(r"\b([a-z_]+)=(?![\w(\[{\"'])", r"\1", text)
 
 
 class Section(BaseModel):
@@ -212,12 +212,14 @@ class Faults(list[Fault]):
         try:
             yield
         except ValueError as error:
-            said, keys = in_toml(str(error)), type(table).model_fields
-            named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
+            said, keys = str(error), type(table).model_fields
+            named = [
+                word for pair in re.findall(r"^(\w+)|\b(\w+)=(?!True|False)", said) for word in pair if word in keys
+            ]
             if named and (getattr(table, named[0]) is not None or getattr(table, name) is None):
                 name = named[0]
             value = getattr(table, name)
-            given = f"{'missing' if value is None else shown(value)} ({said})"
+            given = f"{'missing' if value is None else shown(value)} ({in_toml(said)})"
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
 
 

@@ -292,7 +292,7 @@ def of_arrays(arrays: Mapping[str, Any], how: ReadOptions) -> Content:
             notes.append(f"not read: the array {name!r} of the shape {shape}")
     if notes and not (columns or bodies or loose):
         raise InputError("no-attitudes", help="; ".join(notes))
-    known = next((float(arrays[name]) for name in arrays if name.lower() in RATES and arrays[name].size == 1), 0.0)
+    known = next((float(one.item()) for name, one in arrays.items() if name.lower() in RATES and one.size == 1), 0.0)
     count = max(map(len, [*bodies.values(), *loose.values()] or columns.values()), default=0)
     time = np.arange(count) / known if known > 0 and count else None
     table = Table(columns, headless=headless)

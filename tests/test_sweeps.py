@@ -474,7 +474,6 @@ def test_several_errors_at_once(write):
     unread = misspelt.replace("[[sweep", 'reduce = ["drfit"]\n[[sweep', 1)
     for text, keys in (
         (unread, ["sweep.reduce.0", "sweep.over.0.key"]),
-        (misspelt.replace("[[sweep", "samples = 2\n[[sweep", 1), ["sweep.samples", "sweep.over.0.key"]),
         (misspelt + a_list("body.axis.1", []), ["sweep.over.1.values", "sweep.over.0.key"]),
         (spelt, ["body.kind", "sweep.over.0.count", "time.step"]),
         (kept, ["sweep.variables.0", "time.step"]),

@@ -48,8 +48,8 @@ def tilted(size, spin):
 
 def test_an_export_of_a_run_is_read_as_it_is_written(tmp_path):
     """Beside the angular velocity in space stands that in the body, which a gyroscope measures."""
-    turned = Rotation.from_rotvec([1.5, 0, 0])
-    run = simulate(standard([1, 2, 2.5]), t_end=2, step=0.01, rotation=turned, material_angular_velocity=(0.2, 0.1, 3))
+    how = {"rotation": Rotation.from_rotvec([1.5, 0, 0]), "material_angular_velocity": (0.2, 0.1, 3)}
+    run = simulate(standard([1, 2, 2.5]), t_end=2, step=0.01, **how)
     save_run(run, tmp_path / "run.nc")
     ended(0, "export", tmp_path / "run.nc", "--out", tmp_path / "run.csv")
     found = command(tmp_path, tmp_path / "run.csv")

@@ -30,22 +30,7 @@ from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
 from ..viewer.drawing import Camera, circle_about, graticule
 from .journals import axes_for, column_width, style
-from .looks import (
-    COLOURS,
-    LEAST,
-    Look,
-    contrast,
-    cycle,
-    given_look,
-    handle,
-    labelled,
-    legend,
-    looks,
-    pale,
-    shade,
-    shaded,
-    variable,
-)
+from .looks import COLOURS, Look, cycle, given_look, handle, labelled, legend, looks, pale, shade, shaded, variable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,9 +104,9 @@ def curve(ax: Axes, x: Array, depth: Array, zorder: float, name: str, **look: An
 
 def far(look: Look) -> Look:
     """Return the look of a line on the far side: thinner, and as pale as it may be."""
-    if contrast(look["color"], shade("white")) < LEAST:
+    if (faint := pale(look["color"])) is look["color"]:
         return {"alpha": DIM} | look
-    return look | {"color": pale(look["color"]), "linewidth": THIN * look["linewidth"]}
+    return look | {"color": faint, "linewidth": THIN * look["linewidth"]}
 
 
 def ends(ax: Axes, x: Array, depth: Array, colour: str, name: str) -> None:

@@ -361,10 +361,11 @@ def test_what_cannot_be_resumed(here, change):
 
 
 OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
-OTHERS = [pytest.param(one, marks=pytest.mark.long) for one in example_names() if one != "case1"]
 
 
-@pytest.mark.parametrize("example", ["case1", *OTHERS])
+@pytest.mark.parametrize(
+    "example", [pytest.param(n, marks=[pytest.mark.long] * (n != "case1")) for n in example_names()]
+)
 def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(here, example):
     ended(0, "example", example)
     file, result = f"{example}.toml", f"{example}.nc"

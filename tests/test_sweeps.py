@@ -471,9 +471,8 @@ def test_several_errors_at_once(write):
     spelt = stepless.replace('kind = "suslov"', 'kind = "suslow"').replace("count = 5", "count = -5")
     kept = stepless.replace("[[sweep.over]]", 'variables = ["spin"]\n[[sweep.over]]', 1)
     misspelt = HELD.replace("body.axis.0", "body.axs.0")
-    unread = misspelt.replace("[[sweep", 'reduce = ["drfit"]\n[[sweep', 1)
     for text, keys in (
-        (unread, ["sweep.reduce.0", "sweep.over.0.key"]),
+        (misspelt.replace("[[sweep", 'reduce = ["drfit"]\n[[sweep', 1), ["sweep.reduce.0", "sweep.over.0.key"]),
         (misspelt + a_list("body.axis.1", []), ["sweep.over.1.values", "sweep.over.0.key"]),
         (spelt, ["body.kind", "sweep.over.0.count", "time.step"]),
         (kept, ["sweep.variables.0", "time.step"]),

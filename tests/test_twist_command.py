@@ -47,7 +47,6 @@ def tilted(size, spin):
 
 
 def test_an_export_of_a_run_is_read_as_it_is_written(tmp_path):
-    """Beside the angular velocity in space stands that in the body, which a gyroscope measures."""
     how = {"rotation": Rotation.from_rotvec([1.5, 0, 0]), "material_angular_velocity": (0.2, 0.1, 3)}
     run = simulate(standard([1, 2, 2.5]), t_end=2, step=0.01, **how)
     save_run(run, tmp_path / "run.nc")

@@ -122,8 +122,9 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
 def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the kinetic energy over time; if dead forces act, the potential and the total energy as well.
 
-    Where these change little compared with their differences, as those of a fast top, their changes since the first
-    state are drawn, and the legend gives the values that are subtracted.
+    That of wheels is not drawn: it is in the variable ``total_kinetic_energy``. Where these change little compared with
+    their differences, as those of a fast top, their changes since the first state are drawn, and the legend gives the
+    values that are subtracted.
 
     Parameters
     ----------

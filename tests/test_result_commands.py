@@ -43,6 +43,7 @@ def files(tmp_path_factory):
     top = simulate(heavy_top([2, 2.2, 1], 1.5, [0.1, 0, 0.6]), **W, load=load, store=10, integrator="split")
     for name, run in {"free": free, "top": top.assign_attrs(run_file="[body]\n# é\n"), "twist": twist(free)}.items():
         save_run(run, folder / f"{name}.nc")
+    save_run(simulate(nontwisting([3, 4, 5], spin=60), **W), folder / "spun.nc")
     (folder / "page.html").touch()
     return folder
 
@@ -67,9 +68,10 @@ def test_info_tells_all(files):
         "midtime 10, axis 3",
     ):
         assert text in result.stdout, text
-    free = nontwist("info", files / "free.nc").stdout
-    assert "no twist about (0, 0, 1)" in free
-    assert "largest twist rate about the axis" in free
+    for name, words in (("free", "no twist about (0, 0, 1)"), ("spun", "a prescribed spin about (0, 0, 1)")):
+        shown = nontwist("info", files / f"{name}.nc").stdout
+        assert words in shown
+        assert float(re.search(r"largest error of the twist rate +│ (\S+) rad/s", shown)[1]) < 1e-12
     turned, psi = nontwist("info", files / "twist.nc").stdout, open_run(files / "twist.nc").twist_angle[-1].item()
     assert "twist about the axis" in turned
     assert "drift" not in turned

@@ -461,7 +461,7 @@ def test_what_is_wrong_with_a_table(change, write):
     ],
 )
 def test_statistics_that_no_member_has_are_refused_as_the_file_is_read(change, write):
-    words = r"sweep\.reduce: \[\"drift\"\] \(.*(steps to reduce over|reduce= supports|reduce= does)"
+    words = r"sweep\.reduce: \[\"drift\"\] \(.*(steps to reduce over|reduce does)"
     with pytest.raises(RunFileError, match=words):
         read_run_file(write(FREE), ['sweep.reduce=["drift"]', change])
 
@@ -470,7 +470,12 @@ def test_several_errors_at_once(write):
     stepless = HELD.replace("time.step = 0.125\n", "")
     spelt = stepless.replace('kind = "suslov"', 'kind = "suslow"').replace("count = 5", "count = -5")
     kept = stepless.replace("[[sweep.over]]", 'variables = ["spin"]\n[[sweep.over]]', 1)
+    misspelt = HELD.replace("body.axis.0", "body.axs.0")
+    unread = misspelt.replace("[[sweep", 'reduce = ["drfit"]\n[[sweep', 1)
     for text, keys in (
+        (unread, ["sweep.reduce.0", "sweep.over.0.key"]),
+        (misspelt.replace("[[sweep", "samples = 2\n[[sweep", 1), ["sweep.samples", "sweep.over.0.key"]),
+        (misspelt + a_list("body.axis.1", []), ["sweep.over.1.values", "sweep.over.0.key"]),
         (spelt, ["body.kind", "sweep.over.0.count", "time.step"]),
         (kept, ["sweep.variables.0", "time.step"]),
     ):

@@ -45,8 +45,11 @@ def test_the_units_of_keys(tmp_path):
     path.write_text(FILE, encoding="utf-8")
     assert {key: unit_of(read_run_file(path), key) for key in EXPECTED} == EXPECTED
     assert {*EXPECTED.values(), "kg m-3"} - {None} == {*map(in_datasets, UNITS)}
-    turned = read_run_file(path, ["start.angular_velocity.unit='rpm'"])
+    turned = read_run_file(
+        path, ["start.angular_velocity.unit='rpm'", "start.rotation={ vector = [0, 0, 1], unit = 'deg' }"]
+    )
     assert unit_of(turned, "start.angular_velocity.body.2") == "rpm"
+    assert unit_of(turned, "start.rotation.vector.2") == "degree"
     path.write_text(SHAPE, encoding="utf-8")
     assert unit_of(read_run_file(path), "body.inertia.cuboid.lengths.0") == "m"
 

@@ -244,7 +244,7 @@ def body_rows(system: Any, weight: tuple[float, Any] | None) -> dict[str, str]:
 
     rows = {"body": f"{system.name}; principal moments {_vector(np.linalg.eigvalsh(system.convected_inertia))} kg m²"}
     if system.axis is not None:
-        rows["body"] += f"; no twist about {_vector(system.axis)}"
+        rows["body"] += f"; {'no twist' if system.spin is None else 'a prescribed spin'} about {_vector(system.axis)}"
     if system.dead_force.any():
         forces = enumerate(system.dead_force, 1)
         rows["dead forces"] = "; ".join(f"d{k}: {_vector(force)} N m" for k, force in forces if force.any())
@@ -356,7 +356,7 @@ def rows_of_run(
         sized = f"{relative} relative, {absolute} {shown_unit(drift['units'])} ({drift['symbol']})"
         rows[f"drift of {in_words(name)}"] = absolute if drift["units"] == "1" else sized
     if "twist_defect" in numbers:
-        rows["largest twist rate about the axis"] = f"{number_text(numbers['twist_defect'], '.1e')} rad/s"
+        rows["largest error of the twist rate"] = f"{number_text(numbers['twist_defect'], '.1e')} rad/s"
     for name, times in events.items():
         more = f", ... ({len(times)}; nontwist info lists all)" if most is not None and len(times) > most else ""
         rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:most])} s{more}" if times else "none"

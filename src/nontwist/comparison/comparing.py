@@ -95,11 +95,12 @@ def compare(
         `attitude_order`, `momentum_order`, measured against the step before, NaN where this is not possible;
         `attitude_below_bar`, `momentum_below_bar`, whether the largest error is within the error bar of the reference,
         `attitude_reference_error`, `momentum_reference_error`; `drift` of each `invariant`, relative to
-        `invariant_scale`; for bodies with a constrained axis `twist_defect`, the largest |w·Λn| (rad/s); `run_time` (s)
-        of a call that stores only the end; `status` (0 done, -1 refused, else as `Status`); `message`. The attribute
-        `reference` names the reference solution. The attribute `meets_kinks` is 0 where the steps miss breakpoints of
-        the load: the measured orders are then unreliable, and no integrator is reported as the fastest.
-        `nontwist.comparison.summary` and `table` show the dataset as tables, `nontwist.plot.work_precision` draws it.
+        `invariant_scale`; for bodies with a constrained axis `twist_defect`, the largest |w·Λn - c| (rad/s), c the
+        prescribed spin, 0 without; `run_time` (s) of a call that stores only the end; `status` (0 done, -1 refused,
+        else as `Status`); `message`. The attribute `reference` names the reference solution. The attribute
+        `meets_kinks` is 0 where the steps miss breakpoints of the load: the measured orders are then unreliable, and no
+        integrator is reported as the fastest. `nontwist.comparison.summary` and `table` show the dataset as
+        tables, `nontwist.plot.work_precision` draws it.
 
     Raises
     ------
@@ -189,7 +190,7 @@ VARIABLES: dict[str, tuple[str, str, str]] = {
     "momentum_below_bar": ("1", "largest momentum error within the error bar of the reference", "e_Π ≤ bar"),
     "momentum_reference_error": ("kg m2 s-1", "error bar of the reference material momentum", "bar_Π"),
     "drift": ("1", "largest drift from the start, relative to invariant_scale", "Δ"),
-    "twist_defect": ("rad s-1", "largest twist rate about the constrained axis", "max |w·Λn|"),
+    "twist_defect": ("rad s-1", "largest error of the twist rate about the constrained axis", "max |w·Λn - c|"),
     "run_time": ("s", "shortest time of a call that stores the end only", "T"),
     "status": ("1", "0 done, -1 refused, else how the run failed", "status"),
     "message": ("1", "message and warnings of the run", "message"),

@@ -56,7 +56,7 @@ def invariant_legend(comparison: xarray.Dataset) -> str:
     """Return the legend of `invariant_headings`."""
     symbols, names = comparison["invariant_symbol"].values, comparison["invariant"].values
     drifts = ", ".join(f"{symbol} {in_words(name)}" for symbol, name in zip(symbols, names, strict=True))
-    twist = "; twist: largest rate about the constrained axis" if "twist_defect" in comparison else ""
+    twist = "; twist: largest error of the rate about the constrained axis" if "twist_defect" in comparison else ""
     return f"Largest relative drifts: {drifts}{twist}."
 
 

@@ -104,8 +104,9 @@ def guess(word: Any, known: Iterable[str], quote: str = "") -> str:
     """Return a question for the known word that is nearest to `word`, a space behind it; "" where none is near."""
     from difflib import get_close_matches
 
-    near = get_close_matches(word, known, 1) if isinstance(word, str) else []
-    return f"did you mean {quote}{near[0]}{quote}? " if near else ""
+    small = {one.casefold(): one for one in known}
+    near = get_close_matches(word.casefold(), small, 1) if isinstance(word, str) else []
+    return f"did you mean {quote}{small[near[0]]}{quote}? " if near else ""
 
 
 def nearest(word: Any, known: Iterable[str]) -> str:

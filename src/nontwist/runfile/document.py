@@ -38,7 +38,7 @@ from ..loads import Load
 from ..models.bodies import standard
 from ..models.spin import as_spin
 from ..models.system import DirectorSystem
-from ..units import RATE, in_datasets
+from ..units import in_datasets
 from .body import Body, SpinTable
 from .files import LARGEST, Fault, Folder, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
@@ -317,8 +317,9 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         ready = None if made is None else made[1]
         if data.get("sweep") is not None and time is not None and scheme is not None:
             further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
-        if file is not None and sweep is not None and not any(fault.key.startswith("sweep") for fault in further):
-            further += key_problems(sweep, file.model_dump(exclude_none=True))
+        if sweep is not None and all(fault.key.partition(".")[0] == "sweep" for fault in faults):
+            whole = file or RunFile.model_validate({key: one for key, one in data.items() if key != "sweep"})
+            further += key_problems(sweep, whole.model_dump(exclude_none=True))
         if ready is not None and sweep is not None and not ready.plan.load.wheels:
             with further.of("sweep", sweep, "variables"):
                 require_no_wheels(sweep.variables)
@@ -421,6 +422,7 @@ def json_schema() -> dict[str, Any]:
 
 
 UNITS = ("kg m² s⁻¹", "kg m²", "N m s", "N m", "N/m", "rad/s", "m/s²", "Hz", "rad", "kg/m³", "kg", "m", "s")
+DEGREES = {"deg": "degree", "degrees": "degree", "radians": "rad"}
 UNIT = re.compile(rf"(?:^|, )({'|'.join(map(re.escape, UNITS))})(?=[:;,]|$)")
 
 
@@ -431,8 +433,8 @@ def unit_of(file: RunFile, key: str) -> str | None:
         if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
             value = value[int(part)]
         elif isinstance(value, Section) and part in type(value).model_fields:
-            if (unit := getattr(value, "unit", None)) in RATE:
-                return in_datasets(unit)
+            if unit := getattr(value, "unit", None):
+                return DEGREES.get(unit, in_datasets(unit))
             text = type(value).model_fields[part].description or text
             value = getattr(value, part)
     found = UNIT.search(text)

@@ -42,7 +42,7 @@ ALIASES = {  # names of other programs
     **dict.fromkeys(("duration", "tspan"), "t_end"),
     **dict.fromkeys(("J", "I"), "inertia"),
     **dict.fromkeys(("attitude", "orientation"), "rotation"),
-    **{"m": "mass", "solver": "name"},
+    **{"m": "mass", "g": "gravity", "solver": "name"},
 }
 REPEATED = ("load", "event", "sweep")  # of lists of tables
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
@@ -52,7 +52,7 @@ def in_toml(text: str) -> str:
     """Return a message with the keys of run files for the arguments in Python."""
     for python, toml in IN_TOML.items():
         text = text.replace(python, toml)
-    return text
+    return re.sub(r"\b([a-z_]+)=(?![\w(\[{\"'])", r"\1", text)
 
 
 class Section(BaseModel):
@@ -206,16 +206,20 @@ class Faults(list[Fault]):
     def of(self, at: str, table: Section, name: str, accepted: str = "") -> Iterator[None]:
         """Take a ValueError for what is wrong with a key of the table that is `at` this place.
 
-        It is the key with which the message begins, or that it names as an argument, ``step=``; else `name`.
+        It is the key with which the message begins, or that it names as an argument, ``step=``; else, or where that is
+        missing and `name` is not, `name`.
         """
         try:
             yield
         except ValueError as error:
-            said, keys = in_toml(str(error)), type(table).model_fields
-            named = [word for pair in re.findall(r"^(\w+)|\b(\w+)=", said) for word in pair if word in keys]
-            name = named[0] if named else name
+            said, keys = str(error), type(table).model_fields
+            named = [
+                word for pair in re.findall(r"^(\w+)|\b(\w+)=(?!True|False)", said) for word in pair if word in keys
+            ]
+            if named and (getattr(table, named[0]) is not None or getattr(table, name) is None):
+                name = named[0]
             value = getattr(table, name)
-            given = f"{'missing' if value is None else shown(value)} ({said})"
+            given = f"{'missing' if value is None else shown(value)} ({in_toml(said)})"
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
 
 
@@ -238,9 +242,15 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
         if path in seen:
             continue
         seen.add(path)
-        text = shown(given)
+        text, word = shown(given), str(path[-1])
         if one["type"] == "extra_forbidden":
-            text, accepted = "unknown key", _known(str(path[-1]), table, kinds, root)
+            text, accepted, outer = (
+                "unknown key",
+                _known(word, table, kinds, root),
+                _described(one["loc"][:-2], root)[0],
+            )
+            if outer not in (table, root) and word in outer.known():
+                accepted = f"did you mean {dotted((*at, *path[:-2], word))}? {accepted}"
         elif one["type"] == "missing" or given is None:
             text = "missing"
         else:
@@ -309,7 +319,7 @@ def _described(loc: Keys, root: Any) -> tuple[Any, str, Mapping[str, Any]]:
             table, kinds = forms[str(part)], forms
         elif part in table.model_fields:
             accepted, forms = words_of(table, str(part)), _forms(table, str(part))
-            table = forms.get("", table)
+            table, kinds = (forms[""], {}) if "" in forms else (table, kinds)
     return table, accepted, kinds
 
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 KEPT = (*NODES, *ROTORS, *WHEELS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
-NUMBERS = "a number, or a list of numbers of the form that the key has"
+NUMBERS = 'a number, or a list of numbers of the form that the key has (of matrices kind = "list")'
 Numbers = Annotated[float | list[float], BY_FORM]
 
 
@@ -323,9 +323,11 @@ def key_problems(sweep: Sweep, data: dict[str, Any]) -> Iterator[Fault]:
             near = guess(one.key, islice(known, MOST_WORDS))
             accepted = f"{near}known are {words}, and entries of these, as in body.axis.0"
             yield Fault(f"{at}.key", shown(one.key), accepted)
-        elif known[one.key] != one.form:
-            form = f"{_form(one.form)} (the key holds {_form(known[one.key])})"
-            yield Fault(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
+        else:
+            with suppress(ValueError):  # values of several forms, or none
+                if known[one.key] != one.form:
+                    form = f"{_form(one.form)} (the key holds {_form(known[one.key])})"
+                    yield Fault(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
 
 
 def step_problems(step: float | None, integrator: type[Integrator], prepared: Prepared | None) -> Iterator[Fault]:

@@ -172,7 +172,8 @@ def test_dates_and_durations_of_arrays_and_tables_are_of_one_clock(start):
     arm = np.concatenate([np.zeros((1, 4)), arm.as_quat()])  # lost, and so is its time
     table = pandas.DataFrame(fore.as_quat(), columns=["qx", "qy", "qz", "qw"]).assign(time=one)
     labelled = xarray.DataArray(fore.as_quat(), {"time": one.to_numpy("datetime64[ns]")}, ("time", "quat"))
-    for motion, time in ((fore, one), (table, None), *([(labelled, None)] if "+" not in start else [])):
+    given = [(fore, one), (table, None), *([(labelled, None)] if "+" not in start else [(fore, [*one])])]
+    for motion, time in given:
         with warned("missing-rows"):
             found = twist(motion, time, relative_to=arm, relative_time=other, scalar_first=False)
         assert found.twist_angle.values == pytest.approx(expected - expected[0], abs=1e-4)

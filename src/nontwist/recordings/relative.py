@@ -43,9 +43,8 @@ that of the segment. In a pose in which the axes of the segment are those of spa
     S(t) = R(t) R₀ᵀ
 
 for both sensors, if both report to the same space. The axis of the twist is then a direction of space in that pose: of
-an arm that hangs, the vertical. Without it, the axis is one of the sensor. The mounting of the second sensor alone, or
-a turn of its space about any axis, does not change the twist about an axis of the first: a constant rotation from the
-left moves path and non-twisting frame as one.
+an arm that hangs, the vertical. Without it, the axis is one of the sensor. The mounting of the second sensor does not
+change the twist about an axis of the first: a constant rotation from the left moves path and non-twisting frame as one.
 
 The pose is where both turn least, within one second, or where the caller says. Its attitude is the mean over it.
 """

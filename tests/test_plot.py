@@ -419,6 +419,8 @@ def test_polhode_lies_on_the_inertia_ellipsoid():
     x = W / np.sqrt(np.einsum("ki,ij,kj->k", W, J, W))[:, None] * np.sqrt(np.linalg.eigvalsh(J)[0])
     assert xy(start, end) == pytest.approx(x[[0, -1], :2], abs=1e-12)
     assert gap(x, near, far) < np.radians(1)
+    reached = run.assign(material_angular_velocity=run.material_angular_velocity.where(run.time < 2.01))
+    assert xy(*path_of(plot.polhode(reached, **ABOVE), "polhode")[2:]) == pytest.approx(x[[0, 100], :2], abs=1e-12)
     assert legends(axes) == [["start", "end", "separatrix"]]
     axes = plot.polhode(nt.simulate(nt.standard([2, 2, 1]), **how), **ABOVE)
     assert np.ptp(np.linalg.norm(xy(*named(axes, "polhode")), axis=1)) < 1e-3

@@ -412,7 +412,7 @@ def _polhode(W: Any, label: str, root: Array) -> Array:
     """Return the angular velocity on the unit sphere, (n, 3), without the times of rest."""
     y = W.transpose("time", "director").values @ root
     length = np.linalg.norm(y, axis=1)
-    moving = length > _SAME * length.max()
+    moving = length > _SAME * np.fmax.reduce(length)  # and not NaN
     if not moving.any():
         raise ValueError(f"the run{label and f' {label!r}'} is at rest: its angular velocity has no direction")
     return y[moving] / length[moving, None]

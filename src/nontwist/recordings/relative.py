@@ -269,8 +269,8 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
     shaken = within(grid_a, shake)
-    if shaken.sum() < min(SHORTEST, many):
-        raise InputError("long-recordings", step=step, count=shaken.sum(), length=t[-1] - t[0], other=s[-1] - s[0])
+    if (count := min(shaken.sum(), grid_b.size)) < min(SHORTEST, many):
+        raise InputError("long-recordings", step=step, count=count, length=t[-1] - t[0], other=s[-1] - s[0])
     if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise InputError("steady-speeds")
     lag, _, rival = _search(fa, fb, shaken)

@@ -100,7 +100,7 @@ def refusal(scheme, body, load):
         )
         return None if is_free else "closed-form solution|prescribed spin"
     if name == "split" and load in ROTORS:
-        return "does not accept rotors"
+        return "does not accept rotors and wheels"
     if name in ("split", "energy-momentum") and body in SPINNING:
         return "does not accept a prescribed spin"
     if name == "split" and body in HELD - PRINCIPAL:

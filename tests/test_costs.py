@@ -126,6 +126,9 @@ def test_where_the_glance_sees_no_load_the_march_still_does():
 # the forecast
 
 
+RUBBED = [[nt.wheel(axis, 0.1, 9, coulomb=c) for axis in axes] for axes, c in (("x", 0.0), ("x", 0.1), ("xyz", 0.1))]
+
+
 def test_the_cost_counts_substeps_nodes_and_pieces():
     free, pushed = problem(FREE, 0 * nt.pulse([1, 0, 0])), problem(FREE, nt.sine([1, 0, 0], 5), 1000)
     split, closed = INTEGRATORS["split"](), INTEGRATORS["exact"]()
@@ -133,6 +136,9 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
     assert split.cost(problem(FREE, nt.pulse([1, 0, 0], 0, 0.1), 1000), 2).parts == 100
     assert closed.cost(pushed, 11).parts == 11 + 25
     assert closed.cost(problem(nt.standard([3, 4, 5]), free.load), 11).parts == 0
+    rubbed = [nt.Problem(FREE, t_end=9, step=0.05, load=sum(many)).forecast().seconds for many in RUBBED]
+    assert rubbed[1] > 10 * rubbed[0]
+    assert rubbed[2] > 2 * rubbed[1]
 
 
 def test_long_or_large_runs_are_announced():

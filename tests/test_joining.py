@@ -158,3 +158,17 @@ def test_runs_are_taken_in_the_order_of_their_labels():
     ):
         assert np.array_equal(function(other), function(run))
     assert nt.drifts(other) == nt.drifts(run)
+
+
+def test_parts_of_a_run_have_the_balance_of_the_run():
+    """`isel` and `sel` leave all intervals to a part, and those of its states to one that is thinned."""
+    how = {"t_end": 3, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
+    run = nt.simulate(nt.standard([3, 4, 5]), load=nt.pulse((1, 2, 0), start=0, end=2), **how)
+    joined = nt.join_runs(run.isel(time=slice(0, 11)), run.isel(time=slice(10, None)))
+    assert np.array_equal(joined.load_work, run.load_work)
+    for steps in (slice(3, 9), slice(None, None, 2), [0]):
+        part = run.isel(time=steps)
+        assert nt.drifts(part)["energy_balance"].relative < 1e-14
+        assert nt.plot.energy_drift(part).lines[0].get_ydata().max() < 1e-14
+    with pytest.raises(ValueError, match="states without the interval between them"):
+        nt.drifts(run.isel(midtime=slice(None, None, 2)))

@@ -10,6 +10,7 @@ from unittest.mock import patch
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.legend import Legend
 from matplotlib.text import Text
@@ -315,6 +316,19 @@ def test_triads_are_the_other_directors(runs):
         assert np.median(np.linalg.norm(tip - foot - 0.2 * q[which, k, :2], axis=1)) < 1e-12
         assert k > 0 or all(np.isfinite(line.get_xdata()).any() for line in (near, far))
     assert legends(axes) == [["start", "end", "$d_1$", "$d_2$"]]
+    shown = plot.path({"a": runs[0], "b": runs[0]}, triads=2, **ABOVE).get_legend().get_lines()
+    assert len({line.get_color() for line in shown if line.get_linestyle() != "None"}) == 4  # two runs, two directors
+
+
+@pytest.mark.parametrize("draw_one", [plot.path, plot.polhode])
+def test_a_sphere_is_drawn_in_the_colours_of_the_style(draw_one, runs):
+    with plt.style.context("dark_background"):
+        axes = draw_one(runs[0])
+        end = axes.get_legend().get_lines()[1]
+        assert max(to_rgb(axes.patches[0].get_facecolor())) < 0.05
+        for line in (*(line for line in axes.lines if not line.get_label().startswith(("_m", "_p", "_level"))), end):
+            assert contrast(line.get_color(), "black") >= 2.9, line
+        assert min(contrast(text.get_color(), "black") for text in axes.texts) > 4.5
 
 
 def test_twist_angle_of_long_steps_is_that_of_short_ones():
@@ -406,6 +420,8 @@ def test_polhode_lies_on_the_inertia_ellipsoid():
     x = W / np.sqrt(np.einsum("ki,ij,kj->k", W, J, W))[:, None] * np.sqrt(np.linalg.eigvalsh(J)[0])
     assert xy(start, end) == pytest.approx(x[[0, -1], :2], abs=1e-12)
     assert gap(x, near, far) < np.radians(1)
+    reached = run.assign(material_angular_velocity=run.material_angular_velocity.where(run.time < 2.01))
+    assert xy(*path_of(plot.polhode(reached, **ABOVE), "polhode")[2:]) == pytest.approx(x[[0, 100], :2], abs=1e-12)
     assert legends(axes) == [["start", "end", "separatrix"]]
     axes = plot.polhode(nt.simulate(nt.standard([2, 2, 1]), **how), **ABOVE)
     assert np.ptp(np.linalg.norm(xy(*named(axes, "polhode")), axis=1)) < 1e-3

@@ -371,6 +371,12 @@ def test_what_is_wrong_with_a_csv_file(case, write):
     said(line)
 
 
+def test_a_csv_file_of_a_rotor_is_named(write):
+    write("t,h\n0,1\n0,2\n", "load.csv")
+    (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "rotor"\naxis = "z"\nfile = "load.csv"\n')
+    assert line.startswith('load.0.file: "load.csv" (times must increase')
+
+
 def test_overrides(write):
     text = f'{BODY}{TIME}[[load]]\nkind = "damping"\ncoefficient = 1\n'
     run_file = read(
@@ -380,6 +386,11 @@ def test_overrides(write):
     assert run_file.load[0].coefficient == 2
     assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
     assert lines(write, text, "load.0.frequency=2")[0].endswith('; it belongs to kind = "sine"')
+    shape = "body.inertia={cuboid={mass=1, lengths=[1, 2, 3], offset=[0, 0, 1]}}"
+    (told,) = lines(write, text, shape)
+    assert (
+        told == "body.inertia.cuboid.offset: unknown key -> did you mean body.inertia.offset? known are mass, lengths"
+    )
     assert lines(write, text, "load.1.x=2") == ["--set load.1.x=2: load has no entry 1 -> 0 to 0"]
     assert lines(write, text, "body.kind.x=2") == [
         '--set body.kind.x=2: body.kind is "standard", not a table -> a key of the file'

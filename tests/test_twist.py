@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import integrate, simulate, standard, twist
 from nontwist.curves import solid_angle
+from nontwist.recordings.twisting import twist_of_run
 from refusals import says
 
 
@@ -327,3 +328,16 @@ def test_rates_at_times_of_any_size_are_the_same_numbers():
         warnings.simplefilter("error")
         for power in (1018, 690, -300):
             assert np.array_equal(twist(motion, t * 2.0**power).twist_rate.values, plain * 2.0**-power)
+
+
+def test_a_run_turns_as_far_as_its_states_say():
+    """10 rad between stored states: attitudes alone show 2.6 back, and the integrator has counted all."""
+    run = simulate(standard([3, 4, 5]), t_end=10, step=0.01, store=50, angular_velocity=[0.01, 0, 20])
+    for one in (run, run.isel(time=slice(3, 9))):
+        with pytest.warns(
+            UserWarning, match=r"steps of more than a right angle, the first from row 0 to row 1 \(573°\)"
+        ):
+            assert twist(one).attrs["largest_turn_between_samples"] == pytest.approx(10, rel=1e-6)
+        with pytest.warns(UserWarning, match="is a guess"):
+            counted = twist_of_run(one, "z").twist_angle[-1].item()
+        assert counted == pytest.approx(20 * np.ptp(one.time.values), rel=1e-6)

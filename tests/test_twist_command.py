@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import ended
-from nontwist import open_run
+from nontwist import open_run, save_run, simulate, standard, twist
 from nontwist.geometry.values import error_place, error_text, number_text, text_to_place
 from refusals import said
 from test_two_sensors import MOUNTED, recordings
@@ -44,6 +44,17 @@ def tilted(size, spin):
     """An axis that moves by next to nothing beside z, and a turn about it."""
     xy = size * np.random.default_rng(0).standard_normal((T.size, 2))
     return Rotation.from_quat(np.concatenate([xy, spin * T[:, None], np.ones((T.size, 1))], axis=1))
+
+
+def test_an_export_of_a_run_is_read_as_it_is_written(tmp_path):
+    """Beside the angular velocity in space stands that in the body, which a gyroscope measures."""
+    turned = Rotation.from_rotvec([1.5, 0, 0])
+    run = simulate(standard([1, 2, 2.5]), t_end=2, step=0.01, rotation=turned, material_angular_velocity=(0.2, 0.1, 3))
+    save_run(run, tmp_path / "run.nc")
+    ended(0, "export", tmp_path / "run.nc", "--out", tmp_path / "run.csv")
+    found = command(tmp_path, tmp_path / "run.csv")
+    assert "warning" not in found.stderr
+    assert open_run(tmp_path / "o.nc").twist_angle[-1] == pytest.approx(float(twist(run).twist_angle[-1]), abs=1e-4)
 
 
 @pytest.mark.parametrize("degrees", [False, True])

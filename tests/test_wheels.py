@@ -305,6 +305,7 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.integrate(nt.standard(J), t_end=1, material_angular_velocity=W0).wheel_momentum,
         *(partial(nt.wheel, "z", 0.1, friction=one) for one in (lambda t, speed: speed, lambda: 0.0, 1e-4)),
         partial(nt.wheel, "z", 0.1, torque=lambda t: 1.0),
+        lambda: nt.sensitivities(nt.standard(J), t_end=1, load=RUBBING, wrt="nonsense"),
         lambda: nt.wheel("z", 0.1, torque=0.1, breakpoints=[1]),
     ]
 )

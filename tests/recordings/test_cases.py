@@ -324,6 +324,8 @@ CASES = {
     "B8, the root of the poses": Case(("body_poses.npz", "--body", "poses 0")),
     "B8, sibling: .mat": own(partial(makers.mat, arrays={"T_hand": np.moveaxis(PAGES, 0, 2), "time": T}), "a.mat",
         refusal=r"T_hand.*4.*4.*60"),
+    "B8, sibling: a rate": own(partial(makers.mat, arrays={"q": Q, "rate": 50.0}), "a.mat", ("--scalar-last",),
+        duration=T[-1]),
     "B8, sibling: bodies in an array": own(partial(makers.npz, arrays={"time": T, "joints": MANY}), "a.npz", value=None,
         refusal=r"joints 0, joints 1, joints 2"),
     "B9, decimal commas": case("decimal_comma.bvh --body Chest", duration=6),

@@ -18,7 +18,7 @@ def as_dataset(
 ) -> Any:
     """Return `data` in the order of labels; a ValueError where it is no Dataset, or lacks variables or attributes.
 
-    Texts are variables, too. Variables of runs must have the dims of runs, others any.
+    Texts are variables, too. Variables of runs must have the dims of runs, others any. A part has its intervals alone.
     """
     if not hasattr(data, "data_vars"):
         raise ValueError(f"expected {what} as a Dataset, got {short_repr(data)}")
@@ -34,7 +34,12 @@ def as_dataset(
     for name in attributes:
         if name not in data.attrs:
             raise ValueError(f"expected {what} with the attribute {name!r}; this Dataset does not have it")
-    return in_order(data)
+    data = in_order(data)
+    if "midtime" not in data.coords or not data.sizes.get("time"):
+        return data
+    t, middle = data["time"].values, data["midtime"].values  # of a part, run.sel(time=slice(1, 2)), these are all there
+    inside = (t[0] <= middle) & (middle <= t[-1])
+    return data if inside.all() else data.isel(midtime=inside)
 
 
 def recorded(run: Any, name: str) -> Any:

@@ -27,6 +27,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..loads.kinds import is_rotor
@@ -89,15 +90,24 @@ def acting_in(run: xarray.Dataset) -> tuple[Records, bool, bool]:
     return records, dissipates, stored.count(stored[0]) == len(stored)
 
 
+def work_of(run: xarray.Dataset) -> tuple[Array, NDArray[np.int64]]:
+    """Return the work of the load from the first state to each, and the intervals that follow all but the last one."""
+    place = np.searchsorted(run["midtime"].values, run["time"].values)
+    if not np.diff(place).all():
+        raise ValueError("the run has states without the interval between them: select times alone, with time=")
+    return np.append(0.0, np.cumsum(run["load_work"].values))[place], place[:-1]
+
+
 def quantities(run: xarray.Dataset) -> Quantities:
     """Return the quantities from which the invariants of a run are computed."""
     states = {name: run[name].values for name in STATES}
     work, supply, V = np.zeros(run.sizes["time"]), 0.0, states["potential_energy"]
     if "load_work" in run:
         speed = np.linalg.norm(run["angular_velocity"].values, axis=1)
-        moment = np.linalg.norm(run["moment"].values, axis=1)
+        work, place = work_of(run)
+        moment = np.linalg.norm(run["moment"].values, axis=1)[place]
         supplies = moment * np.maximum(speed[1:], speed[:-1]) * np.diff(run["time"].values)
-        work, supply = np.append(0.0, np.cumsum(run["load_work"].values)), float(supplies.max(initial=0.0))
+        supply = float(supplies.max(initial=0.0))
     total = run["total_momentum" if "total_momentum" in run else "spatial_momentum"].values
     varies = float(np.ptp(V)) if potentials(acting_in(run)[0]) and len(V) else 0.0
     return Quantities(**states, work=work, supply=supply, total_momentum=total, varies=varies)

@@ -176,8 +176,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
 def measured(runs: list[xarray.Dataset], moved: xarray.Dataset, order: int) -> dict[str, Any]:
     """Return quotients and orders at five times, their median, and what they say of the error of the first run.
 
-    None is told of differences that are round-off, by the rule of `comparison`: `moved` is the first run from a start
-    that is moved, which shows how much round-off grows.
+    That from a start that is `moved` shows round-off as in `comparison`; differences within it have no order.
     """
     import numpy as np
 

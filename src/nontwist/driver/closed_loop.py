@@ -128,7 +128,7 @@ def stepper(
         1000 steps. `gauss` has higher orders; of order 4 it is θ⁵/720.
     load : Load, optional
         What acts in addition to the moments of each step: disturbances, damping, functions of the state, wheels. Under
-        dry friction, of the body or of a wheel, a step takes some milliseconds.
+        dry friction, of the body or of a wheel, a step takes some milliseconds, with several wheels tens of them.
 
     Returns
     -------

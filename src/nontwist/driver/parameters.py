@@ -89,13 +89,17 @@ class Parameters:
         self._orbits = orbit_of(*as_marched(problem, scheme.is_director_scheme), 1.0, scheme) is not None
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
+        its = {name: [Parameter(*one[:3], 0, *one[3:]) for one in many] for name, many in known.items()}
+        able = ", ".join(
+            k for k, many in its.items() if not problem.load.memories or all(map(self._is_of_memory, many))
+        )
         if not words:
-            raise ValueError(f"{given} names no parameter; known are {', '.join(known)}")
+            raise ValueError(f"{given} names no parameter; known are {able}")
         for word in dict.fromkeys(w if isinstance(w, str) else short_repr(w) for w in words):
             if word not in known:
                 raise ValueError(
                     f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"
-                    f"known are {', '.join(known)}"
+                    f"known are {able}"
                 )
             for name, labels, unit, term, field in known[word]:
                 if all(name != one.name for one in self.all):

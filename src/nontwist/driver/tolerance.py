@@ -342,7 +342,7 @@ def _within_reach(plan: Plan, floor: float, fastest: float) -> float:
             reason = f"times are resolved to {resolution:.2g} s; count them from a start at 0"
         raise ValueError(
             f"tolerance = {plan.tolerance:g} cannot be reached: {reason}; "
-            f"{'or ' * (clock == least)}use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
+            f"{'or ' * (clock == least)}use tolerance >= {float(f'{1.25 * least:.1e}'):g}"
         )
     return max(plan.goal, least)
 

@@ -28,6 +28,7 @@ MOMENTA = 2000  # times at which those of rotors are sampled
 APART, BENT = (2.0**-10, 2.0**-12), 0.1  # differences, of the size of numbers; by how much slopes differ
 GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
+DRY_NS = 100_000  # a substep, for each dry friction
 
 
 class Cost(NamedTuple):
@@ -44,6 +45,8 @@ def steps_cost(problem: IVP, steps: int, substeps: int, substep_ns: float) -> Co
     load, ns = problem.load, substep_ns
     if not load.is_compiled:
         ns = max(ns, PYTHON_NS)
+    if load.is_dry:  # slides and rests are told apart in Python
+        ns = max(ns, DRY_NS * (len(load.frictions) + sum(one.is_dry for one in load.wheels)))
     sampled = [term for term in load.terms if term.kind in ("body", "space")]
     ns += sum(CALL_NS if isinstance(term, Function) else SAMPLE_NS for term in sampled)
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)

@@ -41,7 +41,7 @@ GLANCE = 128  # pieces of a load that are enough for a refusal
 STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
 GYROSTAT_NS = 1_500_000  # of the constants of a gyrostat
 SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
-ROTORS = "a body with rotors, unless it is a standard one, their momentum is constant, and nothing else acts"
+ROTORS = "a body with rotors or wheels, unless it is a standard one, their momentum is constant, and nothing else acts"
 MOVING = "a load that moves the axis of rotation in the body"
 
 

@@ -119,7 +119,7 @@ def nodes(order: int) -> Array:
 
 
 ROTORS = (
-    "split does not accept rotors: its free motion between the kicks is that of the body without them; use "
+    "split does not accept rotors and wheels: its free motion between the kicks is that of the body without them; use "
     "the integrator gauss"
 )
 NOT_PRINCIPAL = (

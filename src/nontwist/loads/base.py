@@ -99,6 +99,9 @@ class Load:
     def __add__(self, other: Load | Term) -> Load:
         return Load(self.terms + as_load(other).terms) if isinstance(other, Load | Term) else NotImplemented
 
+    def __radd__(self, other: float) -> Load:
+        return self if isinstance(other, int) and other == 0 else NotImplemented  # what `sum` begins with
+
     def __mul__(self, factor: float) -> Load:
         c = float(as_array(factor, "factor of a load", ()))
         return Load(tuple(term.scaled(c) for term in self.terms))

@@ -10,7 +10,7 @@ from ..analysis.datasets import as_dataset
 from ..geometry.values import among, short_repr
 from ..integrators import INTEGRATORS
 from .journals import axes_for, style
-from .looks import COLOURS, Look, cycle, given_look
+from .looks import COLOURS, Look, cycle, given_look, shade
 
 if TYPE_CHECKING:
     import xarray
@@ -93,9 +93,9 @@ def work_precision(
                 ax.loglog(x, np.maximum(error, bar / 3), **look | given)
             if is_level:
                 _name_levels(ax, runs, bar / 3)
-        ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
+        ax.axhspan(bar / 20, bar, color=shade("0.88"), linewidth=0, zorder=0)
         corner: dict[str, Any] = {"ha": "right", "va": "center", "transform": ax.get_yaxis_transform()}
-        ax.text(0.99, bar / 4.5, "error bar of the reference", color="0.3", **corner)
+        ax.text(0.99, bar / 4.5, "error bar of the reference", color=shade("0.3"), **corner)
         ax.set_ylim(bottom=bar / 20)
         shortest, longest = ax.get_xlim()
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if longest < 300 * shortest else (1,)))
@@ -104,7 +104,7 @@ def work_precision(
         ax.set_xlabel("time of a run (ms)" if against == "seconds" else "step (s)")
         ax.set_ylabel("largest attitude error (rad)")
         handles = [Line2D([], [], label=name, **looks[name]) for name in dict.fromkeys(name for name, _ in drawn)]
-        grey: dict[str, Any] = {"color": "0.3", "linestyle": "", "markersize": SIZE}
+        grey: dict[str, Any] = {"color": shade("0.3"), "linestyle": "", "markersize": SIZE}
         orders = sorted({order for _, order in drawn} - ({0} if against == "steps" else set()))
         handles += [Line2D([], [], label=f"order {n}" if n else "no steps", marker=_marker(n), **grey) for n in orders]
         ax.legend(
@@ -115,7 +115,7 @@ def work_precision(
 
 def _name_levels(ax: Axes, runs: xarray.Dataset, least: float) -> None:
     """Put their names on the horizontal lines of integrators without steps, at the smallest step."""
-    look: dict[str, Any] = {"fontsize": "x-small", "color": "0.3", "textcoords": "offset points", "zorder": 1}
+    look: dict[str, Any] = {"fontsize": "x-small", "color": shade("0.3"), "textcoords": "offset points", "zorder": 1}
     step = float(runs["step"].min())
     for name, error in zip(runs["integrator"].values, runs["attitude_error_max"].max("step").values, strict=True):
         if np.isfinite(error):
@@ -125,7 +125,7 @@ def _name_levels(ax: Axes, runs: xarray.Dataset, least: float) -> None:
 def _look(k: int) -> Look:
     """Return the look of the integrator number k: grey where the colours repeat."""
     look = cycle()[k % len(cycle())]
-    return look if k < COLOURS else {**look, "color": "0.5"}
+    return look if k < COLOURS else {**look, "color": shade("0.5")}
 
 
 def _marker(order: int) -> str:

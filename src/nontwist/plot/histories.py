@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..analysis.invariants import work_of
 from ..geometry.arrays import Array
 from ..geometry.values import among, as_whole, short_repr
 from .looks import labelled, symbol, unit, variable
@@ -122,8 +123,9 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
 def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the kinetic energy over time; if dead forces act, the potential and the total energy as well.
 
-    Where these change little compared with their differences, as those of a fast top, their changes since the first
-    state are drawn, and the legend gives the values that are subtracted.
+    That of wheels is not drawn: it is in the variable ``total_kinetic_energy``. Where these change little compared with
+    their differences, as those of a fast top, their changes since the first state are drawn, and the legend gives the
+    values that are subtracted.
 
     Parameters
     ----------
@@ -316,8 +318,9 @@ def energy_drift(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
         E = K + V
         balance = E.values - E.values[0]
         if "load_work" in run or run.attrs["load"] != "[]":
-            work = variable(run, label, "load_work", "draw the run before it is resampled")
-            balance[1:] -= np.cumsum(work.values)
+            variable(run, label, "load_work", "draw the run before it is resampled")
+            work = work_of(run)[0]
+            balance -= work - work[0]
         scale = float((K + abs(V)).max()) or 1.0
         drift = E.copy(data=abs(balance) / scale).rename("energy_drift")
         return {"drift": drift.assign_attrs(units="1", symbol=r"|E-E_0-A|/\max E")}

@@ -14,6 +14,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..analysis.datasets import RUN, as_dataset
 from ..viewer.drawing import colours
 
@@ -75,20 +77,39 @@ def given_look(properties: Look, function: str, kind: str = "Line2D") -> Look:
     return whole
 
 
-def contrast(colour: Any) -> float:
-    """Return the contrast of a colour with white, 1 to 21, by the formula of WCAG."""
+def shade(colour: Any) -> Any:
+    """Return a colour of figures in black on white in those of the style: white is its ground, black its letters."""
+    import matplotlib
+    from matplotlib.colors import to_rgb, to_rgba
+
+    *rgb, alpha = to_rgba(matplotlib.rcParams["figure.facecolor"])
+    ground, ink = (1 - alpha * (1 - x) for x in rgb), to_rgb(matplotlib.rcParams["text.color"])
+    return tuple(part * a + (1 - part) * b for part, a, b in zip(to_rgb(colour), ground, ink, strict=True))
+
+
+def shaded(look: Look) -> Look:
+    """Return a look with its colours in those of the style."""
+    return {key: shade(value) if "color" in key else value for key, value in look.items()}
+
+
+def contrast(colour: Any, ground: Any = "white") -> float:
+    """Return the contrast of a colour with the ground, 1 to 21, by the formula of WCAG."""
     from matplotlib.colors import to_rgb
 
-    linear = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(colour))
-    return 1.05 / (sum(a * x for a, x in zip((0.2126, 0.7152, 0.0722), linear, strict=True)) + 0.05)
+    both = np.array([to_rgb(colour), to_rgb(ground)])
+    linear = np.where(both <= 0.04045, both / 12.92, ((both + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722) + 0.05
+    return float(linear.max() / linear.min())
 
 
 def pale(colour: Any) -> Any:
-    """Return a colour mixed with white as far as its contrast with white allows; one that has too little as it is."""
+    """Return a colour mixed with the ground as far as their contrast allows; one that has too little as it is."""
     from matplotlib.colors import to_rgb
 
-    mixes = (tuple(1 - part / 20 * (1 - x) for x in to_rgb(colour)) for part in range(1, 20))
-    return next((mix for mix in mixes if contrast(mix) >= LEAST), colour)
+    ground = shade("white")
+    mixes = (
+        tuple(g - part / 20 * (g - x) for g, x in zip(ground, to_rgb(colour), strict=True)) for part in range(1, 20)
+    )
+    return next((mix for mix in mixes if contrast(mix, ground) >= LEAST), colour)
 
 
 def looks(
@@ -122,7 +143,7 @@ def explain(ax: Axes, look: dict[tuple[str, str], Look], given: Look) -> None:
     components, runs = (list(dict.fromkeys(names)) for names in zip(*look, strict=True))
     if len(runs) > 1 and len(components) > 1:
         by_component = [handle(c, look[c, runs[0]] | {"linestyle": "-"} | given) for c in components]
-        grey = {"color": "0.35", "marker": ""} | given
+        grey = {"color": shade("0.35"), "marker": ""} | given
         legend(ax, [by_component, [handle(r, look[components[0], r] | grey) for r in runs]])
     elif len(names := runs if len(runs) > 1 else components) > 1:
         legend(ax, [[handle(name, one) for name, one in zip(names, look.values(), strict=True)]])

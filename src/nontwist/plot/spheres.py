@@ -30,7 +30,22 @@ from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
 from ..viewer.drawing import Camera, circle_about, graticule
 from .journals import axes_for, column_width, style
-from .looks import LEAST, Look, contrast, cycle, given_look, handle, labelled, legend, looks, pale, variable
+from .looks import (
+    COLOURS,
+    LEAST,
+    Look,
+    contrast,
+    cycle,
+    given_look,
+    handle,
+    labelled,
+    legend,
+    looks,
+    pale,
+    shade,
+    shaded,
+    variable,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,6 +61,7 @@ ARROW = 0.22  # of the coordinate axes
 _LABEL, _CLEAR, _TURNS = 0.08, 0.12, (0, 40, -40, 80, -80, 120, -120)  # of their names: from the tip, from paths; °
 GUIDE: Look = {"color": "0.35", "linewidth": 0.7, "linestyle": (0, (4, 2))}
 _START: Look = {"marker": "o", "markersize": 6, "markerfacecolor": "white", "linestyle": ""}
+_BALL: Look = {"facecolor": "#f6f7f8", "edgecolor": "0.45", "linewidth": 0.6, "zorder": 0}
 _END: Look = {"marker": "s", "markersize": 3.5, "linestyle": ""}
 
 
@@ -103,7 +119,7 @@ def curve(ax: Axes, x: Array, depth: Array, zorder: float, name: str, **look: An
 
 def far(look: Look) -> Look:
     """Return the look of a line on the far side: thinner, and as pale as it may be."""
-    if contrast(look["color"]) < LEAST:
+    if contrast(look["color"], shade("white")) < LEAST:
         return {"alpha": DIM} | look
     return look | {"color": pale(look["color"]), "linewidth": THIN * look["linewidth"]}
 
@@ -113,13 +129,13 @@ def ends(ax: Axes, x: Array, depth: Array, colour: str, name: str) -> None:
     for k, (end, look) in enumerate((("start", _START), ("end", _END))):
         own, order = (colour, 6.0) if depth[k] >= 0 else (pale(colour), 2.4)
         marked: Look = {"color": own, "markeredgecolor": own, "zorder": order, "label": f"_{end} of {name}"}
-        ax.plot(x[k, 0], x[k, 1], **marked | look)
+        ax.plot(x[k, 0], x[k, 1], **marked | shaded(look))
 
 
 def legend_of_ends(ax: Axes, runs: list[str], others: dict[str, Look], look: dict[tuple[str, str], Look]) -> None:
     """Put a legend below the globe: runs where there are several, start and end, and `others`."""
     own = [handle(run, one) for run, one in zip(runs, look.values(), strict=True)]
-    marks = [handle("start", _START | {"color": "0.2"}), handle("end", _END | {"color": "0.2"})]
+    marks = [handle("start", shaded(_START | {"color": "0.2"})), handle("end", shaded(_END | {"color": "0.2"}))]
     marks += [handle(label, look) for label, look in others.items()]
     legend(ax, [own, marks] if len(own) > 1 else [marks], below=True)
 
@@ -132,13 +148,13 @@ def arrows(ax: Axes, V: Array, feet: Array, names: str, paths: Array) -> None:
         x = V[:, k]
         near = x[2] >= -1e-9
         tip, foot = ((s * x[0], s * x[1]) for s in (feet[k] + ARROW, feet[k]))
-        colour = "0.3" if near else "0.42"
+        colour = shade("0.3" if near else "0.42")
         head = "-|>,head_width=0.13,head_length=0.3"
         style: Look = {"arrowstyle": head, "lw": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", tip, foot, arrowprops=style, zorder=5 if near else 1)
         place: Look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 7 if near else 1}
         text = ax.annotate(f"${name}$", tip, _beside(np.array(tip), x[:2], paths[:, :2]), color=colour, **place)
-        text.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
+        text.set_path_effects([withStroke(linewidth=1.5, foreground=shade("white"))])
 
 
 def _beside(tip: Array, direction: Array, paths: Array) -> tuple[float, float]:
@@ -235,6 +251,8 @@ def path(
         V = view(elevation, azimuth, points)
         _globe(ax, V, points @ V.T)
         own = looks(["path"], list(table), given, (f"d{director}",))
+        pair = [*enumerate(_others(director - 1), len(own))] if triads else []  # behind the colours of several runs
+        sticks = {f"$d_{j + 1}$": {"color": cycle()[k % COLOURS if len(own) > 1 else j]["color"]} for k, j in pair}
         for (_, label), look in own.items():
             q = table[label]
             d = q[:, director - 1]
@@ -244,9 +262,8 @@ def path(
             if great_circle:
                 _great_circle(ax, d[_free_from(runs[label]) :], V)
             if triads:
-                _triads(ax, q, director - 1, triads, V)
-        sticks = {f"$d_{j + 1}$": {"color": cycle()[j]["color"]} for j in _others(director - 1) if triads}
-        legend_of_ends(ax, list(table), ({"great circle": _CIRCLE} if great_circle else {}) | sticks, own)
+                _triads(ax, q, sticks, director - 1, triads, V)
+        legend_of_ends(ax, list(table), ({"great circle": shaded(_CIRCLE)} if great_circle else {}) | sticks, own)
     return ax
 
 
@@ -279,21 +296,21 @@ def _great_circle(ax: Axes, d: Array, V: Array) -> None:
     ahead = ahead - d[0] * (ahead @ d[0])
     t = np.linspace(0, 2 * np.pi, 361)[:, None]
     x = (np.cos(t) * d[0] + np.sin(t) * ahead / np.linalg.norm(ahead)) @ V.T
-    curve(ax, x, x[:, 2], 3.5, "great circle", **_CIRCLE)
+    curve(ax, x, x[:, 2], 3.5, "great circle", **shaded(_CIRCLE))
 
 
-def _triads(ax: Axes, q: Array, k: int, count: int, V: Array) -> None:
+def _triads(ax: Axes, q: Array, own: dict[str, Look], k: int, count: int, V: Array) -> None:
     """Draw the other two directors at `count` tips along the path: near and far, first one, then the other."""
     length = np.append(0.0, np.cumsum(arcs(q[:, k])))
     chosen = np.searchsorted(length, np.linspace(0, length[-1], count) * (1 - 1e-12))
     tips = q[chosen, k] @ V.T
-    for j in _others(k):
+    for j, (name, look) in zip(_others(k), own.items(), strict=True):
         sticks = np.stack([tips, tips + 0.2 * q[chosen, j] @ V.T, np.full_like(tips, np.nan)], axis=1)
-        stick: Look = {"color": cycle()[j]["color"], "linestyle": "-", "linewidth": 1.0}
+        stick: Look = look | {"linestyle": "-", "linewidth": 1.0}
         for near in (True, False):
             x = sticks[(tips[:, 2] >= 0) == near].reshape(-1, 3)
-            name = f"$d_{j + 1}$" if near else f"_$d_{j + 1}$, far side"
-            ax.plot(x[:, 0], x[:, 1], zorder=5 if near else 2, label=name, **stick if near else far(stick))
+            label = name if near else f"_{name}, far side"
+            ax.plot(x[:, 0], x[:, 1], zorder=5 if near else 2, label=label, **stick if near else far(stick))
 
 
 def _others(k: int) -> tuple[int, int]:
@@ -305,14 +322,14 @@ def _globe(ax: Axes, V: Array, paths: Array) -> None:
 
     below = extent(V, np.ones(3), np.zeros((1, 2)))[2]
     bare(ax, np.array([-_MARGIN, _MARGIN, min(below, -_BELOW), _MARGIN]))
-    ax.add_patch(Circle((0, 0), 1, facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0))
+    ax.add_patch(Circle((0, 0), 1, **shaded(_BALL)))
     latitudes = (-60, -30, 0, 30, 60)
     meridians, parallels = graticule(latitudes, 181)
-    grid: Look = {"linewidth": 0.4, "color": "0.75"}
+    grid: Look = {"linewidth": 0.4, "color": shade("0.75")}
     for m in meridians:
         curve(ax, m @ V.T, m @ V[2], 2.5, "_meridian", **grid)
     for latitude, p in zip(latitudes, parallels, strict=True):
-        curve(ax, p @ V.T, p @ V[2], 2.5, "_parallel", **grid | ({"color": "0.55"} if latitude == 0 else {}))
+        curve(ax, p @ V.T, p @ V[2], 2.5, "_parallel", **grid | ({"color": shade("0.55")} if latitude == 0 else {}))
     arrows(ax, V, np.ones(3), "xyz", paths)
 
 
@@ -378,15 +395,15 @@ def polhode(
         constrained = [system.axis for system in systems.values() if system.axis is not None]
         for n in constrained:
             y = circle_about((n @ P) / np.sqrt(J))
-            curve(ax, y @ screen.T, y @ towards, 3.5, r"$W\cdot n=0$", **_CONSTRAINED)
+            curve(ax, y @ screen.T, y @ towards, 3.5, r"$W\cdot n=0$", **shaded(_CONSTRAINED))
         arrows(ax, V, feet, "123", points @ V.T)
         own = looks(["polhode"], list(table), given)
         for (_, label), look in own.items():
             y = spaced(polhodes[label])
             curve(ax, y @ screen.T, y @ towards, 4, label or "polhode", **{"linewidth": 1.3} | look)
             ends(ax, y[[0, -1]] @ screen.T, y[[0, -1]] @ towards, look["color"], label or "polhode")
-        guides = {"separatrix": GUIDE} if _separatrix(J) else {}
-        guides |= {r"$W\cdot n=0$": _CONSTRAINED} if constrained else {}
+        guides = {"separatrix": shaded(GUIDE)} if _separatrix(J) else {}
+        guides |= {r"$W\cdot n=0$": shaded(_CONSTRAINED)} if constrained else {}
         legend_of_ends(ax, list(table), guides, own)
     return ax
 
@@ -410,7 +427,7 @@ def _polhode(W: Any, label: str, root: Array) -> Array:
     """Return the angular velocity on the unit sphere, (n, 3), without the times of rest."""
     y = W.transpose("time", "director").values @ root
     length = np.linalg.norm(y, axis=1)
-    moving = length > _SAME * length.max()
+    moving = length > _SAME * np.fmax.reduce(length)  # and not NaN
     if not moving.any():
         raise ValueError(f"the run{label and f' {label!r}'} is at rest: its angular velocity has no direction")
     return y[moving] / length[moving, None]
@@ -419,11 +436,11 @@ def _polhode(W: Any, label: str, root: Array) -> Array:
 def _surface(ax: Axes, J: Array, screen: Array, towards: Array) -> None:
     """Draw the ellipsoid: its outline, the polhodes of the free standard body, the separatrix."""
     outline = circle_about(towards) @ screen.T
-    ax.fill(outline[:, 0], outline[:, 1], facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0)
+    ax.fill(outline[:, 0], outline[:, 1], **shaded(_BALL))
     for y in _levels(J):
-        curve(ax, y @ screen.T, y @ towards, 2.5, "_level", color="0.7", linewidth=0.4)
+        curve(ax, y @ screen.T, y @ towards, 2.5, "_level", color=shade("0.7"), linewidth=0.4)
     for y in _separatrix(J):
-        curve(ax, y @ screen.T, y @ towards, 3.5, "separatrix", **GUIDE)
+        curve(ax, y @ screen.T, y @ towards, 3.5, "separatrix", **shaded(GUIDE))
 
 
 def _separatrix_angle(J: Array) -> float:

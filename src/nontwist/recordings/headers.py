@@ -195,7 +195,7 @@ def sensors(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tup
     """Return the columns x, y, z of every vector that one of `names` means, with what is before the name.
 
     Names of one or two letters are alone. Columns that differ in x, y, z alone, and state a unit of angular velocity,
-    are of a gyroscope by whatever name.
+    are of a gyroscope by whatever name. Beside components in the body, which exports of runs name so, others are not.
     """
     found: dict[tuple[str, ...], str] = {}
     all_threes = list(groups(headers, "xyz", _without_rate))
@@ -205,7 +205,8 @@ def sensors(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tup
                 found.setdefault(three, before.removesuffix(name))
     if not found and names is GYROSCOPE:
         found = {three: before for before, _, three in all_threes if all(map(rate_unit, three))}
-    return [(before, three) for three, before in found.items()]
+    own = {three: before.removesuffix("material") for three, before in found.items() if before.endswith("material")}
+    return [(before, three) for three, before in (own or found).items()]
 
 
 def _without_rate(header: str) -> str:

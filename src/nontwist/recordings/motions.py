@@ -81,7 +81,9 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
         try:
             found = of_table(content, ReadOptions())
         except InputError as error:
-            if error.code != "scalar-unknown" or scalar_first is None:
+            if error.code != "scalar-unknown":
+                raise error.about("the table (read_motion takes options, of table.to_csv(file))") from error
+            if scalar_first is None:
                 raise
             found = of_table(content, ReadOptions(scalar_first=scalar_first))
         return Motion(found.values, found.time, found.start)

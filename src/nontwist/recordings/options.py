@@ -228,8 +228,8 @@ SENTENCES |= {
     "pose-moves": "the sensors are not at rest in the static pose; {option[static=T0,T1]} says where another is",
     "few-to-align": ENOUGH + "{count} and {other}" + SHARED,
     "few-shaken": ENOUGH + "{count} in {option[shake]}, of {first:.6g} s to {last:.6g} s, and {other} in the second",
-    "long-recordings": NO_CLOCKS + "in {length:.6g} s and {other:.6g} s steps are {step:.3g} s, {count} of them in "
-    "{option[shake]}; cut off what lies far from it",
+    "long-recordings": NO_CLOCKS + "in {length:.6g} s and {other:.6g} s steps are {step:.3g} s, and {count} of them "
+    "hold the motion; cut off what lies far from it",
     "steady-speeds": NO_CLOCKS + "a sensor rests or turns at one speed all the time; shake both together" + SHARED,
     "unlike-speeds": NO_CLOCKS + "the speeds correlate by {correlation:.2f} at best, {least:g} is required" + SHAKE,
     "relative-motion": NO_CLOCKS + "by the best shift, {shift:+.4g} s, they turn most against each other" + SHAKE,

@@ -43,9 +43,8 @@ that of the segment. In a pose in which the axes of the segment are those of spa
     S(t) = R(t) R₀ᵀ
 
 for both sensors, if both report to the same space. The axis of the twist is then a direction of space in that pose: of
-an arm that hangs, the vertical. Without it, the axis is one of the sensor. The mounting of the second sensor alone, or
-a turn of its space about any axis, does not change the twist about an axis of the first: a constant rotation from the
-left moves path and non-twisting frame as one.
+an arm that hangs, the vertical. Without it, the axis is one of the sensor. The mounting of the second sensor does not
+change the twist about an axis of the first: a constant rotation from the left moves path and non-twisting frame as one.
 
 The pose is where both turn least, within one second, or where the caller says. Its attitude is the mean over it.
 """
@@ -270,8 +269,8 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
     shaken = within(grid_a, shake)
-    if shaken.sum() < min(SHORTEST, many):
-        raise InputError("long-recordings", step=step, count=shaken.sum(), length=t[-1] - t[0], other=s[-1] - s[0])
+    if (count := min(shaken.sum(), grid_b.size)) < min(SHORTEST, many):
+        raise InputError("long-recordings", step=step, count=count, length=t[-1] - t[0], other=s[-1] - s[0])
     if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise InputError("steady-speeds")
     lag, _, rival = _search(fa, fb, shaken)

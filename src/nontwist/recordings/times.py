@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -382,14 +383,17 @@ def seconds(times: Any) -> tuple[Array, float | None]:
 
     That is the first of them: s since 1970, or of the day.
     """
-    has_zone = getattr(getattr(times, "dtype", None), "tz", None) is not None
-    values = as_plain(np.asarray(times, "datetime64[ns]") if has_zone else times, "time")
+    values = as_plain(times, "time")
+    if values.dtype.kind == "O" and values.ndim == 1 and values.size and isinstance(values[0], date):
+        import pandas
+
+        values = pandas.to_datetime(values, utc=True).tz_localize(None).to_numpy()
     if values.dtype.kind in "mM" and values.ndim == 1 and values.size:
         first = values[np.isnat(values).argmin()]
         ahead, start = (one / np.timedelta64(1, "s") for one in (values - first, first - np.array(0, values.dtype)))
         return np.where(np.isnat(values), np.nan, ahead), None if np.isnat(first) else float(start)
     unit = known(str(getattr(times, "attrs", {}).get("units", getattr(times, "unit", None))), TIME)
-    return as_floats(values, "time") * TIME[unit or "s"], None
+    return as_floats(times, "time") * TIME[unit or "s"], None
 
 
 def _of_counter(table: Table, name: str | None, rate: float) -> Clock:

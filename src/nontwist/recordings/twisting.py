@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, coordinates
 from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
@@ -185,7 +186,7 @@ def twist(
         warnings.warn(note, stacklevel=2)
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
-    length, turn = _steps(p, d3, data)
+    length, turn = _steps(p, d3, data, _speeds(motion) if time is None and relative_to is None else None)
     swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
     angles(d1, frame, psi)
     del p, d1
@@ -237,12 +238,13 @@ def twist(
 def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
     """Return the twist of a run about the axis of its constraint, or about d3, to be shown.
 
-    Stored states may be too far apart to follow the frame between them. Where the error by sampling would be seen, ψ
-    is what the integrator counted in its stages, `mean_twist_rate`, if it counts. Ω keeps τ - ψ = Ω modulo 2π.
+    Where stored states are too far apart to follow the frame or to count turns between them, ψ is what the integrator
+    counted in its stages, `mean_twist_rate`, if it counts. Ω keeps τ - ψ = Ω modulo 2π.
     """
-    found = twist(run, axis=axis)
+    run, found = as_dataset(run, RUN), twist(run, axis=axis)
     sizes = {run.sizes["time"], found.sizes["time"], run.sizes.get("midtime", 0) + 1}
-    if "mean_twist_rate" not in run or len(sizes) > 1 or found["error_estimate"][-1] < VISIBLE:
+    is_fine = found["error_estimate"][-1] < VISIBLE and found.attrs["largest_turn_between_samples"] < np.pi
+    if "mean_twist_rate" not in run or len(sizes) > 1 or is_fine:
         return found
     time, psi = run["time"].values, found["twist_angle"]
     counted = np.append(0.0, np.cumsum(run["mean_twist_rate"].values * np.diff(time)))
@@ -278,8 +280,16 @@ def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("ki,ki->k", a, b))
 
 
-def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
-    """Return the angles between neighbouring axes and attitudes.
+def _speeds(motion: Any) -> Array | None:
+    """Return the angular speeds at the states of a run, rad/s; None of what is no run."""
+    W: Any = getattr(motion, "material_angular_velocity", None)
+    if "director" in getattr(W, "dims", ()):
+        W = W.transpose(..., "director").values
+    return np.linalg.norm(W, axis=-1) if isinstance(W, np.ndarray) else None
+
+
+def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None) -> tuple[Array, Array]:
+    """Return the angles between neighbouring axes and attitudes, these by the `speeds` where they are known.
 
     Warns of wide steps and refuses antipodal axes, naming their rows.
     """
@@ -290,6 +300,10 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
         raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
     near = np.where(_dot(p[1:], p[:-1]) < 0, -1.0, 1.0)[:, None]
     turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
+    if speeds is not None and data.time is not None:  # whole turns, which attitudes do not show
+        v = speeds[data.rows]
+        least = np.minimum(v[1:], v[:-1]) * np.diff(data.time)
+        turn = np.where(least > np.pi, least, turn)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
         steps, a, b = counted(wide.size, "step"), data.place(wide[0]), data.place(wide[0] + 1)

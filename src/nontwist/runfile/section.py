@@ -206,7 +206,8 @@ class Faults(list[Fault]):
     def of(self, at: str, table: Section, name: str, accepted: str = "") -> Iterator[None]:
         """Take a ValueError for what is wrong with a key of the table that is `at` this place.
 
-        It is the key with which the message begins, or that it names as an argument, ``step=``; else `name`.
+        It is the key with which the message begins, or that it names as an argument, ``step=``; else, or where that is
+        missing and `name` is not, `name`.
         """
         try:
             yield
@@ -215,7 +216,8 @@ class Faults(list[Fault]):
             named = [
                 word for pair in re.findall(r"^(\w+)|\b(\w+)=(?!True|False)", said) for word in pair if word in keys
             ]
-            name = named[0] if named else name
+            if named and (getattr(table, named[0]) is not None or getattr(table, name) is None):
+                name = named[0]
             value = getattr(table, name)
             given = f"{'missing' if value is None else shown(value)} ({in_toml(said)})"
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
@@ -240,9 +242,15 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
         if path in seen:
             continue
         seen.add(path)
-        text = shown(given)
+        text, word = shown(given), str(path[-1])
         if one["type"] == "extra_forbidden":
-            text, accepted = "unknown key", _known(str(path[-1]), table, kinds, root)
+            text, accepted, outer = (
+                "unknown key",
+                _known(word, table, kinds, root),
+                _described(one["loc"][:-2], root)[0],
+            )
+            if outer not in (table, root) and word in outer.known():
+                accepted = f"did you mean {dotted((*at, *path[:-2], word))}? {accepted}"
         elif one["type"] == "missing" or given is None:
             text = "missing"
         else:
@@ -311,7 +319,7 @@ def _described(loc: Keys, root: Any) -> tuple[Any, str, Mapping[str, Any]]:
             table, kinds = forms[str(part)], forms
         elif part in table.model_fields:
             accepted, forms = words_of(table, str(part)), _forms(table, str(part))
-            table = forms.get("", table)
+            table, kinds = (forms[""], {}) if "" in forms else (table, kinds)
     return table, accepted, kinds
 
 

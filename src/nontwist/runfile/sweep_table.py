@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 KEPT = (*NODES, *ROTORS, *WHEELS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
-NUMBERS = "a number, or a list of numbers of the form that the key has"
+NUMBERS = 'a number, or a list of numbers of the form that the key has (of matrices kind = "list")'
 Numbers = Annotated[float | list[float], BY_FORM]
 
 

@@ -122,8 +122,8 @@ def load_table(term: Term) -> dict[str, Any]:
     kind = next(kind for kind, cls in LOADS.items() if cls is type(term))
     is_known = kind in [*Tables()]
     if not is_known or any(callable(getattr(term, one.name)) for one in fields(term)):
-        what = f"{kind} with a function" if is_known else kind
-        raise ValueError(f"a load that is a {what} has no place in a run file; save the run instead")
+        what = f"a load of the kind {kind}" + " with a function" * is_known
+        raise ValueError(f"{what} has no place in a run file; save the run instead")
     table = {"kind": kind} | ({} if term.scale == 1 else {"scale": term.scale})
     if kind == "rotor" and np.size(term.times) == 1:  # type: ignore[attr-defined]
         return table | {"axis": plain(term.rotor), "momentum": float(term.values[0])}  # type: ignore[attr-defined]

@@ -173,9 +173,6 @@ def content(run: Any) -> dict[str, Any]:
         return _recording(run)
     run, system = _checked(run)
     first, last = run["time"].values[[0, -1]]
-    if "midtime" in run.indexes:  # of a part, run.sel(time=slice(1, 2)), the intervals are all there
-        run = run.sel(midtime=slice(first, last))
-        run = run if run.sizes["midtime"] else run.drop_dims("midtime")
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
     triad, twisted = triad_about(n), twist_of_run(run, n)
     run = run.sel(time=twisted["time"])  # of states closer in time than round-off, the first

@@ -12,9 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
+from nontwist.engine.marching import Step, Text, turned_by_half
+from nontwist.engine.records import State
 from nontwist.errors import SimulationError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
+from nontwist.integrators.compiled import Compiled
+from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
 from nontwist.loads.functions import Moment
@@ -432,3 +436,35 @@ def test_a_function_that_returns_something_else_after_the_run_is_refused():
     warnings.simplefilter("ignore")  # until the end of the test: central differences are told of
     with pytest.raises(SimulationError, match="not solved again; try a smaller step"):
         nt.sensitivities(nt.standard(J), load=nt.moment(fickle), **how, wrt=["load_scale"])
+
+
+def explicit_midpoint(nodes, state, is_active):
+    """Take a step that calls functions at its beginning and half a step on; they see the directors of the middle."""
+    body, h, P, loads = nodes.body, nodes.h, state.s, nodes.loads()
+
+    def moment(P):
+        W = body.velocity_of(P)
+        return cross(P, W) + loads.functions.moment(0.5 * h * W, W)
+
+    middle = P + 0.5 * h * moment(P)
+    half, no = 0.5 * h * body.velocity_of(middle), h < h
+    p, c, gap = turned_by_half(state.p, state.c, half)
+    after, compensation = compensated(P, state.compensation, h * moment(middle))
+    found = Step(State(p, after, compensation, c, state.auxiliary), no, no, gap, 0.0 * h, 0.0 * h, half @ half)
+    return found._replace(mu=0.0 * h, twist=0.0 * h, moment=0.0 * P, work=0.0 * h)
+
+
+class Explicit(Compiled):
+    name, orders = "explicit", (2,)
+
+    def text(self, motion):
+        return Text(explicit_midpoint)
+
+
+def test_a_step_of_ones_own_may_call_functions_several_times():
+    drag = nt.moment(lambda t, d, w: -0.3 * np.sqrt(w @ w) * w + d[2], compiled=True)
+    body, how = nt.standard([2, 4, 5]), {"t_end": 2, "step": 0.1, "load": drag, "integrator": Explicit()}
+    d = nt.sensitivities(body, material_angular_velocity=W0, wrt="material_angular_velocity", **how)
+    for k, e in enumerate(EYE):
+        expected = derivative(lambda x, e=e: nt.integrate(body, material_angular_velocity=W0 + x * e, **how))
+        assert last(d, k) == pytest.approx(expected, abs=1e-10)

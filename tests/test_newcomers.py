@@ -53,7 +53,7 @@ from nontwist.spec import Spec
 from nontwist.validation import conserved
 from nontwist.validation.problems import SAMPLES
 from nontwist.viewer.content import content
-from refusals import says
+from refusals import said, says
 
 ROOT = Path(__file__).parents[1]
 
@@ -498,7 +498,6 @@ LACKING = {
     "inertia": (lambda: BodyKind(lambda axis: axis, "disc", {}), ValueError),
     "sample": (lambda: BodyKind(standard, "disc"), TypeError),
     "name": (sample_bodies, ValueError),
-    "counts": (lambda: validate("orders"), ValueError),
 }
 
 
@@ -506,9 +505,15 @@ LACKING = {
 def test_what_an_entry_lacks_is_named(case):
     make, error = LACKING[case]
     added = {"disc": BodyKind(nameless, "disc", {"inertia": [3, 4, 5]})} if case == "name" else {}
-    integrators = patch.dict(INTEGRATORS, {"third": Third}, clear=True)
-    with patch.dict(BODIES, added), integrators, says(error):
+    with patch.dict(BODIES, added), says(error):
         make()
+
+
+def test_an_integrator_without_numbers_of_steps_fails_its_check():
+    with patch.dict(INTEGRATORS, {"third": Third}, clear=True):
+        failed = [check.name for check in validate("orders").checks if "ValueError" in check.name]
+    assert failed
+    said(failed[0])
 
 
 def test_the_keys_of_bodies_are_those_of_run_files():

@@ -230,6 +230,7 @@ REFUSED = {
     "length": lambda: twist(np.r_[R.as_quat()[:5], [[0, 0, 0, 2]]], scalar_first=False),
     "other times": lambda: twist(table(), relative_to=table(time=T + 100)),
     "other length": lambda: twist(R, relative_to=R[:5]),
+    "one attitude": lambda: twist(np.eye(3)),
     "two sets": lambda: twist(table().assign(qw=1, qx=0, qy=0, qz=0)),
     "unknown scalar": lambda: twist(table(("t", "q0", "q1", "q2", "q3"))),
 }

@@ -67,6 +67,18 @@ def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
     assert row[4] == "SO(3): exp against SciPy"
 
 
+def test_an_exception_in_a_check_fails_and_ends_no_other(monkeypatch):
+    def broken():
+        yield from checks[:3]
+        raise ArithmeticError("it broke")
+
+    checks = [check for function in frames.CHECKS["geometry"] for check in function()]
+    monkeypatch.setitem(frames.CHECKS, "geometry", (broken, lambda: checks[3:]))
+    group = validate("geometry")
+    assert group.summary == "12 of 13 checks pass"
+    assert group.checks[3].name == "exceptions of broken: ArithmeticError: it broke"
+
+
 def test_a_group_holds_and_json_and_the_page_have_every_check(tmp_path):
     told = []
     group = validate("geometry", progress=told.append)

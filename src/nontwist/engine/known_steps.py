@@ -314,6 +314,7 @@ class FunctionCalls(NamedTuple):
     block: View  # of `Steps`
     wanted: dict[str, int]  # inputs
     solved: Any = None  # `newton.Solved`, of the step
+    is_done: bool = True  # whether they have been evaluated, about where the step calls them; else as it does
 
     @property
     def offsets(self) -> dict[str, int]:
@@ -385,7 +386,10 @@ class LinearFunctions:
 
     def changed(self, directors: Matrix, w: Vector, half: Any = None) -> tuple[Any, Any]:
         """Return the moment, as seen at the beginning of the step, and the torque of potentials in b."""
-        known, at, calls, own = self._known, self._at, self._calls, self._at.directors
+        known, at, calls = self._known, self._at, self._calls
+        if not calls.is_done:
+            calls.evaluate(at, *plain((directors, w, at.half if half is None else half)))
+        own = at.directors
         offsets, memory, n = calls.offsets, calls.slopes(at), calls.parts.lanes
         changes = [x - y for row, other in zip(directors, own, strict=True) for x, y in zip(row, other, strict=True)]
         changes += [*(w - at.w), known.later(self._j), *(() if half is None else half - at.half)]

@@ -232,7 +232,11 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace), n)
-        scale, out, calls = b.factor[0] / body.unit, b.out, FunctionCalls(parts, b, dict(wanted))
+        scale, out, calls = (
+            b.factor[0] / body.unit,
+            b.out,
+            FunctionCalls(parts, b, dict(wanted), is_done=text.is_midpoint),
+        )
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
             read_steps(parts, b, x, b.first + k)
             found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)
@@ -283,7 +287,7 @@ def step_derivatives(
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
     calls, parts = calls._replace(solved=Solved()), calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
-    if parts.calls:
+    if parts.calls and text.is_midpoint:
         call_at_middle(calls, at)
     here = Known(calls, body, at, scale, Directions({}, 0))
     is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled

@@ -160,6 +160,7 @@ class Text(NamedTuple):
     first_guess: Callable[[Any, Vector, Vector], Any] | None = None
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
     exchange: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
+    is_midpoint: bool = False  # whether it calls functions of the state in the middle of its turn cay(hΩ) alone
     flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps
 
 

@@ -232,7 +232,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.needs_means else found
 
 
-TEXT = Text(step, auxiliary=6)
+TEXT = Text(step, auxiliary=6, is_midpoint=True)
 
 
 def shrinking(a: Vector) -> Any:

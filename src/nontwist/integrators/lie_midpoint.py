@@ -240,4 +240,4 @@ def first_guess(h: Any, P: Vector, ahead: Vector) -> Any:
     return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
 
 
-TEXT = Text(step, auxiliary=9, first_guess=first_guess)
+TEXT = Text(step, auxiliary=9, first_guess=first_guess, is_midpoint=True)

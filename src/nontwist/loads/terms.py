@@ -7,6 +7,7 @@ words of the viewer, and the derivatives of a run by the numbers of the field. W
 
 from __future__ import annotations
 
+import re
 from abc import ABC
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields
@@ -117,7 +118,8 @@ class Term(ABC):
     @classmethod
     def words(cls, record: Record) -> str:
         """Describe the record of a term, its `description`, in words."""
-        return f"{factor_in_words(record)}{cls.__name__.lower()}: {', '.join(cls._said(record))}"
+        name = re.sub("(?<=[a-z])(?=[A-Z])", " ", cls.__name__).lower()
+        return f"{factor_in_words(record)}{name}: {', '.join(cls._said(record))}"
 
     @classmethod
     def _said(cls, record: Record) -> Iterator[str]:

@@ -10,7 +10,7 @@ import json
 import math
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib import import_module
 from time import perf_counter
@@ -291,5 +291,15 @@ def checks_of(group: str) -> tuple[list[Check], float]:
     module, start = module_of(group), perf_counter()
     with warnings.catch_warnings():  # orders are measured with coarse steps
         warnings.filterwarnings("ignore", COARSE_STEP)
-        checks = [replace(check, group=group) for function in module.CHECKS[group] for check in function()]
+        checks = [replace(check, group=group) for function in module.CHECKS[group] for check in results_of(function)]
     return checks, perf_counter() - start
+
+
+def results_of(function: Callable[[], Iterable[Check]]) -> Iterator[Check]:
+    """Yield the checks of a function, with one that fails where it cannot be carried out."""
+    try:
+        yield from function()
+    except Exception as error:
+        what = getattr(function, "__name__", repr(function)).replace("_", " ")
+        name = f"exceptions of {what}: {type(error).__name__}: {error}"
+        yield Check(name, 0.0, 1.0, 0.0, function.__module__, "independent")

@@ -677,7 +677,7 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
         (problem.system, {"over": t_end}, ValueError, "run_file must be a path, a string or"),
         (problem, {}, ValueError, "give over="),
         (problem, {"reduce": ["mean"]}, TypeError, "'reduce' without over="),
-        (function, {"over": t_end}, ValueError, "a function has no place"),
+        (function, {"over": t_end}, ValueError, "kind function has no place"),
         (turned, {"over": {"load.0.speed": [1, 2]}}, ValueError, "a load that is a wheel with a function has no place"),
     ):
         with pytest.raises(error, match=words):

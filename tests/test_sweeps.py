@@ -678,7 +678,7 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
         (problem, {}, ValueError, "give over="),
         (problem, {"reduce": ["mean"]}, TypeError, "'reduce' without over="),
         (function, {"over": t_end}, ValueError, "kind function has no place"),
-        (turned, {"over": {"load.0.speed": [1, 2]}}, ValueError, "a load that is a wheel with a function has no place"),
+        (turned, {"over": {"load.0.speed": [1, 2]}}, ValueError, "of the kind wheel with a function has no place"),
     ):
         with pytest.raises(error, match=words):
             sweep(file, tmp_path / "none", **given)

@@ -165,8 +165,7 @@ def failure_message(problem: IVP, failure: Failure) -> str:
         return f"{where}: {failure.reason}"
     broken = "the directors are no longer orthonormal"
     if failure.status is Status.BROKEN and not failure.turn > 0:
-        what = f"{broken} (defect {failure.residual:.3g})" if failure.residual else "the state is no longer finite"
-        return f"{where}: {what}; try a smaller step"
+        return f"{where}: {broken} (defect {failure.residual:.3g}); try a smaller step"
     smooth, remedy = "", float(f"{h * min(0.5, 0.5 / max(failure.turn, 1e-3)):.0e}")
     cause = f"the body turns {failure.turn:.2g} rad in one step"
     if failure.status is Status.BROKEN:

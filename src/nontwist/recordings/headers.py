@@ -51,7 +51,7 @@ SENSOR = {"sensorid", "sensor", "sensorname", "id", "deviceid", "device", "devic
 SENSOR |= {"headerframeid", "topic", "body", "bodyid", "segment", "tag", "address", "mac", "name", "trackerid"}
 SENSOR |= {"toolid"}
 _RATE_WORDS = r"(?:deg(?:rees)?(?:/|p|per|_)?s(?:ec)?|dps|mdps|rad(?:ians)?(?:/|p|per|_)?s(?:ec)?|rpm)"
-_REPEATED = re.compile(r"(.+)\.(\d+)$")
+_REPEATED = re.compile(r"^(.+)\.(\d+)$")
 
 
 @dataclass(frozen=True)

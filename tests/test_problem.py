@@ -93,6 +93,13 @@ def test_a_problem_cannot_be_changed():
         PROBLEM.replace(tend=1)
     with pytest.raises(AttributeError):
         PROBLEM.mass  # noqa: B018
+    W, times = np.array([1.0, 2, 3]), [0, 0.5]
+    own = nt.Problem(nt.standard([3, 4, 5]), times=times, material_angular_velocity=W)
+    W[:], times[1] = 0, 1
+    with pytest.raises(ValueError, match="read-only"):
+        own.material_angular_velocity[0] = 0
+    run = nt.integrate(own.replace(integrator="exact"))
+    assert [*run.material_angular_velocity[0], *run.time] == [1, 2, 3, 0, 0.5]
 
 
 TABLE = ([0, 0.4, 1], [[0, 0, 1], [1, 0, 0], [0, 0.5, 0]])

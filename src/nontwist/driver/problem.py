@@ -8,6 +8,7 @@ from dataclasses import FrozenInstanceError
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..integrators import DEFAULT, Integrator
@@ -198,7 +199,7 @@ class Problem:
     @takes(OfProblem)
     def __init__(self, system: DirectorSystem | SystemStack, **keywords: Unpack[OfProblem]) -> None:
         refuse_unknown("Problem", keywords, OfProblem)
-        vars(self).update(system=system, given=MappingProxyType(dict(keywords)))
+        vars(self).update(system=system, given=MappingProxyType(_kept(keywords)))
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=...) returns another")
@@ -240,7 +241,7 @@ class Problem:
             The times of a run file are changed whose loads begin and end with the run.
         """
         refuse_unknown("replace", changes, OfProblem)
-        given = changed(self, changes)
+        given = changed(self, _kept(changes))
         kept = {key: value for key, value in given.items() if value is not None}
         return problem_with(self.system if system is None else system, kept)
 
@@ -375,6 +376,15 @@ def every_stored(problem: Problem) -> int | Literal["end"]:
 def part_of(problem: Problem, group: Any) -> dict[str, Any]:
     """Return the keywords of a group that a problem has."""
     return {key: problem.given[key] for key in group.__annotations__ if key in problem.given}
+
+
+def _kept(keywords: Any) -> dict[str, Any]:
+    """Return keywords with copies of arrays and lists, whose owner may change them; those of arrays are read-only."""
+    kept = {key: value.copy() if isinstance(value, (np.ndarray, list)) else value for key, value in keywords.items()}
+    for value in kept.values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    return kept
 
 
 def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any], file: Any = None) -> Problem:

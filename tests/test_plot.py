@@ -3,6 +3,7 @@
 import itertools
 import re
 import sys
+import threading
 from collections import Counter
 from pathlib import Path
 from unittest.mock import patch
@@ -439,6 +440,27 @@ def test_polhode_lies_on_the_inertia_ellipsoid():
         outline, rows = boxes([axes.patches[0], axes.get_legend()])
         whole = axes.figure.bbox.width * (axes.figure.bbox.height - rows.height)
         assert outline.width * outline.height > 0.5 * whole
+
+
+def test_threads_that_draw_leave_the_settings_as_they_were():
+    """One that begins while another draws would take the settings of figures for those of the user."""
+    before, drawn = dict(matplotlib.rcParams), threading.Event()
+
+    def other():
+        with plot.style():
+            drawn.set()
+            first.join(1)
+
+    def draw():
+        with plot.style():
+            second.start()
+            drawn.wait(0.3)
+
+    first, second = threading.Thread(target=draw), threading.Thread(target=other)
+    first.start()
+    first.join()
+    second.join()
+    assert dict(matplotlib.rcParams) == before
 
 
 def test_axes_and_properties_that_a_caller_gives_are_used_and_nothing_global_changes(runs, two):

@@ -17,6 +17,7 @@ from contextvars import ContextVar
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from threading import RLock
 from typing import TYPE_CHECKING, Any, cast
 
 from ..geometry.arrays import as_positive
@@ -44,6 +45,7 @@ UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 HIGHEST, MOST_PANELS = 100, 20
 LETTERS = "abcdefghijklmnopqrst"
 _journal = ContextVar("journal", default="nontwist")
+_RC = RLock()  # for `matplotlib.rcParams`, which all threads share
 _is_apart = ContextVar("apart", default=False)
 
 
@@ -78,15 +80,16 @@ def style(journal: str | None = None) -> Iterator[None]:
 
     if journal is not None and not among(journal, JOURNALS):
         raise ValueError(f"journal must be {', '.join(map(repr, JOURNALS))}, got {short_repr(journal)}")
-    token = _journal.set(_journal.get() if journal is None else journal)
-    ours = _style_file() | JOURNALS[_journal.get()][2] | {"axes.prop_cycle": property_cycle()}
-    users, defaults = cast(Any, matplotlib.rcParams), cast(Any, matplotlib.rcParamsDefault)
-    left: Any = {key: value for key, value in ours.items() if users[key] == defaults[key]}
-    try:
-        with matplotlib.rc_context(left):
-            yield
-    finally:
-        _journal.reset(token)
+    with _RC:
+        token = _journal.set(_journal.get() if journal is None else journal)
+        ours = _style_file() | JOURNALS[_journal.get()][2] | {"axes.prop_cycle": property_cycle()}
+        users, defaults = cast(Any, matplotlib.rcParams), cast(Any, matplotlib.rcParamsDefault)
+        left: Any = {key: value for key, value in ours.items() if users[key] == defaults[key]}
+        try:
+            with matplotlib.rc_context(left):
+                yield
+        finally:
+            _journal.reset(token)
 
 
 @contextmanager

@@ -119,8 +119,8 @@ def moment(
     compiled : bool
         Compile the function, once. It may use functions of NumPy and `math`, arrays, and loops over ranges, but cannot
         branch on the time or the state: ``np.where(condition, a, b)`` does, and ``np.interp`` reads a table. The values
-        of globals and closures are fixed at this point. Without compilation a run with this load proceeds at the speed
-        of Python, and warns once.
+        of globals and closures are fixed at this point; a copy, a pickle and `continuous` take them anew, so give what
+        changes as a default: ``k=k``. Without compilation a run proceeds at the speed of Python, and warns once.
     derivative : callable, optional
         Used by `nontwist.sensitivities` and `nontwist.gradient`. Without it the function is differentiated exactly, by
         dual numbers, or, where it does not take them, by central differences. ``derivative(t, directors,

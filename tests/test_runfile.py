@@ -521,13 +521,14 @@ def outcome(data):
 
 
 def rounded(run_file, run):
-    """What errors are relative to, where terms cancel: ‖J‖|w| of momenta, those of rotors, the work of each moment."""
+    """What errors are relative to, where terms cancel: ‖J‖|w| of momenta, those of rotors, the work of each moment, weight."""
     speed, time = np.linalg.norm(run.angular_velocity.values, axis=1).max(), run.time.values
     at, moments = np.linspace(time[0], time[-1], 1001), 0.0
     for load in (Load((term,)) for term in run_file.prepared.plan.load.terms):
         moments += max(np.linalg.norm(load.sample(at, kind), axis=1).max() for kind in ("body", "space"))
         moments += np.linalg.norm(load.damping, 2) * speed
-    moving = np.linalg.svd(DirectorSystem.from_json(run.attrs["system"]).convected_inertia)[1]
+    body = DirectorSystem.from_json(run.attrs["system"])
+    moments, moving = moments + np.linalg.norm(body.dead_force), np.linalg.svd(body.convected_inertia)[1]
     speed += moments * (time[-1] - time[0]) / moving[-1]  # between the states
     rotors = np.linalg.norm(run.rotor_momentum, axis=1).max() if "rotor_momentum" in run else 0.0
     momentum = moving[0] * speed + rotors

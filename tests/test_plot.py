@@ -9,9 +9,9 @@ from pathlib import Path
 from unittest.mock import patch
 
 import matplotlib
+import matplotlib.style
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.legend import Legend
 from matplotlib.text import Text
@@ -323,7 +323,7 @@ def test_triads_are_the_other_directors(runs):
 
 @pytest.mark.parametrize("draw_one", [plot.path, plot.polhode])
 def test_a_sphere_is_drawn_in_the_colours_of_the_style(draw_one, runs):
-    with plt.style.context("dark_background"):
+    with matplotlib.style.context("dark_background"):
         axes = draw_one(runs[0])
         assert max(to_rgb(axes.patches[0].get_facecolor())) < 0.05
         for line in [*axes.lines, axes.get_legend().get_lines()[1]]:

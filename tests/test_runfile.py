@@ -521,7 +521,7 @@ def outcome(data):
 
 
 def rounded(run_file, run):
-    """What errors are relative to, where terms cancel: ‖J‖|w| of momenta, those of rotors, the work of each moment, weight."""
+    """What errors are relative to where terms cancel: ‖J‖|w|, momenta of rotors, the work of moments and weight."""
     speed, time = np.linalg.norm(run.angular_velocity.values, axis=1).max(), run.time.values
     at, moments = np.linspace(time[0], time[-1], 1001), 0.0
     for load in (Load((term,)) for term in run_file.prepared.plan.load.terms):

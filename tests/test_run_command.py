@@ -50,7 +50,9 @@ def told(*arguments, **environment):
 
 
 def numbers_of(*arguments):
-    return json.loads(nontwist(*arguments, "--json").stdout)
+    result = nontwist(*arguments, "--json")
+    assert result.stdout, result.stderr
+    return json.loads(result.stdout)
 
 
 def has(text, *words):

@@ -461,7 +461,7 @@ def test_what_is_wrong_with_a_table(change, write):
     ],
 )
 def test_statistics_that_no_member_has_are_refused_as_the_file_is_read(change, write):
-    words = r"sweep\.reduce: \[\"drift\"\] \(.*(steps to reduce over|reduce does)"
+    words = r"sweep\.reduce: \[\"drift\"\] \(.*(steps to reduce over|reduce= does)"
     with pytest.raises(RunFileError, match=words):
         read_run_file(write(FREE), ['sweep.reduce=["drift"]', change])
 

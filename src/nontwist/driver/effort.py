@@ -256,10 +256,8 @@ class Transfer:
             return None
         from scipy.spatial.transform import Rotation
 
-        states, parameters = (
-            outcome.states.part(0),
-            Parameters(problem, "values", scheme_of(self._scheme, problem.load)),
-        )
+        states = outcome.states.part(0)
+        parameters = Parameters(problem, "values", scheme_of(self._scheme, problem.load))
         steps = Linearised(problem, self._scheme, parameters.inputs, parameters.changes)
         first = np.zeros((steps.rows, parameters.count))
         X = forward(steps, states, first, parameters.entries, self._kept)[-1]

@@ -232,11 +232,8 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace), n)
-        scale, out, calls = (
-            b.factor[0] / body.unit,
-            b.out,
-            FunctionCalls(parts, b, dict(wanted), is_done=text.is_midpoint),
-        )
+        scale, out = b.factor[0] / body.unit, b.out
+        calls = FunctionCalls(parts, b, dict(wanted), is_done=text.is_midpoint)
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
             read_steps(parts, b, x, b.first + k)
             found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)

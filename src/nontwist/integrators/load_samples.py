@@ -53,8 +53,8 @@ from ..loads.base import forces_sampled, tables_as_moments
 from ..loads.memory import Driven, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import Damping
-from ..models.stack import SystemStack, stacked
-from ..models.system import PRINCIPAL, DirectorSystem, across, euler_inertia
+from ..models.stack import SystemStack, is_principal, stacked
+from ..models.system import DirectorSystem, euler_inertia
 from .compiled import Compiled
 from .problem import IVP, Outcome
 
@@ -280,18 +280,21 @@ def driven_columns(load: Load) -> list[int]:
 
 def carrier(system: DirectorSystem, load: Load) -> DirectorSystem:
     """Return what carries the wheels of a body; a ValueError where nothing is left of it."""
-    J, n = system.convected_inertia - sum(one.locked for one in load.wheels), system.axis
+    J = system.convected_inertia - sum(one.locked for one in load.wheels)
     if (least := np.linalg.eigvalsh(J)[0]) <= 0:
         raise ValueError(
             "the inertia of a body includes that of its wheels, locked: without it, J - Σ I n nᵀ, the least principal "
             f"moment is {least:.6g} kg m², and must be positive; add the wheels to the inertia, or make them lighter"
         )
-    if system.spin is not None and n is not None and abs(across(J, n)).max() > PRINCIPAL * abs(J).max():
+    found = replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False, spin=None)
+    if system.spin is None:
+        return found
+    if not is_principal(stacked(found)).all():
         raise ValueError(
             "spin= needs an axis that is principal without the wheels as well, of J - Σ I n nᵀ: put wheels along it "
             "or across it, or add one that balances it"
         )
-    return replace(system, euler_inertia=euler_inertia(J, physical=False), physical=False)
+    return replace(found, spin=system.spin)
 
 
 def commanded(load: Load) -> Load:

@@ -52,7 +52,7 @@ def in_toml(text: str) -> str:
     """Return a message with the keys of run files for the arguments in Python."""
     for python, toml in IN_TOML.items():
         text = text.replace(python, toml)
-    return re.sub(r"\b([a-z_]+)=(?![\w(\[{\"'])", r"\1", text)
+    return text
 
 
 class Section(BaseModel):
@@ -244,11 +244,8 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
         seen.add(path)
         text, word = shown(given), str(path[-1])
         if one["type"] == "extra_forbidden":
-            text, accepted, outer = (
-                "unknown key",
-                _known(word, table, kinds, root),
-                _described(one["loc"][:-2], root)[0],
-            )
+            text, accepted = "unknown key", _known(word, table, kinds, root)
+            outer = _described(one["loc"][:-2], root)[0]
             if outer not in (table, root) and word in outer.known():
                 accepted = f"did you mean {dotted((*at, *path[:-2], word))}? {accepted}"
         elif one["type"] == "missing" or given is None:

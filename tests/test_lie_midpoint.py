@@ -68,3 +68,9 @@ def test_needles_keep_their_energy_though_their_spin_is_round_off():
     how = {"variables": "kinetic_energy", "store": 1, "integrator": "lie-midpoint", "t_end": 40, "step": 1}
     K = nt.simulate_ensemble(nt.standard([1e-8, 1, 1 + 5e-9]), material_angular_velocity=W, **how).kinetic_energy.values
     assert abs(K / K[:, :1] - 1).max() <= 1e-14
+
+
+def test_needles_keep_their_energy_though_their_spin_fills_the_first_increment():
+    body, W = nt.standard(nt.inertia.of_cuboid(1, (4, 1e-3, 1e-3))), (2, 0, 2)
+    run = nt.simulate(body, material_angular_velocity=W, integrator="lie-midpoint", t_end=50, step=0.25)
+    assert np.ptp(run.kinetic_energy.values) <= 1e-13 * run.kinetic_energy.values[0]

@@ -3,10 +3,12 @@
 Increments of a chord iteration (the Jacobian of the first guess is kept) shrink by one factor each, so the one after
 d is d²/d_before; with Newton's iteration by the square of the factor, d³/d_before². A body is done once the increment
 is round-off of its velocity, or the next one a small part of that (what is left in each step has one direction, and
-would add up to a drift); or when increments have stopped falling and either are small or what is left of the equations
-is round-off of their terms, as for needles. Among the terms are those that cancel within a moment, of springs and drag
-at an equilibrium: their size is that of the change by a turn of one radian, however small the moment is. The body then
-keeps its value, whatever its neighbours do, so the result depends on that body alone.
+would add up to a drift). A chord's Jacobian is off by the turn in h/2 that the guess missed: the next increment may be
+that times d, though the spin of a needle, which fills d, fell faster. A body is also done when increments have stopped
+falling and either are small or what is left of the equations is round-off of their terms, as for needles. Among the
+terms are those that cancel within a moment, of springs and drag at an equilibrium: their size is that of the change by
+a turn of one radian, however small the moment is. The body then keeps its value, whatever its neighbours do, so the
+result depends on that body alone.
 
 `eliminate` solves systems of linear equations, one for each lane, by Gauss's elimination with partial pivots.
 """
@@ -73,7 +75,7 @@ def solve(
         if known is not None:
             known.add(equations_at, found, is_constrained)
         return found
-    v = Variables(y=guess, active=is_active, diverged=is_active & False, used=0.0, residual=0.0, before=-1.0, count=0)
+    v = Variables(y=guess, active=is_active, diverged=is_active & False, used=0.0, residual=0.0, before=-1.0, turned=0.0, count=0)
     v.A = ((0.0, 0.0),) * 2 if is_constrained else Matrix(*((0.0,) * 3,) * 3)
 
     def iterate(y: Vector, is_new: Any, is_late: Any) -> None:
@@ -87,7 +89,7 @@ def solve(
         else:
             d, v.residual = -(A @ r), abs(r[0]) + abs(r[1]) + abs(r[2])
         v.used = select(v.active, v.used + 1.0, v.used)
-        update(v, y, d, *sizes(y, d), is_late)
+        update(v, y, d, 0.5 * nodes.h, *sizes(y, d), is_late)
         if is_long:
             v.y = select(v.diverged, y, v.y)
 
@@ -142,10 +144,11 @@ def inverse_jacobian(r_of: Callable[[Vector], Vector], y: Vector, is_constrained
     return (f * d, -f * b), (-f * c, f * a)
 
 
-def update(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
+def update(v: Variables, y: Vector, d: Vector, f: Any, size: Any, level: Any, terms: Any, is_late: Any) -> None:
     """Set ``v.y`` to y and an increment of it, and deactivate bodies that are done."""
     before, is_diverged = v.before, v.active & logical_not(size <= OVERFLOW)
-    v.done = is_diverged | (size <= level) | (size * size <= REST * level * before)
+    is_last = (size * size <= REST * level * before) & (size * v.turned <= level)
+    v.done = is_diverged | (size <= level) | is_last
     v.moves = v.active
     for _ in when(is_late):
         is_stuck = size > FALLING * before
@@ -155,6 +158,7 @@ def update(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any
         v.done, v.moves = done | rests, without(v.active, rests)
     v.y, v.active = select(v.moves, y + d, y), without(v.active, v.done)
     v.diverged, v.before, v.count = v.diverged | is_diverged, size, v.count + 1
+    v.turned = v.turned + abs(f) * size
 
 
 class Scratch(NamedTuple):

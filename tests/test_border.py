@@ -14,7 +14,7 @@ from nontwist import exact, plot, sphere
 from nontwist.geometry.arrays import as_array, as_floats, as_number
 from nontwist.geometry.values import as_function, as_list, as_path, as_whole
 from nontwist.runfile import read_run_file
-from refusals import refused_as, says
+from refusals import refused_as
 
 BODY = nt.nontwisting([3, 4, 5])
 
@@ -131,6 +131,7 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
         lambda: nt.simulate(BODY, t_end=1, load=3),
         lambda: nt.Load((3,)),
         lambda: nt.Load().sample([0], "x"),
+        lambda: nt.wheel("x", 0.1, breakpoints=None),
         lambda: nt.simulate(BODY, t_end=1, integrator=[]),
         lambda: nt.integrators.LieMidpoint(order=[4]),
         lambda: nt.comparison.second_quotient(1, 2, 3),
@@ -154,19 +155,15 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
 )
 
 
-@pytest.mark.parametrize(
-    "damage",
+test_a_damaged_run_is_refused_in_words = refused_as(
     [
-        lambda run: run.drop_vars("directors"),
-        lambda run: run.drop_attrs(),
-        lambda run: run.isel(axis=0),
-        lambda run: run.assign(directors=run.directors * 1j),
-        lambda run: run.assign_attrs(system="{}"),
-    ],
+        lambda: nt.resample(run().drop_vars("directors"), [0.1]),
+        lambda: nt.resample(run().drop_attrs(), [0.1]),
+        lambda: nt.resample(run().isel(axis=0), [0.1]),
+        lambda: nt.resample(run().assign(directors=run().directors * 1j), [0.1]),
+        lambda: nt.resample(run().assign_attrs(system="{}"), [0.1]),
+    ]
 )
-def test_a_damaged_run_is_refused_in_words(damage):
-    with says():
-        nt.resample(damage(run()), [0.1])
 
 
 def test_values_that_are_no_arrays():
@@ -178,7 +175,7 @@ def test_values_that_are_no_arrays():
         as_whole(-(10**5000), "n", 1)
 
 
-@pytest.mark.parametrize("step", [1e-100, 1e-8, 0.1, 0.5, 2.0, 1e6])
+@pytest.mark.parametrize("step", [1e-100, 0.1, 2.0, 1e6])
 def test_the_second_quotient_of_any_step_has_all_its_digits(step):
     """The angles of h, h/2 and h/4 differ by less than round-off where h is short: the quotient tends to 4."""
     mpmath = pytest.importorskip("mpmath")

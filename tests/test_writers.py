@@ -17,6 +17,7 @@ from faults.writers import WRITERS, prepare
 from nontwist import plot
 from nontwist.cli import app
 from nontwist.io.whole import reserved_path
+from refusals import says
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +132,8 @@ def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):
     there.write_text("mine", encoding="utf-8")
     with pytest.raises(FileExistsError):
         plot.save(figure, tmp_path / "a.pdf", there)
-    for name, form in (("a", ""), ("a.doc", "doc")):
-        with pytest.raises(
-            ValueError, match=f"{name}: the suffix '{form}' names no format of figures; use .pdf, .svg or"
-        ):
+    for name in ("a", "a.doc"):
+        with says():
             plot.save(figure, tmp_path / "b.pdf", tmp_path / name)
     assert [place.name for place in tmp_path.iterdir()] == ["a.png"]
     plot.save(figure, tmp_path / "a.PDF", there, force=True)

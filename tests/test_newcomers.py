@@ -53,7 +53,7 @@ from nontwist.spec import Spec
 from nontwist.validation import conserved
 from nontwist.validation.problems import SAMPLES
 from nontwist.viewer.content import content
-from refusals import said, says
+from refusals import refused_as, said, says
 
 ROOT = Path(__file__).parents[1]
 
@@ -64,7 +64,7 @@ def example(name):
 
 
 with patch.dict(INTEGRATORS):
-    MuntheKaas = example("integrator")["MuntheKaas"]
+    MuntheKaas, one_step = map(example("integrator").get, ("MuntheKaas", "step"))
 BRICK = standard([3, 4, 5])
 RUN = """
 body = { kind = "skate", inertia = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]] }
@@ -282,20 +282,20 @@ def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutatio
     np.testing.assert_array_equal(open_run(tmp_path / "run.nc").nutation, run.nutation)
 
 
-WRONG_OBSERVABLES = {
-    "of the package": lambda: OBSERVABLES.update(kinetic_energy=Observable(rising, "J", "energy", "K")),
-    "not a name": lambda: OBSERVABLES.update({"nutation angle": Observable(rising, "rad", "angle", "θ")}),
-    "shape": lambda: simulate(BRICK, t_end=1, step=0.5),
-    "misspelt": lambda: simulate(BRICK, t_end=1, step=0.5),
-}
+def observed(function):
+    with patch.dict(OBSERVABLES, own=Observable(function, "1", "own", "o")):
+        simulate(BRICK, t_end=1, step=0.5)
 
 
-@pytest.mark.parametrize("case", WRONG_OBSERVABLES)
-def test_what_is_wrong_with_an_observable_is_named(case):
-    function = {"shape": rising, "misspelt": lambda state: state.kinetic_enery}.get(case)
-    added = {"own": Observable(function, "1", "own", "o")} if function else {}
-    with patch.dict(OBSERVABLES, added), says(AttributeError if case == "misspelt" else ValueError):
-        WRONG_OBSERVABLES[case]()
+test_what_is_wrong_with_an_observable_is_named = refused_as(
+    {
+        "of the package": lambda: OBSERVABLES.update(kinetic_energy=Observable(rising, "J", "energy", "K")),
+        "not a name": lambda: OBSERVABLES.update({"nutation angle": Observable(rising, "rad", "angle", "θ")}),
+        "shape": lambda: observed(rising),
+        "misspelt": lambda: observed(lambda state: state.kinetic_enery),
+    },
+    (ValueError, AttributeError),
+)
 
 
 def importing(registry, *words):
@@ -378,30 +378,24 @@ def test_a_class_that_is_defined_again_replaces_itself():
 HEUN = ((0, 1 / 3, 2 / 3), (1 / 4, 0, 3 / 4))  # nodes and weights of Heun's scheme of order 3
 
 
-@pytest.fixture
-def heun():
+@dataclass(frozen=True)
+class Heun(Integrator):
     """An integrator of one order, whose class has no field for it; the scheme that the example has two others of."""
-    with patch.dict(INTEGRATORS):
-        step = example("integrator")["step"]
 
-        @dataclass(frozen=True)
-        class Heun(Integrator):
-            name = "heun"
-            orders = (3,)
-            counts = Integrator.counts | {3: (40, 80, 160)}
+    name = "heun"
+    orders = (3,)
+    counts = Integrator.counts | {3: (40, 80, 160)}
 
-            def march_one(self, problem):
-                constraints = 0 if problem.system.axis is None else 1
-                return march(problem, constraints, lambda k, q, v: step(problem, *HEUN, k, q, v), float)
-
-        INTEGRATORS["heun"] = Heun
-        yield Heun
+    def march_one(self, problem):
+        constraints = 0 if problem.system.axis is None else 1
+        return march(problem, constraints, lambda k, q, v: one_step(problem, *HEUN, k, q, v), float)
 
 
-def test_an_integrator_of_one_order_needs_no_field_for_it(heun, here, write):
+@patch.dict(INTEGRATORS, heun=Heun)
+def test_an_integrator_of_one_order_needs_no_field_for_it(here, write):
     how = {"t_end": 1, "material_angular_velocity": (0, 1, 2), "load": sine((1, 2, 0), 0.7)}
-    assert heun() == heun(order=3) == heun.variants()[0]
-    for choice in ({"integrator": "heun"}, {"integrator": "heun", "order": 3}, {"integrator": heun()}):
+    assert Heun() == Heun(order=3) == Heun.variants()[0]
+    for choice in ({"integrator": "heun"}, {"integrator": "heun", "order": 3}, {"integrator": Heun()}):
         run = simulate(BRICK, step=1 / 16, **choice, **how)
         assert json.loads(run.attrs["integrator"]) == {"name": "heun", "order": 3}
     with pytest.raises(ValueError, match=r"^heun has the order 3; got order = 2$"):
@@ -446,20 +440,15 @@ def test_the_code_of_the_pages_passes_strict_checks_of_types(tmp_path):
     assert done.returncode == 0, done.stdout
 
 
-LACKING = {
-    "key": (lambda: BodyKind(strange, "disc", {}), ValueError),
-    "inertia": (lambda: BodyKind(lambda axis: axis, "disc", {}), ValueError),
-    "sample": (lambda: BodyKind(standard, "disc"), TypeError),
-    "name": (sample_bodies, ValueError),
-}
-
-
-@pytest.mark.parametrize("case", LACKING)
-def test_what_an_entry_lacks_is_named(case):
-    make, error = LACKING[case]
-    added = {"disc": BodyKind(nameless, "disc", {"inertia": [3, 4, 5]})} if case == "name" else {}
-    with patch.dict(BODIES, added), says(error):
-        make()
+test_what_an_entry_lacks_is_named = refused_as(
+    {
+        "key": lambda: BodyKind(strange, "disc", {}),
+        "inertia": lambda: BodyKind(lambda axis: axis, "disc", {}),
+        "sample": lambda: BodyKind(standard, "disc"),
+        "name": patch.dict(BODIES, disc=BodyKind(nameless, "disc", {"inertia": [3, 4, 5]}))(sample_bodies),
+    },
+    (ValueError, TypeError),
+)
 
 
 def test_an_integrator_without_numbers_of_steps_fails_its_check():
